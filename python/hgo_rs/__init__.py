@@ -1,0 +1,1 @@
+"""High-gain observers."""

@@ -1,0 +1,564 @@
+"""The `hgo` command: list, run and reproduce scenarios; run an observer over a recorded log.
+
+Exit status: 0 all well, 1 a row missed its tolerance or a scenario failed, 2 bad usage or bad
+input (one line on standard error), 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import json
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from hgo_rs import plotting, scenarios
+from hgo_rs.data import Log, check_writable_format, read_log, write_table
+from hgo_rs.errors import HgoError, MissingExtraError
+from hgo_rs.report import counted, format_value
+from hgo_rs.reproduce import (
+    OutputError,
+    OutputFolder,
+    Record,
+    about_this_run,
+    execute,
+    rows_to_json,
+)
+from hgo_rs.reproduce import run as run_scenarios
+from hgo_rs.scenarios.base import BACKENDS, Row
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+
+__all__ = ["main"]
+
+MISSED, USAGE, INTERRUPTED = 1, 2, 130
+
+OBSERVERS = {
+    "standard": "StandardObserver",
+    "low-power": "LowPowerObserver",
+    "peaking-free": "PeakingFreeObserver",
+}
+"""What `hgo estimate --observer` knows, and the class of hgo_rs behind each name."""
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the command and exit with its status; every error is one clear line."""
+    try:
+        status = command.main(args=args, prog_name="hgo", standalone_mode=False)
+    except click.ClickException as error:
+        _complain(error.format_message())
+        sys.exit(USAGE)
+    except HgoError as error:
+        _complain(str(error))
+        sys.exit(USAGE)
+    except (KeyboardInterrupt, click.Abort):
+        _complain("interrupted")
+        sys.exit(INTERRUPTED)
+    except BrokenPipeError:  # `hgo list | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _complain(message: str) -> None:
+    click.echo("hgo: " + " ".join(message.split("\n")), err=True)
+
+
+class _Commands(click.Group):
+    """A group that names the nearest command for an unknown one."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        name = args[0]
+        if not name.startswith("-") and self.get_command(ctx, name) is None:
+            raise click.UsageError(_unknown("command", name, self.list_commands(ctx)))
+        return super().resolve_command(ctx, args)
+
+
+def _unknown(kind: str, name: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
+    hint = f"nearest: {', '.join(near)}; " if near else ""
+    return f"unknown {kind} {name!r}; {hint}known: {', '.join(known)}"
+
+
+@click.group(
+    cls=_Commands,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(package_name="hgo_rs", prog_name="hgo")
+def command() -> None:
+    """High-gain observers: recompute five papers, or estimate states from a recorded log."""
+
+
+_backend = click.option(
+    "--backend",
+    type=click.Choice(list(BACKENDS)),
+    default="rust",
+    show_default=True,
+    help="The compiled core, or the NumPy reference.",
+)
+_seed = click.option(
+    "--seed",
+    type=click.IntRange(min=0, max=2**64 - 1),
+    default=1,
+    show_default=True,
+    help="Seed of the random streams.",
+)
+
+
+# --- scenarios -------------------------------------------------------------------------------
+
+
+@command.command("list")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
+def list_command(as_json: bool) -> None:
+    """List the scenarios: id and title, paper by paper."""
+    known = scenarios.load()
+    if as_json:
+        items = [{"id": s.id, "title": s.title, "paper": s.paper} for s in known.values()]
+        click.echo(json.dumps(items, ensure_ascii=False))
+        return
+    width = max((len(id) for id in known), default=0)
+    paper = ""
+    for s in known.values():
+        if s.paper != paper and sys.stdout.isatty():
+            paper = s.paper
+            info = scenarios.PAPERS[paper]
+            click.secho(f"\n{info.title}", bold=True)
+            click.secho(info.authors, dim=True)
+        click.echo(f"{s.id:<{width}}  {s.title}")
+
+
+@command.command("run", short_help="Run one scenario and print its rows.")
+@click.argument("id")
+@_backend
+@_seed
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder for ID.json and the figure as PNG and SVG.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+def run_command(id: str, backend: str, seed: int, out: Path | None, as_json: bool) -> int:
+    """Run the scenario ID and print its rows beside the paper's values."""
+    scenario = scenarios.find(id)
+    folder = None
+    if out is not None:
+        plotting.require_matplotlib()
+        folder = OutputFolder(out)
+    record = execute(scenario, scenarios.Context(backend, seed), figures=folder is not None)
+    if record.error:
+        click.echo(record.error, err=True, nl=False)
+        _complain(f"{id} failed")
+    if folder is not None:
+        folder.write_figure(record)
+        text = json.dumps(record.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
+        folder.write(f"{id}.json", text.encode())
+    if as_json:
+        result = {
+            "id": id,
+            "backend": backend,
+            "rows": rows_to_json(record.rows),
+            "elapsed_s": record.elapsed_s,
+        }
+        click.echo(json.dumps(result, ensure_ascii=False, allow_nan=False))
+    else:
+        _print_rows(record)
+        if folder is not None:
+            names = [f"{id}.json", *(f"{id}.{kind}" for kind in record.images)]
+            click.echo(f"written to {folder.path}: {', '.join(names)}")
+    return 0 if record.ok else MISSED
+
+
+@command.command("reproduce", short_help="Run every scenario; write figures and a report.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("out"),
+    show_default=True,
+    help="Folder for results.json, report.html and the figures.",
+)
+@_backend
+@_seed
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Papers at a time. The compiled core uses all cores by itself; useful with numpy.",
+)
+def reproduce_command(out: Path, backend: str, seed: int, jobs: int) -> int:
+    """Run every scenario; write results.json, all figures and one report.html.
+
+    Ctrl-C ends the run cleanly: what is finished is written.
+    """
+    plotting.require_matplotlib()
+    folder = OutputFolder(out)
+    chosen = list(scenarios.load().values())
+    if not chosen:
+        raise HgoError("there are no scenarios in this installation")
+    records: list[Record] = []
+    start = time.perf_counter()
+    interrupted = False
+    with _Progress(len(chosen)) as progress:
+        try:
+            for record in run_scenarios(
+                chosen, backend=backend, seed=seed, jobs=jobs, on_start=progress.started
+            ):
+                folder.write_figure(record)
+                records.append(record)
+                progress.finished(record)
+        except KeyboardInterrupt:
+            interrupted = True
+    order = {s.id: i for i, s in enumerate(chosen)}
+    records.sort(key=lambda r: order[r.id])
+    about = about_this_run(backend, seed, time.perf_counter() - start, len(chosen))
+    about["interrupted"] = interrupted
+    folder.write_results(records, about)
+    report = folder.write_report(records, about)
+    return _print_summary(records, about, report)
+
+
+class _Progress:
+    """A live display on a terminal, a line a scenario elsewhere."""
+
+    def __init__(self, total: int) -> None:
+        from rich.console import Console
+
+        self.total = total
+        self.done = 0
+        self.steps = 0
+        self.start = time.perf_counter()
+        self.running: list[str] = []
+        self.console: Console = Console(highlight=False)
+        self.bar: Progress | None = None
+        if self.console.is_terminal:
+            from rich import progress as rich
+
+            self.bar = rich.Progress(
+                rich.SpinnerColumn(),
+                rich.TextColumn("{task.description}"),
+                rich.BarColumn(),
+                rich.MofNCompleteColumn(),
+                rich.TextColumn("{task.fields[rate]}"),
+                rich.TimeElapsedColumn(),
+                console=self.console,
+                transient=True,
+            )
+            self.task = self.bar.add_task("starting", total=total, rate="")
+
+    def __enter__(self) -> _Progress:
+        if self.bar is not None:
+            self.bar.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self.bar is not None:
+            self.bar.stop()
+
+    def started(self, id: str) -> None:
+        self.running.append(id)
+        self._refresh()
+
+    def finished(self, record: Record) -> None:
+        from rich.text import Text
+
+        self.done += 1
+        self.steps += record.steps
+        self.running.remove(record.id)
+        if record.error:
+            told = "failed: " + record.error.strip().splitlines()[-1]
+        elif record.missed or not record.rows:
+            told = f"{record.missed} of {counted(len(record.rows), 'row')} missed"
+        else:
+            told = counted(len(record.rows), "row")
+        mark = "ok  " if record.ok else "MISS"
+        line = f"{mark}  {record.id:<24} {record.elapsed_s:7.2f} s  {told}"
+        if self.bar is None:
+            line = f"[{self.done:{len(str(self.total))}}/{self.total}] {line}  ({self._rate()})"
+        # A Text of its own: a style given to print() would colour the bar too.
+        self.console.print(Text(line, "" if record.ok else "bold red"), soft_wrap=True)
+        self._refresh(advance=1)
+
+    def _rate(self) -> str:
+        elapsed = max(time.perf_counter() - self.start, 1e-9)
+        return f"{self.steps / elapsed / 1e6:.3g} M steps/s, {elapsed:.1f} s"
+
+    def _refresh(self, advance: int = 0) -> None:
+        if self.bar is not None:
+            self.bar.update(
+                self.task,
+                advance=advance,
+                description=", ".join(self.running) or "writing the report",
+                rate=self._rate().split(",")[0],
+            )
+
+
+def _print_summary(records: Sequence[Record], about: dict[str, Any], report: Path) -> int:
+    rows = [r for record in records for r in record.rows]
+    missed = sum(not r.ok for r in rows)
+    failed = [r.id for r in records if r.error]
+    empty = [r.id for r in records if not r.rows and not r.error]
+    told = f"{counted(len(records), 'scenario')}, {counted(len(rows), 'row')}"
+    if missed or failed or empty:
+        told += f": {counted(missed, 'row')} missed"
+        told += f", failed: {', '.join(failed)}" if failed else ""
+        told += f", without rows: {', '.join(empty)}" if empty else ""
+        for record in records:
+            for r in record.rows:
+                if not r.ok:
+                    click.echo(_row_line(r, record.id))
+    elif not about["interrupted"]:
+        told += ", all within tolerance"
+    click.echo(f"{told} ({about['elapsed_s']:.1f} s)")
+    click.echo(f"report: {report}")
+    if about["interrupted"]:
+        _complain(f"interrupted: {len(records)} of {about['planned']} scenarios finished")
+        return INTERRUPTED
+    return 0 if all(r.ok for r in records) else MISSED
+
+
+def _print_rows(record: Record) -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        click.echo(f"{record.id}: {record.title}")
+        for r in record.rows:
+            click.echo(_row_line(r))
+    else:
+        from rich.table import Table
+        from rich.text import Text
+
+        table = Table(title=record.title, title_justify="left", title_style="bold", box=None)
+        table.add_column("")
+        table.add_column("quantity", overflow="fold")
+        for name in ("paper", "ours", "expected"):
+            table.add_column(name, justify="right")
+        table.add_column("tolerance")
+        table.add_column("note", overflow="fold", style="dim")
+        for r in record.rows:
+            mark = Text("ok", style="green") if r.ok else Text("MISS", style="bold red")
+            cells = [r.quantity, *map(format_value, (r.paper, r.ours, r.expected))]
+            table.add_row(mark, *map(Text, (*cells, r.tolerance, r.note)))
+        console.print(table)
+    told = "all ok" if record.ok else f"{record.missed} missed"
+    click.echo(
+        f"{counted(len(record.rows), 'row')}, {told}, {record.elapsed_s:.2f} s, {record.backend}"
+    )
+
+
+def _row_line(r: Row, scenario: str = "") -> str:
+    """A row on a line: for pipes and logs."""
+    parts = [
+        f"{'ok  ' if r.ok else 'MISS'} {scenario + ': ' if scenario else ''}{r.quantity}",
+        f"ours {format_value(r.ours)}",
+    ]
+    if r.expected is not None:
+        parts.append(f"expected {format_value(r.expected)}")
+    parts.append(f"({r.tolerance})")
+    if r.paper is not None:
+        parts.append(f"paper {format_value(r.paper)}")
+    if r.note:
+        parts.append(f"[{r.note}]")
+    return "  ".join(parts)
+
+
+# --- estimate --------------------------------------------------------------------------------
+
+
+class _Numbers(click.ParamType):
+    """A list of numbers, complex ones as 1+2j: -1,-2 or "-1+1j, -1-1j"."""
+
+    name = "numbers"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> list[Any]:
+        if not isinstance(value, str):
+            return list(value)
+        numbers: list[Any] = []
+        for part in value.split(","):
+            try:
+                number = complex(part.strip().replace(" ", "").replace("i", "j"))
+            except ValueError:
+                self.fail(f"{part.strip()!r} is not a number; write for example -1,-2", param, ctx)
+            numbers.append(number if number.imag else number.real)
+        return numbers
+
+
+@command.command("estimate", short_help="Run an observer over a recorded log.")
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option("--time", "time_column", metavar="COL", help="Time column, s.")
+@click.option("--output", metavar="COL", required=True, help="Measured output.")
+@click.option("--input", "input_column", metavar="COL", help="Known input.")
+@click.option("--observer", metavar="NAME", required=True, help=f"One of {', '.join(OBSERVERS)}.")
+@click.option("--order", type=int, required=True, help="Number of states.")
+@click.option("--gain", type=float, required=True, help="The gain L (ell), 1/s.")
+@click.option("--dt", type=float, help="Sampling period, s: for a log without a time column.")
+@click.option("--poles", type=_Numbers(), help="Poles at gain 1, for example -1,-2,-3.")
+@click.option("--method", help="Discretisation; by default the observer's own.")
+@click.option("--saturation", type=_Numbers(), help="Bounds on the states 2 to n (peaking-free).")
+@click.option("--allow-unstable", is_flag=True, help="Go beyond the step limit of the method.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Estimates, .csv or .parquet; by default LOG.estimates.csv in this folder.",
+)
+@click.option(
+    "--figure",
+    type=click.Path(path_type=Path),
+    help="Figure, .png, .svg or .pdf; by default beside the estimates, as PNG.",
+)
+def estimate_command(
+    log: Path,
+    time_column: str | None,
+    output: str,
+    input_column: str | None,
+    observer: str,
+    order: int,
+    gain: float,
+    dt: float | None,
+    poles: list[Any] | None,
+    method: str | None,
+    saturation: list[Any] | None,
+    allow_unstable: bool,
+    out: Path | None,
+    figure: Path | None,
+) -> int:
+    """Run an observer over the recorded LOG (CSV, Parquet, .mat, .npz).
+
+    Empty cells and NaN are missing samples: the observer predicts over them. Uneven steps are
+    honoured.
+
+    \b
+    Example: velocity and acceleration from a measured position
+      hgo estimate axis.csv --time t --output q --observer low-power --order 3 --gain 60
+    """
+    out = out if out is not None else Path(f"{log.stem}.estimates.csv")
+    check_writable_format(out)
+    draw = _can_draw(figure)
+    figure = figure if figure is not None else out.with_suffix(".png")
+    for path in (out, figure) if draw else (out,):
+        _check_writable(path, log)
+    law = _build_observer(
+        observer,
+        {
+            "n": order,
+            "gain": gain,
+            "poles": poles,
+            "method": method,
+            "saturation": saturation,
+            "allow_unstable": allow_unstable or None,
+        },
+    )
+    record = read_log(log, time_column, output, input_column, dt=dt)
+    click.echo(f"{log}: {record.describe()}")
+    result = law.run(record.t, record.y, record.u)
+    write_table(out, _columns(record, result))
+    written = [str(out)]
+    if draw:
+        _draw_estimate(record, result, f"{observer}, order {order}, gain {gain:g} 1/s", figure)
+        written.append(str(figure))
+    else:
+        click.echo("no figure: pip install 'hgo_rs[plot]'", err=True)
+    click.echo(f"written: {', '.join(written)}")
+    return 0
+
+
+def _can_draw(figure: Path | None) -> bool:
+    """A figure that is asked for needs matplotlib; the default one is left out without it."""
+    if figure is None:
+        try:
+            plotting.require_matplotlib()
+        except MissingExtraError:
+            return False
+        return True
+    plotting.require_matplotlib()
+    known = (".png", ".svg", ".pdf")
+    if figure.suffix.lower() not in known:
+        raise HgoError(f"{figure}: unknown format {figure.suffix!r}; known: {', '.join(known)}")
+    return True
+
+
+def _check_writable(path: Path, log: Path) -> None:
+    """Refuse before the work, not after it."""
+    if path.resolve() == log.resolve():
+        raise OutputError(f"{path} is the log itself; choose another file with --out")
+    if path.is_dir():
+        raise OutputError(f"cannot write {path}: it is a folder")
+    existed = path.exists()
+    try:
+        with path.open("ab"):
+            pass
+        if not existed:
+            path.unlink()
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def _build_observer(name: str, arguments: dict[str, Any]) -> Any:
+    """The observer of this name with the arguments that were given."""
+    if name not in OBSERVERS:
+        raise HgoError(_unknown("observer", name, list(OBSERVERS)))
+    import hgo_rs
+
+    law = getattr(hgo_rs, OBSERVERS[name])
+    given = {key: value for key, value in arguments.items() if value is not None}
+    accepted = inspect.signature(law).parameters
+    for key in given:
+        if key not in accepted:
+            option = "--" + {"n": "order"}.get(key, key).replace("_", "-")
+            raise HgoError(f"{option} has no meaning for --observer {name}")
+    return law(**given)
+
+
+def _columns(log: Log, result: Any) -> dict[str, np.ndarray]:
+    """t, y, u, x_hat1 ... x_hatN, innovation, missing (0 or 1)."""
+    x_hat = np.asarray(result.x_hat)
+    columns: dict[str, np.ndarray] = {"t": log.t, "y": log.y}
+    if log.u is not None:
+        columns["u"] = log.u
+    columns.update({f"x_hat{i + 1}": x_hat[:, i] for i in range(x_hat.shape[1])})
+    columns["innovation"] = np.asarray(result.innovation, dtype=float).reshape(len(log.t))
+    columns["missing"] = log.missing.astype(np.int64)
+    return columns
+
+
+def _draw_estimate(log: Log, result: Any, title: str, path: Path) -> None:
+    order = np.asarray(result.x_hat).shape[1]
+    output = str(log.names["output"])
+    output = f"column {output}" if output.isdigit() else output
+    ordinals = ("first", "second", "third", "fourth", "fifth")
+    names = [output]
+    for i in range(1, order):
+        which = f"{ordinals[i - 1]} derivative" if i <= len(ordinals) else f"derivative {i}"
+        names.append(f"{which} of {output}")
+    figure = plotting.estimate_figure(
+        log.t,
+        result.x_hat,
+        y=log.y,
+        innovation=result.innovation,
+        missing=log.missing,
+        names=names,
+        output=f"{output}, measured",
+        title=title,
+    )
+    try:
+        plotting.save(figure, path)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,351 @@
+"""The largest stable step of an observer under each discretisation, computed from its matrices.
+
+With the error in coordinates scaled by powers of the gain, one step is a matrix that depends on the
+product c = ell dt only; the limit is the smallest c at which its spectral radius passes 1.  The
+known nonlinearity of the model is left out: it is small beside the gain, which is what "high" means.
+NumPy only, and quick: an observer refuses an unstable step when it is made.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from hgo_rs.errors import DesignError, check, explain
+
+from . import _checks
+from ._checks import Array
+from .coefficients import companion, low_power_matrix
+
+__all__ = ["StepLimit", "check_step", "step_limit"]
+
+_METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine")
+_ORDERS = {"euler": 1, "rk4": 4, "bogacki-shampine": 3}
+
+
+@dataclass(frozen=True)
+class StepLimit:
+    """The step below which the error stays bounded and, without noise, converges.
+
+    ``dt``: the limit [s] (for a gain r that moves: at r = 1, its least value).
+    ``c``: the limit of ell dt; of dt/epsilon for the reduced-order law; ``dt`` for the sampled-data law.
+    ``parts``: the limit on c of each matrix that has a say, by name.
+    ``method``: the discretisation ("recursion" for a law that is one already).
+    """
+
+    method: str
+    dt: float
+    c: float
+    parts: Mapping[str, float]
+
+    @property
+    def bounded(self) -> float:
+        """The c below which trajectories stay bounded, converging or not.
+
+        Peaking-free: what enters each block from its neighbours is saturated, so the blocks alone
+        decide.  Other laws: ``c``.
+        """
+        blocks = [limit for name, limit in self.parts.items() if name.startswith("block")]
+        return min(blocks) if blocks else self.c
+
+    def dt_at(self, r: float) -> float:
+        """The limit [s] while the gain is ``r``."""
+        return self.c / _checks.positive(r, "r")
+
+
+def check_step(observer: Mapping[str, Any], dt: float, *, allow_unstable: bool = False) -> None:
+    """Refuse a ``dt`` [s] at or above ``step_limit(observer)``, unless ``allow_unstable``."""
+    dt = _checks.positive(dt, "dt")
+    if not allow_unstable:
+        limit = step_limit(observer)
+        check(
+            dt < limit.dt,
+            "dt",
+            dt,
+            f"< {limit.dt:.6g} s, the stability limit of this {observer['kind']} observer"
+            + (f" by {limit.method}" if limit.method != "recursion" else ""),
+            "choose a smaller dt or gain, another method, or allow_unstable=True to study it",
+            DesignError,
+        )
+
+
+def step_limit(observer: Mapping[str, Any]) -> StepLimit:
+    """The largest stable step of the observer that the spec ``observer`` describes.
+
+    - standard: A - K C.  low-power: M_n.  peaking-free: M_n, and each block alone (E_i, -alpha_n),
+      which is what is left while the saturations are active.  For a complex pair of E_1 forward
+      Euler's limit is c = alpha_1/beta_1.
+    - collection, modified: A - K C for the copies' mean, A - (K - copies K_bar) C for their
+      differences (if that is Hurwitz: else no step is to blame).
+    - euler, rk4, bogacki-shampine: the stability polynomial at each eigenvalue (measurement held
+      over the step, innovation recomputed at each stage).  rk4-innovation-held: e_1 is one number
+      for the whole step, the low-power law's inner e_2, e_3, ... follow the stages.
+    - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with
+      mu = epsilon (1 - y^2) moves with y; the limit is where the product of these matrices along the
+      noise-free limit cycle ceases to contract.  ``parts`` holds the frozen bound too: the smallest
+      limit over all constant mu with |y| <= 2.1, which asks too much of the printed gain.
+    - reduced-order (Katayama, A5): T < 2 epsilon/max h_bar, exact.
+    """
+    kind = _choice(observer, "kind", tuple(_LIMITS))
+    return _LIMITS[kind](observer)
+
+
+# --- continuous laws --------------------------------------------------------------------------
+
+
+def _standard(observer: Mapping[str, Any]) -> StepLimit:
+    method = _method(observer)
+    k = _checks.vector(_member(observer, "k"), "k")
+    return _limit(observer, method, {"linear": _chain_limit(method, tuple(k.tolist()))})
+
+
+def _collection(observer: Mapping[str, Any]) -> StepLimit:
+    method = _method(observer)
+    k = _checks.vector(_member(observer, "k"), "k")
+    k_bar = _checks.vector(_member(observer, "k_bar"), "k_bar", k.size)
+    copies = _checks.check_integer(
+        _member(observer, "copies"), "copies", least=1, error=DesignError
+    )
+    parts = {"linear": _chain_limit(method, tuple(k.tolist()))}
+    apart = k - copies * k_bar
+    if copies > 1 and np.max(np.linalg.eigvals(companion(apart)).real) < 0.0:
+        parts["copies apart"] = _chain_limit(method, tuple(apart.tolist()))
+    return _limit(observer, method, parts)
+
+
+def _low_power(observer: Mapping[str, Any]) -> StepLimit:
+    method = _method(observer)
+    alpha = _checks.vector(_member(observer, "alpha"), "alpha")
+    beta = _checks.vector(_member(observer, "beta"), "beta", alpha.size - 1)
+    coefficients = tuple(alpha.tolist()), tuple(beta.tolist())
+    parts = {"linear": _low_power_limit(method, *coefficients)}
+    if observer["kind"] == "peaking-free":
+        for i in range(alpha.size - 1):
+            measured = method if i == 0 or method != "rk4-innovation-held" else "rk4"
+            # a block is the chain x' = eta + alpha e, eta' = beta e of order 2
+            parts[f"block {i + 1}"] = _chain_limit(measured, (coefficients[0][i], beta[i].item()))
+        last = "rk4" if method == "rk4-innovation-held" else method
+        parts[f"block {alpha.size}"] = _chain_limit(last, (coefficients[0][-1],))
+    return _limit(observer, method, parts)
+
+
+def _limit(observer: Mapping[str, Any], method: str, parts: dict[str, float]) -> StepLimit:
+    """The limit in dt, from the gain law."""
+    gain = _member(observer, "gain")
+    law = _choice(gain, "law", ("constant", "adaptive", "dead-zone"))
+    ell = _checks.positive(_member(gain, "ell"), "gain.ell") if law == "constant" else 1.0
+    c = min(parts.values())
+    return StepLimit(method, c / ell, c, parts)
+
+
+@lru_cache(maxsize=256)
+def _chain_limit(method: str, k: tuple[float, ...]) -> float:
+    """The limit of c for A - K C."""
+    _checks.order(len(k), "number of k")
+    closed = _checks.hurwitz(companion(k), "A - K C")
+    injection = np.zeros_like(closed)
+    injection[:, 0] = k
+    links = np.diag(np.ones(len(k) - 1), 1)  # x_i is lifted by x_{i+1}
+    return _critical(method, closed, injection, links)
+
+
+@lru_cache(maxsize=256)
+def _low_power_limit(method: str, alpha: tuple[float, ...], beta: tuple[float, ...]) -> float:
+    """The limit of c for M_n."""
+    closed = _checks.hurwitz(low_power_matrix(alpha, beta), "M_n")
+    injection, links = np.zeros_like(closed), np.zeros_like(closed)
+    injection[:2, 0] = alpha[0], beta[0]
+    for i in range(len(beta)):
+        links[2 * i, 2 * i + 1] = 1.0  # x_i by eta_i
+        if i + 1 < len(beta):
+            links[2 * i + 1, 2 * i + 3] = 1.0  # eta_i by eta_{i+1}
+    return _critical(method, closed, injection, links)
+
+
+def _critical(method: str, closed: Array, injection: Array, links: Array) -> float:
+    """The first c > 0 at which the step's spectral radius exceeds 1.
+
+    ``closed``: the error's matrix; ``injection``: the part -e_1 of it; ``links``: staggered Euler's.
+    """
+    eigenvalues = np.linalg.eigvals(closed)
+    if method in _ORDERS:
+        powers = np.arange(_ORDERS[method] + 1)
+        taylor = 1.0 / np.array([math.factorial(j) for j in powers])
+
+        def radius(c: Array) -> Array:  # R(z) = 1 + z + ... + z^p/p!
+            z = c[:, None] * eigenvalues
+            return np.max(np.abs(np.polynomial.polynomial.polyval(z, taylor)), axis=1)
+
+    elif method == "rk4-innovation-held":
+        free = closed + injection  # e_1 is an input, constant over the step
+
+        def radius(c: Array) -> Array:
+            # x+ = sum_{j<=4} (c F)^j/j! x - sum_{j<=3} (c F)^j/(j+1)! c K C x
+            term = np.broadcast_to(np.eye(len(free)), (c.size, *free.shape))
+            step = term.copy()
+            for j in range(1, 5):
+                step -= (c[:, None, None] / j) * (term @ injection)
+                term = (c[:, None, None] / j) * (term @ free)
+                step += term
+            return _spectral_radius(step)
+
+    else:  # staggered-euler: d = c M x, then d_i += c d_{i+1} from the bottom: (I - c N)^-1 d
+
+        def radius(c: Array) -> Array:
+            eye = np.eye(len(closed))
+            c = c[:, None, None]
+            return _spectral_radius(eye + np.linalg.solve(eye - c * links, c * closed))
+
+    return _first_crossing(radius, 8.0 / float(np.max(np.abs(eigenvalues))))
+
+
+def _spectral_radius(matrices: Array) -> Array:
+    return np.max(np.abs(np.linalg.eigvals(matrices)), axis=1)
+
+
+def _first_crossing(radius: Callable[[Array], Array], highest: float) -> float:
+    """The first c in (0, highest] with radius(c) > 1, by a grid and then ever finer ones."""
+    low, high = 0.0, highest
+    for points in (64, 16, 16, 16, 16):
+        grid = np.linspace(low, high, points + 1)[1:]
+        unstable = np.flatnonzero(radius(grid) > 1.0 + 1e-10)
+        if unstable.size == 0:
+            return high
+        first = int(unstable[0])
+        low, high = (float(grid[first - 1]) if first else low), float(grid[first])
+    return low
+
+
+# --- laws that are recursions already ---------------------------------------------------------
+
+
+def _reduced_order(observer: Mapping[str, Any]) -> StepLimit:
+    h_bar = _checks.positive_vector(_member(observer, "h_bar"), "h_bar")
+    epsilon = _checks.positive(_member(observer, "epsilon"), "epsilon")
+    parts = {f"component {i + 1}": 2.0 / h for i, h in enumerate(h_bar.tolist())}  # |1 - T h| < 1
+    c = min(parts.values())
+    return StepLimit("recursion", c * epsilon, c, parts)
+
+
+def _sampled_data(observer: Mapping[str, Any]) -> StepLimit:
+    gain = "derived"
+    if "gain" in observer:
+        gain = _choice(observer, "gain", ("derived", "printed"))
+    model = _member(observer, "model")
+    _choice(model, "kind", ("van-der-pol",))
+    epsilon = _checks.number(model.get("epsilon", 0.8), "model.epsilon")
+    parts = dict(_van_der_pol_limits(epsilon, gain))
+    dt = parts["along the cycle"]
+    return StepLimit("recursion", dt, dt, parts)
+
+
+@lru_cache(maxsize=16)
+def _van_der_pol_limits(epsilon: float, gain: str) -> tuple[tuple[str, float], ...]:
+    sign = 1.0 if gain == "derived" else -1.0
+
+    def rate(mu: Array) -> tuple[Array, Array]:
+        """l1/T, and l2/T with the part that cancels the nonlinearity taken off (1 is -x1's)."""
+        return 5.0 + sign * mu, 6.0 + (5.0 + mu) * mu
+
+    # Constant mu, |y| <= 2.1: [[-l1, 1], [-l2, mu]], forward Euler.
+    mu = np.linspace(epsilon * (1.0 - 2.1**2), epsilon, 201)
+    l1, l2 = rate(mu)
+    error = np.moveaxis(np.array([[-l1, np.ones_like(mu)], [-l2, mu]]), 2, 0)
+    eigenvalues = np.linalg.eigvals(error)
+    frozen = float(np.min(-2.0 * eigenvalues.real / np.abs(eigenvalues) ** 2))
+
+    # mu as it moves: the growth of the error over samples of the limit cycle.
+    orbit, period = _van_der_pol_cycle(epsilon)
+    times = np.linspace(0.0, period, len(orbit))
+
+    def growth(steps: Array) -> Array:
+        a, b, total = np.ones_like(steps), 0.37 * np.ones_like(steps), np.zeros_like(steps)
+        samples = 250
+        for k in range(samples):
+            y = np.interp(k * steps, times, orbit, period=period)
+            mu = epsilon * (1.0 - y * y)
+            l1, l2 = rate(mu)
+            a, b = a + steps * (b - l1 * a), b + steps * (mu * b - l2 * a)
+            size = np.hypot(a, b)
+            total += np.log(size)
+            a, b = a / size, b / size
+        return total / samples
+
+    low, high = 0.0, 1.0
+    for points in (40, 12):
+        grid = np.linspace(low, high, points + 1)[1:]
+        unstable = np.flatnonzero(growth(grid) > 0.0)
+        if unstable.size == 0:
+            low = high
+            break
+        first = int(unstable[0])
+        low, high = (float(grid[first - 1]) if first else low), float(grid[first])
+    return ("along the cycle", low), ("worst frozen mu", max(frozen, 0.0))
+
+
+def _van_der_pol_cycle(epsilon: float) -> tuple[Sequence[float], float]:
+    """x1 over one period of x1'' = -x1 + epsilon (1 - x1^2) x1', evenly spaced, and the period [s].
+
+    The equilibrium (x1 = 0) for epsilon <= 0, where there is no cycle.
+    """
+    if epsilon <= 0.0:
+        return [0.0, 0.0], 1.0
+    h = 0.02 / max(1.0, epsilon)
+
+    def slope(x: float, v: float) -> tuple[float, float]:
+        return v, -x + epsilon * (1.0 - x * x) * v
+
+    x, v, t = 2.0, 0.0, 0.0
+    orbit: list[float] = []
+    started = False
+    while len(orbit) < 200_000:
+        a1, b1 = slope(x, v)
+        a2, b2 = slope(x + 0.5 * h * a1, v + 0.5 * h * b1)
+        a3, b3 = slope(x + 0.5 * h * a2, v + 0.5 * h * b2)
+        a4, b4 = slope(x + h * a3, v + h * b3)
+        before = x
+        x += h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+        v += h / 6.0 * (b1 + 2.0 * b2 + 2.0 * b3 + b4)
+        t += h
+        upward = before < 0.0 <= x
+        if started and upward:
+            break
+        if started or (upward and t > 10.0):  # transients from (2, 0) are over
+            started = True
+            orbit.append(x)
+    return [*orbit, orbit[0]], h * len(orbit)
+
+
+# --- spec entries -----------------------------------------------------------------------------
+
+_LIMITS: dict[str, Callable[[Mapping[str, Any]], StepLimit]] = {
+    "standard": _standard,
+    "low-power": _low_power,
+    "peaking-free": _low_power,
+    "collection": _collection,
+    "modified": _collection,
+    "sampled-data": _sampled_data,
+    "reduced-order": _reduced_order,
+}
+
+
+def _member(spec: Mapping[str, Any], key: str) -> Any:
+    check(key in spec, key, None, "given", f"add {key!r} to the spec", DesignError)
+    return spec[key]
+
+
+def _choice(spec: Mapping[str, Any], key: str, allowed: tuple[str, ...]) -> str:
+    value = _member(spec, key)
+    if not isinstance(value, str) or value not in allowed:
+        names = ", ".join(repr(name) for name in allowed)
+        raise DesignError(explain(key, value, f"one of {names}", "correct the name"))
+    return value
+
+
+def _method(observer: Mapping[str, Any]) -> str:
+    return _choice(observer, "method", _METHODS) if "method" in observer else "euler"

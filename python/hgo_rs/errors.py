@@ -1,0 +1,109 @@
+"""Errors: each names the parameter, its value, the range it must lie in, and a remedy.
+
+All derive from ``ValueError``, so that ``except ValueError`` catches them too.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from typing import Any
+
+__all__ = [
+    "DesignError",
+    "HgoError",
+    "MissingExtraError",
+    "check",
+    "check_integer",
+    "check_number",
+    "explain",
+]
+
+
+class HgoError(ValueError):
+    """Any input that hgo_rs refuses."""
+
+
+class DesignError(HgoError):
+    """A design that does not exist, or whose certificate does not hold."""
+
+
+class MissingExtraError(HgoError, ImportError):
+    """An optional library is not installed; the message names the extra that brings it."""
+
+
+def _show(value: object) -> str:
+    """``repr(value)``, cut to a readable length."""
+    text = repr(value)
+    return text if len(text) <= 120 else text[:117] + "..."
+
+
+def explain(parameter: str, value: object, allowed: str, remedy: str) -> str:
+    """The one form of message: "parameter = value: must be allowed; remedy"."""
+    return f"{parameter} = {_show(value)}: must be {allowed}; {remedy}"
+
+
+def check(
+    holds: object,
+    parameter: str,
+    value: object,
+    allowed: str,
+    remedy: str,
+    error: type[HgoError] = HgoError,
+) -> None:
+    """Raise ``error`` with the message of ``explain`` unless ``holds`` is true."""
+    if not holds:
+        raise error(explain(parameter, value, allowed, remedy))
+
+
+def check_number(
+    value: Any,
+    parameter: str,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    most: float | None = None,
+    remedy: str = "choose a value in this range",
+    error: type[HgoError] = HgoError,
+) -> float:
+    """``value`` as a finite float with above < value < below and least <= value <= most."""
+    limits = ["finite"]
+    limits += [f"> {above:g}"] if above is not None else []
+    limits += [f">= {least:g}"] if least is not None else []
+    limits += [f"< {below:g}"] if below is not None else []
+    limits += [f"<= {most:g}"] if most is not None else []
+    allowed = " and ".join(limits)
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise error(explain(parameter, value, f"a number, {allowed}", "give a number")) from None
+    inside = (
+        math.isfinite(number)
+        and (above is None or number > above)
+        and (least is None or number >= least)
+        and (below is None or number < below)
+        and (most is None or number <= most)
+    )
+    check(inside, parameter, value, allowed, remedy, error)
+    return number
+
+
+def check_integer(
+    value: Any,
+    parameter: str,
+    *,
+    least: int,
+    most: int | None = None,
+    remedy: str = "choose an integer in this range",
+    error: type[HgoError] = HgoError,
+) -> int:
+    """``value`` as an int with least <= value <= most; 3.0 and True are refused."""
+    allowed = f"an integer >= {least}" + ("" if most is None else f" and <= {most}")
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise error(explain(parameter, value, allowed, remedy)) from None
+    inside = not isinstance(value, bool) and number >= least and (most is None or number <= most)
+    check(inside, parameter, value, allowed, remedy, error)
+    return number

@@ -1,0 +1,298 @@
+"""Figures: one style for results, scenarios and the report. Needs matplotlib (the extra `plot`).
+
+matplotlib is imported inside the functions. Figures are drawn with the object interface, so
+nothing here changes pyplot's state or needs a display.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hgo_rs.errors import HgoError, MissingExtraError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "COLOURS",
+    "estimate_figure",
+    "new_figure",
+    "render",
+    "require_matplotlib",
+    "save",
+    "shade_gaps",
+    "style",
+]
+
+COLOURS = {
+    "black": "#1a1a1a",
+    "blue": "#0072b2",
+    "vermillion": "#d55e00",
+    "green": "#009e73",
+    "orange": "#e69f00",
+    "sky": "#56b4e9",
+    "purple": "#cc79a7",
+    "grey": "#8c8c8c",
+}
+"""Okabe and Ito's palette, distinct for every kind of colour vision (yellow left out on white)."""
+
+STYLE: dict[str, Any] = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": "#4d4d4d",
+    "axes.facecolor": "white",
+    "axes.formatter.use_mathtext": True,
+    "axes.grid": True,
+    "axes.labelsize": 10,
+    "axes.linewidth": 0.8,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10,
+    "axes.titleweight": "bold",
+    "axes.xmargin": 0.0,
+    "figure.constrained_layout.use": True,
+    "figure.dpi": 100,
+    "figure.facecolor": "white",
+    "figure.figsize": (7.2, 4.4),
+    "figure.titlesize": 11,
+    "figure.titleweight": "bold",
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.5,
+    "grid.alpha": 1.0,
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.7,
+    "legend.fontsize": 9,
+    "legend.framealpha": 0.9,
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+    "lines.solid_capstyle": "round",
+    "mathtext.fontset": "dejavusans",
+    "path.simplify_threshold": 0.3,
+    "savefig.dpi": 160,
+    "savefig.facecolor": "white",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "hgo_rs",
+    "xtick.color": "#4d4d4d",
+    "xtick.labelcolor": "#1a1a1a",
+    "ytick.color": "#4d4d4d",
+    "ytick.labelcolor": "#1a1a1a",
+}
+
+
+def require_matplotlib() -> None:
+    """Raise `MissingExtraError`, with the remedy, if there is no matplotlib."""
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError("figures need matplotlib: pip install 'hgo_rs[plot]'") from error
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """The package's style, for as long as the context lasts."""
+    require_matplotlib()
+    import matplotlib
+    from cycler import cycler
+
+    cycle = [COLOURS[c] for c in ("blue", "vermillion", "green", "purple", "orange", "sky", "grey")]
+    settings: Any = {**STYLE, "axes.prop_cycle": cycler(color=cycle)}
+    with matplotlib.rc_context(settings):
+        yield
+
+
+def new_figure(size: tuple[float, float] | None = None) -> Figure:
+    """An empty figure in the package's style; one of pyplot's if pyplot is in use (notebooks)."""
+    with style():
+        pyplot = sys.modules.get("matplotlib.pyplot")
+        if pyplot is not None:
+            figure: Figure = pyplot.figure(figsize=size)
+            return figure
+        from matplotlib.figure import Figure
+
+        return Figure(figsize=size)
+
+
+def render(draw: Callable[[Figure], None]) -> dict[str, bytes]:
+    """Draw on a fresh figure; {"png": ..., "svg": ...}; equal input gives equal bytes."""
+    with style():
+        from matplotlib.figure import Figure
+
+        figure = Figure()
+        draw(figure)
+        images = {}
+        for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
+            buffer = io.BytesIO()
+            figure.savefig(buffer, format=kind, metadata=metadata)
+            images[kind] = buffer.getvalue()
+        return images
+
+
+def shade_gaps(ax: Axes, time: np.ndarray, missing: np.ndarray) -> None:
+    """Shade the spans where samples are missing."""
+    edges = np.flatnonzero(np.diff(np.r_[0, np.asarray(missing, dtype=np.int8), 0]))
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        end = time[min(stop, len(time) - 1)]
+        ax.axvspan(time[start], end, color="#ececec", linewidth=0, zorder=0)
+
+
+def estimate_figure(
+    time: Any,
+    x_hat: Any,
+    *,
+    y: Any = None,
+    x: Any = None,
+    innovation: Any = None,
+    missing: Any = None,
+    gain: Any = None,
+    names: Sequence[str] | None = None,
+    output: str = "y",
+    title: str = "",
+    figure: Figure | None = None,
+) -> Figure:
+    """Draw an observer's estimates over a record: a panel a state, then innovation and gain.
+
+    Parameters
+    ----------
+    time : (N,), s
+    x_hat : (N, n)
+        Estimates.
+    y : (N,), optional
+        Measured output, shown behind the first estimate.
+    x : (N, n), optional
+        True states, where they are known.
+    innovation : (N,) or (N, 1), optional
+    missing : (N,) bool, optional
+        Missing samples: shaded.
+    gain : (N,), optional
+        The gain over time; a constant one is not drawn.
+    names : n strings, optional
+        Panel titles; default x̂1, x̂2, ...
+    output : str
+        What the measurement is called.
+    title : str
+        Over all panels.
+    figure : Figure, optional
+        An empty figure to draw on; default a new one.
+
+    Returns
+    -------
+    Figure
+    """
+    require_matplotlib()
+    time = np.asarray(time, dtype=float)
+    x_hat = np.asarray(x_hat, dtype=float)
+    if x_hat.ndim == 1:
+        x_hat = x_hat[:, None]
+    n = x_hat.shape[1]
+    states = list(names) if names is not None else [rf"$\hat x_{{{i + 1}}}$" for i in range(n)]
+    if len(states) != n or len(time) != len(x_hat):
+        raise HgoError(
+            f"estimate_figure: {len(time)} times, {len(states)} names for x_hat of shape "
+            f"{x_hat.shape}"
+        )
+    extra: list[tuple[str, np.ndarray]] = []
+    if innovation is not None:
+        extra.append(("innovation", np.asarray(innovation, dtype=float).reshape(len(time), -1)))
+    if gain is not None:
+        gain = np.asarray(gain, dtype=float)
+        if gain.ndim and len(gain) == len(time) and np.ptp(gain) > 0.0:
+            extra.append(("gain", gain.reshape(len(time), -1)))
+
+    panels = n + len(extra)
+    columns = 1 if panels <= 5 else 2
+    lines = -(-panels // columns)
+    size = (7.2 if columns == 1 else 10.5, 1.0 + 1.55 * lines)
+    with style():
+        if figure is None:
+            figure = new_figure(size)
+        else:
+            figure.set_size_inches(*size)
+        grid = figure.subplots(lines, columns, sharex=True, squeeze=False)
+        axes = list(grid.T.flat)
+        for ax in axes[panels:]:
+            ax.remove()
+        for i in range(n):
+            ax = axes[i]
+            if i == 0 and y is not None:
+                # A dense record reads as a band, a sparse one as points.
+                sparse = len(time) <= 400
+                ax.plot(
+                    time,
+                    np.asarray(y, dtype=float).reshape(len(time), -1)[:, 0],
+                    color=COLOURS["sky"] if not sparse else COLOURS["grey"],
+                    linewidth=0 if sparse else 2.6,
+                    marker="o" if sparse else "",
+                    markersize=3,
+                    alpha=0.75,
+                    label=output,
+                )
+            if x is not None:
+                truth = np.asarray(x, dtype=float).reshape(len(time), -1)
+                ax.plot(time, truth[:, i], color=COLOURS["black"], linewidth=2.2, label="true")
+            ax.plot(
+                time,
+                x_hat[:, i],
+                color=COLOURS["vermillion"],
+                linewidth=1.1,
+                label="estimate",
+            )
+            ax.set_title(states[i])
+            _leave_peak_out(ax, time, x_hat[:, i])
+        if len(axes[0].get_lines()) > 1:
+            axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1)
+        for ax, (name, values) in zip(axes[n:], extra, strict=False):
+            ax.plot(time, values, color=COLOURS["blue"], linewidth=0.8)
+            ax.set_title(name)
+            if name == "innovation":
+                _leave_peak_out(ax, time, values)
+        for ax in axes[:panels]:
+            if missing is not None and np.any(missing):
+                shade_gaps(ax, time, missing)
+            ax.tick_params(labelbottom=False)
+            ax.margins(x=0.0)
+        for column in range(columns):
+            last = axes[min((column + 1) * lines, panels) - 1]
+            last.set_xlabel("time (s)")
+            last.tick_params(labelbottom=True)
+        if title:
+            figure.suptitle(title, x=0.01, ha="left")
+    return figure
+
+
+def _leave_peak_out(ax: Axes, time: np.ndarray, values: np.ndarray) -> None:
+    """Scale to what follows the first 5 % if the start-up peak would flatten it; say so."""
+    later = values[time >= time[0] + 0.05 * (time[-1] - time[0])]
+    later, whole = later[np.isfinite(later)], values[np.isfinite(values)]
+    if not len(later):
+        return
+    low, high = float(later.min()), float(later.max())
+    span = max(high - low, 1e-12 * max(abs(low), abs(high), 1e-300))
+    if float(np.ptp(whole)) <= 4.0 * span:
+        return
+    ax.set_ylim(low - 0.12 * span, high + 0.12 * span)
+    ax.annotate(
+        f"start-up peak off scale: {whole.min():.3g} to {whole.max():.3g}",
+        (0.0, 1.0),
+        xytext=(4, -2),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        va="top",
+        fontsize=8,
+        color="#5a5a5a",
+        bbox={"boxstyle": "square,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.85},
+    )
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure in the package's style; the suffix says the format."""
+    with style():
+        figure.savefig(path)

@@ -1,0 +1,327 @@
+"""The papers' plants, and what an observer knows of them.
+
+A state is an array of columns, shape (n, runs).  ``drift`` is dx/dt of the plant; ``known`` is the
+triangular part f_hat(x_hat) that an observer adds to its chain of integrators.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .error import Array, Spec, choice, fail, member, number, vector
+
+
+class Plant:
+    """A plant x' = drift(x, u), y = first ``n_y`` entries of x, estimated: ``target`` of x."""
+
+    kind = "none"
+    n = 0
+    n_y = 1
+    n_u = 0
+    stochastic = False
+
+    @property
+    def target(self) -> slice:
+        """Which entries of the state an observer estimates."""
+        return slice(0, self.n)
+
+    def drift(self, x: Array, u: Array | None = None) -> Array:
+        """dx/dt, shape of ``x``."""
+        raise NotImplementedError
+
+    def output(self, x: Array) -> Array:
+        """y without noise: shape (runs,) for one output, else (n_y, runs)."""
+        return x[0]
+
+    def control(self, x: Array, dt: float) -> Array | None:
+        """u held over the sampling period ``dt`` that begins at state ``x``."""
+        return None
+
+    def known(self, x_hat: Array) -> Array | None:
+        """f_hat(x_hat), shape of ``x_hat``; None where it vanishes."""
+        return None
+
+
+class NoModel(Plant):
+    """Nothing is known: phi = 0."""
+
+
+class Lee(Plant):
+    """Lee, Choi, Khalil, eq. (38)."""
+
+    kind = "lee"
+    n = 2
+
+    @staticmethod
+    def phi(x: Array) -> Array:
+        """phi(x) = -x1 / (1 + x1^2) - x2."""
+        x1 = x[0]
+        return -x1 / (1.0 + x1 * x1) - x[1]
+
+    def drift(self, x: Array, u: Array | None = None) -> Array:
+        """x1' = x2, x2' = phi(x): (38)."""
+        rate = np.empty_like(x)
+        rate[0] = x[1]
+        rate[1] = self.phi(x)
+        return rate
+
+    def known(self, x_hat: Array) -> Array | None:
+        """(0, phi(x_hat))."""
+        f = np.zeros_like(x_hat)
+        f[1] = self.phi(x_hat)
+        return f
+
+
+class SanfelicePraly(Plant):
+    """Sanfelice, Praly, eq. (19): nu1 is known to the observer, nu2 is not."""
+
+    kind = "sanfelice-praly"
+    n = 2
+
+    def __init__(self, nu1: float, nu2: float) -> None:
+        self.nu1 = nu1
+        self.nu2 = nu2
+
+    def drift(self, x: Array, u: Array | None = None) -> Array:
+        """x1' = x2 + nu1 x1 + nu2, x2' = 0: (19)."""
+        rate = np.empty_like(x)
+        rate[0] = x[1] + self.nu1 * x[0] + self.nu2
+        rate[1] = 0.0
+        return rate
+
+    def known(self, x_hat: Array) -> Array | None:
+        """(nu1 x1_hat, 0)."""
+        f = np.zeros_like(x_hat)
+        f[0] = self.nu1 * x_hat[0]
+        return f
+
+
+class VanDerPol(Plant):
+    """Fu, Kang, Li, eq. (18): dx = a(x) dt + b(x) dw, b = (0, sigma) or (0, sigma x2)."""
+
+    kind = "van-der-pol"
+    n = 2
+
+    def __init__(self, epsilon: float, sigma: float, multiplicative: bool = False) -> None:
+        self.epsilon = epsilon
+        self.sigma = sigma
+        self.multiplicative = multiplicative
+
+    @property
+    def stochastic(self) -> bool:  # type: ignore[override]
+        """Whether noise drives the plant."""
+        return self.sigma != 0.0
+
+    def phi(self, x: Array) -> Array:
+        """phi(x) = -x1 + epsilon (1 - x1^2) x2."""
+        x1 = x[0]
+        return -x1 + self.epsilon * (1.0 - x1 * x1) * x[1]
+
+    def drift(self, x: Array, u: Array | None = None) -> Array:
+        """a(x): x1' = x2, x2' = phi(x): (18)."""
+        rate = np.empty_like(x)
+        rate[0] = x[1]
+        rate[1] = self.phi(x)
+        return rate
+
+    def diffusion(self, x: Array) -> Array:
+        """b(x), shape of ``x``."""
+        b = np.zeros_like(x)
+        b[1] = self.sigma * x[1] if self.multiplicative else self.sigma
+        return b
+
+    def diffusion_derivative(self, x: Array) -> Array:
+        """(db/dx) b, the Milstein term."""
+        d = np.zeros_like(x)
+        if self.multiplicative:
+            d[1] = self.sigma * self.sigma * x[1]
+        return d
+
+    def jacobian_times(self, x: Array, v: Array) -> Array:
+        """(da/dx) v."""
+        x1 = x[0]
+        out = np.empty_like(x)
+        out[0] = v[1]
+        out[1] = (-1.0 - 2.0 * self.epsilon * x1 * x[1]) * v[0] + self.epsilon * (
+            1.0 - x1 * x1
+        ) * v[1]
+        return out
+
+    def curvature(self, x: Array) -> Array:
+        """1/2 sum b_i b_j d2a/dx_i dx_j: zero, for a is linear in x2 and b1 = 0."""
+        return np.zeros_like(x)
+
+    def known(self, x_hat: Array) -> Array | None:
+        """(0, phi(x_hat))."""
+        f = np.zeros_like(x_hat)
+        f[1] = self.phi(x_hat)
+        return f
+
+
+class Crackle(Plant):
+    """Astolfi, Marconi, Praly, Teel, eq. (20): a chaotic chain of five integrators."""
+
+    kind = "crackle"
+    n = 5
+
+    def __init__(self, phi_max: float) -> None:
+        self.phi_max = phi_max
+
+    @staticmethod
+    def phi(x: Array) -> Array:
+        """phi(x) = 0.2 (x1^2 - 1) - x2 - x3 - 4 x4 - x5: (20)."""
+        x1 = x[0]
+        return 0.2 * (x1 * x1 - 1.0) - x[1] - x[2] - 4.0 * x[3] - x[4]
+
+    def drift(self, x: Array, u: Array | None = None) -> Array:
+        """(1) with (20): the plant's phi is not saturated."""
+        rate = np.empty_like(x)
+        rate[:4] = x[1:]
+        rate[4] = self.phi(x)
+        return rate
+
+    def known(self, x_hat: Array) -> Array | None:
+        """(0, 0, 0, 0, phi_s), phi_s = phi clipped at +-phi_max."""
+        f = np.zeros_like(x_hat)
+        f[4] = np.minimum(np.maximum(self.phi(x_hat), -self.phi_max), self.phi_max)
+        return f
+
+
+class Ship(Plant):
+    """Katayama, eq. (20) with controller (21): position x (3), velocity z (3), y = x.
+
+    State (x1, x2, x3, z1, z2, z3); u = (u1, u2) is held between samples.
+    """
+
+    kind = "ship"
+    n = 6
+    n_y = 3
+    n_u = 2
+
+    M11, M22, M23, M33 = 198.8, 206.0, 15.6, 101.5
+    D11, D22, D23, D32, D33 = 56.1, 90.9, -21.8, -26.9, 38.8
+
+    def __init__(self, delta: float = 0.0, w: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        if not abs(delta) <= 0.5:
+            raise fail("plant.delta", delta, "in [-0.5, 0.5]", "see Katayama, section III")
+        self.delta = delta  # delta_bar
+        self.w = vector(w, "plant.w", 3)
+
+    @property
+    def target(self) -> slice:
+        """z."""
+        return slice(3, 6)
+
+    def damping(self, z: Array) -> tuple[Array, Array, Array]:
+        """(d1, d2, d3) = -M^-1 [C(z) + D] z: appendix."""
+        z1, z2, z3 = z[0], z[1], z[2]
+        c1 = self.M22 * z2 + self.M23 * z3  # c_bar = (c1, c2)
+        c2 = -self.M11 * z1
+        f1 = -c1 * z3 + self.D11 * z1  # [C(z) + D] z
+        f2 = -c2 * z3 + (self.D22 * z2 + self.D23 * z3)
+        f3 = c1 * z1 + c2 * z2 + (self.D32 * z2 + self.D33 * z3)
+        det = self.M22 * self.M33 - self.M23 * self.M23
+        d1 = -f1 / self.M11
+        d2 = -(self.M33 * f2 - self.M23 * f3) / det
+        d3 = -(self.M22 * f3 - self.M23 * f2) / det
+        return d1, d2, d3
+
+    @staticmethod
+    def rudder(z: Array) -> tuple[Array, Array, Array, Array]:
+        """lambda21, lambda22, lambda31, lambda32: appendix.  Undefined (0/0) at z1 = s = 0."""
+        z1 = z[0]
+        s = z[1] - 1.18 * z[2]
+        z1_2, s_2 = z1 * z1, s * s
+        with np.errstate(divide="ignore", invalid="ignore"):
+            lambda22 = -0.0232 * (z1_2 + s_2) * np.arctan(s / z1)
+        return (
+            0.102 * z1_2 - 0.0232 * s_2,
+            lambda22,
+            0.287 * z1_2 + 0.307 * s_2,
+            -13.23 * lambda22,
+        )
+
+    def f2(self, z: Array, u: Array) -> Array:
+        """f2(x, z, u) + delta = (1 + delta_bar) (-M^-1 [C + D] z + q(z, u)) + w."""
+        d1, d2, d3 = self.damping(z)
+        lambda21, lambda22, lambda31, lambda32 = self.rudder(z)
+        rate = np.empty_like(z)
+        rate[0] = d1 + u[0]
+        rate[1] = d2 + lambda21 * u[1] + lambda22
+        rate[2] = d3 + lambda31 * u[1] + lambda32
+        return (1.0 + self.delta) * rate + self.w[:, None]
+
+    def drift(self, x: Array, u: Array | None = None) -> Array:
+        """x' = R(x3) z, z' = f2 + delta: (20)."""
+        if u is None:
+            raise fail("u", None, "of shape (2, runs)", "give the control held over the step")
+        z = x[3:]
+        sine, cosine = np.sin(x[2]), np.cos(x[2])
+        rate = np.empty_like(x)
+        rate[0] = cosine * z[0] - sine * z[1]
+        rate[1] = sine * z[0] + cosine * z[1]
+        rate[2] = z[2]
+        rate[3:] = self.f2(z, u)
+        return rate
+
+    def output(self, x: Array) -> Array:
+        """(x1, x2, x3)."""
+        return x[:3]
+
+    def control(self, x: Array, dt: float) -> Array | None:
+        """Controller (21) with T = dt, in the one reading that cancels exactly.
+
+        (21) ends in -k z3_tilde (printed: z3_bar), and kappa begins with -k (z3 + Gamma v)
+        (printed: -k x3_tilde), k = 0.3 / (T + 0.3).
+        """
+        x2, x3, z = x[1], x[2], x[3:]
+        z1, z2, z3 = z[0], z[1], z[2]
+        k = 0.3 / (dt + 0.3)
+        sine, cosine = np.sin(x3), np.cos(x3)
+        d1, d2, d3 = self.damping(z)
+        lambda21, lambda22, lambda31, lambda32 = self.rudder(z)
+        x3_tilde = x3 - np.arctan(-x2 / 6.0)
+        gamma = 6.0 / (36.0 + x2 * x2)
+        v = z1 * sine + z2 * cosine
+        z3_bar = -k * x3_tilde - gamma * v
+        z3_tilde = z3 - z3_bar
+        kappa = (
+            -k * (z3 + gamma * v)
+            + gamma * gamma * x2 * v * v / 3.0
+            - gamma * (d1 * sine + (d2 + lambda22) * cosine + (z1 * cosine - z2 * sine) * z3)
+        )
+        xi = lambda31 + lambda21 * gamma * cosine
+        u1 = -(z1 - 0.8) / (dt + 0.3) - d1
+        u2 = (-d3 - lambda32 + kappa - k * z3_tilde - gamma * u1 * sine) / xi
+        return np.stack((u1, u2))
+
+
+KINDS = ("lee", "sanfelice-praly", "van-der-pol", "crackle", "ship")
+
+
+def plant_from(spec: Spec, where: str = "plant") -> Plant:
+    """The plant that ``spec`` describes; as ``where`` = "model" also {"kind": "none"}."""
+    allowed = KINDS if where == "plant" else (*KINDS, "none")
+    kind = choice(member(spec, "kind", where), f"{where}.kind", allowed)
+    if kind == "lee":
+        return Lee()
+    if kind == "sanfelice-praly":
+        return SanfelicePraly(
+            number(spec.get("nu1", 1.9), f"{where}.nu1"),
+            number(spec.get("nu2", 0.1), f"{where}.nu2"),
+        )
+    if kind == "van-der-pol":
+        return VanDerPol(
+            number(spec.get("epsilon", 0.8), f"{where}.epsilon"),
+            number(spec.get("sigma", 0.5), f"{where}.sigma", least=0.0),
+            bool(spec.get("multiplicative", False)),
+        )
+    if kind == "crackle":
+        return Crackle(number(spec.get("phi_max", 3.0), f"{where}.phi_max", least=0.5))
+    if kind == "ship":
+        return Ship(
+            number(spec.get("delta", 0.0), f"{where}.delta"), spec.get("w", (0.0, 0.0, 0.0))
+        )
+    return NoModel()

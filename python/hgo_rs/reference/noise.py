@@ -1,0 +1,194 @@
+"""Random streams and measurement noise.
+
+One stream a (seed, run, channel): run i of a study draws the same numbers whatever the number of
+runs beside it.  The generator is xoshiro256++ (Blackman, Vigna 2021), its state filled by
+SplitMix64 (Steele, Lea, Flood 2014).  All runs step together: arrays of uint64, one entry a run.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .error import Array, Spec, choice, fail, integer, member, number
+
+Words = NDArray[np.uint64]
+
+MEASUREMENT = 0  # channel of v(k)
+PROCESS = 1  # channel of dw
+
+_MASK = (1 << 64) - 1
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
+_MIX_2 = np.uint64(0x94D049BB133111EB)
+
+
+def _word(value: int) -> Words:
+    return np.array([value & _MASK], dtype=np.uint64)
+
+
+def mix(z: Words) -> Words:
+    """One step of SplitMix64, elementwise mod 2^64: a bijection that scatters its bits."""
+    with np.errstate(over="ignore"):  # wrap-around is what is meant
+        z = z + _GOLDEN
+        z = (z ^ (z >> np.uint64(30))) * _MIX_1
+        z = (z ^ (z >> np.uint64(27))) * _MIX_2
+        return z ^ (z >> np.uint64(31))
+
+
+class Streams:
+    """xoshiro256++ streams of runs ``first_run .. first_run + runs``, stepped together."""
+
+    def __init__(self, seed: int, runs: int, channel: int, first_run: int = 0) -> None:
+        run = np.arange(runs, dtype=np.uint64) + _word(first_run)
+        base = mix(mix(mix(_word(seed)) ^ run) ^ _word(channel))
+        with np.errstate(over="ignore"):
+            self.state: list[Words] = [mix(base + np.uint64(j) * _GOLDEN) for j in range(4)]
+        self.runs = runs
+
+    @classmethod
+    def from_state(cls, words: ArrayLike) -> Streams:
+        """Streams with the given state words, shape (4, runs)."""
+        given = np.asarray(words, dtype=np.uint64)
+        streams = cls.__new__(cls)
+        streams.state = [given[j].copy() for j in range(4)]
+        streams.runs = given.shape[1]
+        return streams
+
+    def words(self, count: int) -> Words:
+        """The next ``count`` outputs of every stream, shape (count, runs)."""
+        s0, s1, s2, s3 = self.state
+        first = np.empty((count, self.runs), dtype=np.uint64)
+        last = np.empty_like(first)
+        t = np.empty_like(s0)
+        left17, left45, right19 = np.uint64(17), np.uint64(45), np.uint64(19)
+        shift_left, shift_right = np.left_shift, np.right_shift
+        for j in range(count):
+            first[j] = s0
+            last[j] = s3
+            shift_left(s1, left17, out=t)
+            s2 ^= s0
+            s3 ^= s1
+            s1 ^= s2
+            s0 ^= s3
+            s2 ^= t
+            shift_right(s3, right19, out=t)  # s3 = rotl(s3, 45)
+            shift_left(s3, left45, out=s3)
+            s3 |= t
+        with np.errstate(over="ignore"):
+            last += first  # s0 + s3
+            result = last << np.uint64(23)  # rotl(s0 + s3, 23) + s0
+            result |= last >> np.uint64(41)
+            result += first
+        return result
+
+    def uniform(self, count: int) -> Array:
+        """``count`` draws from [0, 1), shape (count, runs)."""
+        return (self.words(count) >> np.uint64(11)) * 2.0**-53
+
+    def normal_pairs(self, count: int) -> tuple[Array, Array]:
+        """``count`` pairs of independent standard normals (Box-Muller), each (count, runs)."""
+        words = (self.words(2 * count) >> np.uint64(11)).reshape(count, 2, self.runs)
+        u1 = (words[:, 0] + np.uint64(1)) * 2.0**-53  # in (0, 1]
+        angle = 2.0 * np.pi * (words[:, 1] * 2.0**-53)
+        radius = np.sqrt(-2.0 * np.log(u1))
+        return radius * np.cos(angle), radius * np.sin(angle)
+
+
+def _sines(spec: Spec) -> list[tuple[float, float, float]]:
+    waves = []
+    for i, wave in enumerate(spec.get("sines", ())):
+        if len(wave) != 3:
+            raise fail(f"noise.sines[{i}]", wave, "[amplitude, omega, phase]", "give three numbers")
+        amplitude, omega, phase = (number(part, f"noise.sines[{i}]") for part in wave)
+        waves.append((amplitude, omega, phase))
+    return waves
+
+
+class MeasurementNoise:
+    """v(k) of a study: draws held ``hold`` steps, plus sines that are functions of time."""
+
+    def __init__(
+        self, spec: Spec, *, runs: int, steps: int, seed: int, first_run: int, outputs: int = 1
+    ) -> None:
+        self.kind = choice(
+            member(spec, "kind", "noise"), "noise.kind", ("none", "uniform", "normal", "samples")
+        )
+        self.runs = runs
+        self.hold = integer(spec.get("hold", 1), "noise.hold", least=1)
+        self.sines = _sines(spec)
+        self.outputs = outputs  # a draw for each entry of y
+        self._last = np.zeros((1, outputs, runs))
+        if self.kind == "uniform":
+            self.low = number(member(spec, "low", "noise"), "noise.low")
+            self.high = number(member(spec, "high", "noise"), "noise.high", least=self.low)
+        elif self.kind == "normal":
+            self.mean = number(spec.get("mean", 0.0), "noise.mean")
+            self.std = number(member(spec, "std", "noise"), "noise.std", least=0.0)
+        elif self.kind == "samples":
+            self.values = _samples(member(spec, "values", "noise"), steps, runs)
+        self._streams = Streams(seed, runs, MEASUREMENT, first_run)
+
+    @property
+    def may_miss(self) -> bool:
+        """Whether a sample may be missing (NaN or inf among given samples)."""
+        return self.kind == "samples" and not bool(np.all(np.isfinite(self.values)))
+
+    def _draw(self, count: int) -> Array:
+        total = count * self.outputs
+        if self.kind == "uniform":
+            drawn = self.low + (self.high - self.low) * self._streams.uniform(total)
+        else:  # the pair's sine is discarded
+            drawn = self.mean + self.std * self._streams.normal_pairs(total)[0]
+        return drawn.reshape(count, self.outputs, self.runs)
+
+    def block(self, start: int, stop: int) -> Array:
+        """Values held at steps start <= k < stop (no sines), shape (stop - start, outputs, runs).
+
+        Blocks must follow one another from 0: the streams are sequential.
+        """
+        shape = (stop - start, self.outputs, self.runs)
+        if self.kind == "none":
+            return np.zeros(shape)
+        k = np.arange(start, stop)
+        if self.kind == "samples":  # given value j is held over the steps j hold .. (j+1) hold - 1
+            given = self.values[:, k // self.hold].T
+            return np.array(np.broadcast_to(given[:, None], shape))
+        fresh = k % self.hold == 0
+        held = np.concatenate((self._last, self._draw(int(fresh.sum()))))
+        values = held[np.cumsum(fresh)]
+        self._last = values[-1:].copy()
+        return values
+
+    def wave(self, t: Array | float) -> Array | float:
+        """Sum of the sines A sin(omega t + phase) at time(s) ``t`` [s]."""
+        total: Array | float = 0.0
+        for amplitude, omega, phase in self.sines:
+            total = total + amplitude * np.sin(omega * t + phase)
+        return total
+
+
+def _samples(values: ArrayLike, steps: int, runs: int) -> Array:
+    given = np.asarray(values, dtype=np.float64)
+    if given.shape not in ((steps + 1,), (runs, steps + 1)):
+        raise fail(
+            "noise.values",
+            f"array of shape {given.shape}",
+            f"of shape ({steps + 1},) or ({runs}, {steps + 1})",
+            "give one value a sample, k = 0..steps",
+        )
+    return np.broadcast_to(given, (runs, steps + 1))
+
+
+class ProcessNoise:
+    """Standard normal pairs (xi1, xi2) that drive a stochastic plant, one pair a substep."""
+
+    def __init__(self, *, runs: int, seed: int, first_run: int) -> None:
+        self._streams = Streams(seed, runs, PROCESS, first_run)
+
+    def pairs(self, count: int) -> tuple[Array, Array]:
+        """The next ``count`` pairs, each of shape (count, runs)."""
+        return self._streams.normal_pairs(count)
+
+
+__all__ = ["MEASUREMENT", "PROCESS", "MeasurementNoise", "ProcessNoise", "Streams", "mix"]

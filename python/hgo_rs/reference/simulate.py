@@ -1,0 +1,627 @@
+"""Experiments: plant, noise and observer in one loop, many runs side by side.
+
+One Python loop over the steps serves all runs.  States are kept for a block of steps, and metrics
+are taken block by block.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import integrate
+from .error import Array, Spec, choice, columns, fail, integer, known, member, number
+from .models import Plant, VanDerPol, plant_from
+from .noise import MeasurementNoise, ProcessNoise
+from .observers import ContinuousLaw, Law, StandardObserver, law_from
+from .schedule import Schedule, schedule_from
+
+DIVERGENCE = 1e12  # |value| beyond which a run is called diverged
+BINS_PER_OCTAVE = 32
+OCTAVES = 64  # the histogram spans 2^-40 .. 2^24
+
+_BLOCK_FLOATS = 1_500_000  # memory of one block of steps
+_BLOCK_STEPS = 2048
+
+KEYS = (
+    "plant", "observer", "mode", "steps", "schedule", "plant_schedule", "plant_method", "substeps",
+    "x0", "memory0", "noise", "runs", "seed", "first_run", "windows", "settle", "histogram", "every",
+)
+PLANT_METHODS = (*integrate.DETERMINISTIC, *integrate.STOCHASTIC, "held")
+
+
+def histogram_edges() -> Array:
+    """Edges 2^(-40 + j/32), j = 0..2048, of the histogram of ||error||^2."""
+    return np.asarray(2.0 ** (-40.0 + np.arange(OCTAVES * BINS_PER_OCTAVE + 1) / BINS_PER_OCTAVE))
+
+
+class _Drive:
+    """How the plant moves from one sample to the next."""
+
+    def __init__(self, plant: Plant, spec: Spec, runs: int, seed: int, first_run: int) -> None:
+        self.plant = plant
+        self.method = choice(spec.get("plant_method", "euler"), "plant_method", PLANT_METHODS)
+        self.substeps = integer(spec.get("substeps", 1), "substeps", least=1)
+        self.process: ProcessNoise | None = None
+        if self.method in integrate.STOCHASTIC:
+            if not isinstance(plant, VanDerPol):
+                raise fail(
+                    "plant_method",
+                    self.method,
+                    "a deterministic scheme for this plant",
+                    "use 'euler', 'rk4' or 'bogacki-shampine'",
+                )
+            if self.method == "taylor-1.5" and plant.multiplicative:
+                raise fail(
+                    "plant_method", self.method, "for additive noise only", "use 'milstein'"
+                )
+            self.process = ProcessNoise(runs=runs, seed=seed, first_run=first_run)
+        elif plant.stochastic and self.method != "held":
+            raise fail(
+                "plant_method",
+                self.method,
+                "a stochastic scheme while plant.sigma > 0",
+                "use 'taylor-1.5', 'milstein' or 'euler-maruyama', or set sigma = 0",
+            )
+
+    def draw(self, steps: int) -> tuple[Array, Array] | None:
+        """Normal pairs for ``steps`` samples, or None."""
+        return None if self.process is None else self.process.pairs(steps * self.substeps)
+
+    def advance(
+        self,
+        x: Array,
+        u: Array | None,
+        t: float,
+        dt: float,
+        normals: tuple[Array, Array] | None,
+        j: int,
+    ) -> Array:
+        """x after ``dt``; ``j`` is the sample's index among those drawn for."""
+        if self.method == "held":
+            return x
+        m = self.substeps
+        h = dt / m if m > 1 else dt
+        plant: Any = self.plant
+        if normals is not None:
+            step = integrate.STOCHASTIC[self.method]
+            xi1, xi2 = normals
+            for i in range(j * m, (j + 1) * m):
+                dw, dz = integrate.brownian(h, xi1[i], xi2[i])
+                x = step(plant, x, h, dw, dz)
+            return x
+        if self.method == "euler":
+            for _ in range(m):
+                x = x + h * plant.drift(x, u)
+            return x
+        scheme = integrate.DETERMINISTIC[self.method]
+        for i in range(m):
+            x = scheme(lambda _, s: plant.drift(s, u), t + i * h, x, h)
+        return x
+
+
+class _Metrics:
+    """Streaming metrics over blocks of steps; arrays hold one column a run."""
+
+    def __init__(self, spec: Spec, steps: int, runs: int, n: int, kept: int, n_peak: int) -> None:
+        windows = spec.get("windows", ()) or ()
+        self.windows = [_window(w, f"windows[{i}]", steps) for i, w in enumerate(windows)]
+        settle = spec.get("settle")
+        self.settle = None if settle is None else number(settle, "settle", above=0.0)
+        bins = spec.get("histogram")
+        self.bins = None if bins is None else _window(bins, "histogram", steps)
+        self.n = n
+        shape = (len(self.windows), kept, runs)
+        self.sum = np.zeros(shape)
+        self.sum_squares = np.zeros(shape)
+        self.max = np.zeros(shape)
+        self.count = np.zeros((len(self.windows), runs))
+        self.peak = np.zeros((n_peak, runs))
+        self.settling_time = np.full(runs, 0.0 if self.settle is not None else np.nan)
+        self.counts = np.zeros(OCTAVES * BINS_PER_OCTAVE, dtype=np.int64)
+
+    def update(
+        self, start: int, t: Array, error: Array, memory: Array, length: NDArray[np.int64]
+    ) -> None:
+        """``error`` (steps, n, runs) and ``memory`` from step ``start`` on; of each run only the
+        first ``length`` steps count."""
+        stop = start + len(t)
+        n = self.n
+        whole = bool(np.all(length == len(t)))
+        inside = None if whole else np.arange(len(t))[:, None] < length
+        self._peaks(memory, inside)
+        for i, (k0, k1) in enumerate(self.windows):
+            a, b = max(k0, start) - start, min(k1, stop) - start
+            if a >= b:
+                continue
+            parts = [error[a:b], memory[a:b, n:]] if self.sum.shape[1] > n else [error[a:b]]
+            row = 0
+            for part in parts:
+                rows = slice(row, row + part.shape[1])
+                row += part.shape[1]
+                if inside is not None:
+                    part = np.where(inside[a:b, None], part, 0.0)
+                self.sum[i, rows] += part.sum(axis=0)
+                self.sum_squares[i, rows] += (part * part).sum(axis=0)
+                self.max[i, rows] = np.maximum(self.max[i, rows], np.abs(part).max(axis=0))
+            self.count[i] += b - a if inside is None else inside[a:b].sum(axis=0)
+        if self.settle is None and self.bins is None:
+            return
+        square = (error * error).sum(axis=1)
+        if self.settle is not None:
+            late = np.sqrt(square) >= self.settle
+            if inside is not None:
+                late &= inside
+            last = len(t) - 1 - np.argmax(late[::-1], axis=0)
+            self.settling_time = np.where(late.any(axis=0), t[last], self.settling_time)
+        if self.bins is not None:
+            a, b = max(self.bins[0], start) - start, min(self.bins[1], stop) - start
+            if a < b:
+                values = square[a:b] if inside is None else square[a:b][inside[a:b]]
+                self._bin(values.reshape(-1))
+
+    def _peaks(self, memory: Array, inside: NDArray[np.bool_] | None) -> None:
+        part = memory[:, : self.peak.shape[0]]
+        if inside is not None:
+            part = np.where(inside[:, None], part, 0.0)
+        np.maximum(self.peak, np.abs(part).max(axis=0), out=self.peak)
+
+    def _bin(self, values: Array) -> None:
+        with np.errstate(divide="ignore"):
+            place = np.floor((np.log2(values) + 40.0) * BINS_PER_OCTAVE)
+        last = len(self.counts) - 1
+        index = np.clip(place, 0, last).astype(np.int64)
+        self.counts += np.bincount(index, minlength=last + 1)
+
+    def result(self) -> dict[str, Any]:
+        """The metrics with runs first."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            count = self.count[:, None]
+            mean = self.sum / count
+            rms = np.sqrt(self.sum_squares / count)
+            peak_error = np.where(count > 0, self.max, np.nan)
+        out: dict[str, Any] = {
+            name: np.ascontiguousarray(np.moveaxis(value, -1, 0))
+            for name, value in (("mean", mean), ("rms", rms), ("max", peak_error))
+        }
+        out["peak"] = np.ascontiguousarray(self.peak.T)
+        out["settling_time"] = self.settling_time
+        out["histogram"] = (
+            None
+            if self.bins is None
+            else {"edges": histogram_edges(), "counts": self.counts.copy()}
+        )
+        return out
+
+
+def _window(value: Any, parameter: str, steps: int) -> tuple[int, int]:
+    if len(value) != 2:
+        raise fail(parameter, value, "[k0, k1]", "give two step indices")
+    k0 = integer(value[0], f"{parameter}[0]", least=0)
+    k1 = integer(value[1], f"{parameter}[1]", least=k0 + 1, most=steps + 1)
+    return k0, k1
+
+
+class _Frames:
+    """Every q-th sample, kept."""
+
+    def __init__(self, every: int, steps: int, runs: int, nx: int, memory_len: int, n_y: int):
+        self.every = every
+        frames = 0 if every == 0 else steps // every + 1
+        self.t = np.empty(frames)
+        self.x = np.empty((runs, frames, nx))
+        self.memory = np.empty((runs, frames, memory_len))
+        self.y = np.empty((runs, frames, n_y))
+
+    def update(
+        self, start: int, t: Array, x: Array, memory: Array, y: Array, length: NDArray[np.int64]
+    ) -> None:
+        """Keep what falls into this block; NaN after a run's divergence."""
+        if self.every == 0:
+            return
+        first = -start % self.every
+        rows = np.arange(first, len(t), self.every)
+        if rows.size == 0:
+            return
+        frames = slice((start + first) // self.every, (start + first) // self.every + rows.size)
+        self.t[frames] = t[rows]
+        beyond = rows[:, None] >= length
+        for kept, values in ((self.x, x), (self.memory, memory), (self.y, y)):
+            part = np.where(beyond[:, None], np.nan, values[rows])
+            kept[:, frames] = np.moveaxis(part, -1, 0)
+
+
+def simulate(spec: Spec) -> dict[str, Any]:
+    """Run plant and observer over ``steps`` steps in ``runs`` runs and return metrics.
+
+    ``spec`` needs "plant", "observer", "steps", "schedule", "x0" and "memory0"; optional are
+    "mode", "plant_schedule", "plant_method", "substeps", "noise", "runs", "seed", "first_run",
+    "windows", "settle", "histogram" and "every".
+
+    Returns "mean", "rms", "max" (runs, windows, signals), signals = error (n) then extras;
+    "peak" (runs, memory_len), "settling_time" (runs,) [s], "histogram", "final_x",
+    "final_memory", "diverged_at" (runs,), and with "every" > 0 the trajectories "t" (frames,),
+    "x", "memory", "y" (runs, frames, .).
+
+    Raises ValueError, naming the parameter, for a spec that cannot be run.
+    """
+    known(spec, "spec", KEYS)
+    plant = plant_from(member(spec, "plant", "spec"))
+    law = law_from(member(spec, "observer", "spec"))
+    steps = integer(member(spec, "steps", "spec"), "steps", least=1)
+    runs = integer(spec.get("runs", 1), "runs", least=1)
+    seed = integer(spec.get("seed", 0), "seed", least=0)
+    first_run = integer(spec.get("first_run", 0), "first_run", least=0)
+    mode = choice(spec.get("mode", "sampled"), "mode", ("sampled", "joint"))
+    every = integer(spec.get("every", 0), "every", least=0)
+    schedule = schedule_from(member(spec, "schedule", "spec"))
+    plant_schedule = schedule
+    if spec.get("plant_schedule") is not None:
+        plant_schedule = schedule_from(spec["plant_schedule"], "plant_schedule")
+    target = plant.target
+    if law.n != target.stop - target.start or law.n_y != plant.n_y or law.n_u != plant.n_u:
+        raise fail(
+            "observer.n",
+            law.n,
+            f"{target.stop - target.start}, with {plant.n_y} outputs and {plant.n_u} inputs, "
+            f"for plant {plant.kind!r}",
+            "choose an observer that fits the plant",
+        )
+    noise_spec = spec.get("noise") or {"kind": "none"}
+    noise = MeasurementNoise(
+        noise_spec, runs=runs, steps=steps, seed=seed, first_run=first_run, outputs=plant.n_y
+    )
+    x = columns(member(spec, "x0", "spec"), "x0", plant.n, runs)
+    memory = columns(member(spec, "memory0", "spec"), "memory0", law.memory_len, runs)
+    law.check(memory)
+
+    advance: _Sampled | _Joint
+    if mode == "joint":
+        advance = _Joint(plant, law, spec, noise)
+    else:
+        advance = _Sampled(plant, law, _Drive(plant, spec, runs, seed, first_run))
+
+    extras = 0 if law.filters else law.memory_len - law.n
+    n_peak = law.n if law.filters else law.memory_len
+    metrics = _Metrics(spec, steps, runs, law.n, law.n + extras, n_peak)
+    frames = _Frames(every, steps, runs, plant.n, law.memory_len, plant.n_y)
+    diverged_at = np.full(runs, -1, dtype=np.int64)
+    final_x, final_memory = x.copy(), memory.copy()
+
+    per_step = runs * (plant.n + law.memory_len + 4 + 2 * advance.normals_per_step)
+    block = int(np.clip(_BLOCK_FLOATS // per_step, 8, _BLOCK_STEPS))
+    total = steps + 1
+    t_next = 0.0
+    with np.errstate(all="ignore"):  # diverging runs overflow; they are found below
+        for start in range(0, total, block):
+            stop = min(start + block, total)
+            k = np.arange(start, stop + 1)
+            t = schedule.times(k, t_next)
+            t_next = float(t[-1])
+            t = t[:-1]
+            dt = schedule.steps(k[:-1])
+            plant_dt = plant_schedule.steps(k[:-1]) if plant_schedule is not schedule else dt
+            held = noise.block(start, stop)
+            v = held + np.reshape(noise.wave(t), (-1, 1, 1)) if noise.sines else held
+            xs = np.empty((stop - start, plant.n, runs))
+            memories = np.empty((stop - start, law.memory_len, runs))
+            x, memory = advance.block(
+                x, memory, t, dt, plant_dt, held, v, xs, memories, noise.may_miss, stop == total
+            )
+            length = _find_divergence(
+                start, xs, memories, diverged_at, final_x, final_memory, stop - start
+            )
+            metrics.update(start, t, memories[:, : law.n] - xs[:, target], memories, length)
+            if every:
+                frames.update(
+                    start, t, xs, memories, xs[:, : plant.n_y] + v, length
+                )
+            if np.all(diverged_at >= 0):
+                frames_left(frames, stop, schedule, steps)
+                break
+    running = diverged_at < 0
+    final_x = np.where(running, x, final_x)
+    final_memory = np.where(running, memory, final_memory)
+    out = metrics.result()
+    out["final_x"] = np.ascontiguousarray(final_x.T)
+    out["final_memory"] = np.ascontiguousarray(final_memory.T)
+    out["diverged_at"] = diverged_at
+    if every:
+        out["t"], out["x"], out["memory"], out["y"] = frames.t, frames.x, frames.memory, frames.y
+    return out
+
+
+def frames_left(frames: _Frames, stop: int, schedule: Schedule, steps: int) -> None:
+    """Fill the frames after all runs diverged: times go on, values are NaN."""
+    if frames.every == 0:
+        return
+    first = -(-stop // frames.every)
+    for values in (frames.x, frames.memory, frames.y):
+        values[:, first:] = np.nan
+    t = schedule.times(np.arange(steps + 1), 0.0)
+    frames.t[:] = t[:: frames.every]
+
+
+def _find_divergence(
+    start: int,
+    xs: Array,
+    memories: Array,
+    diverged_at: NDArray[np.int64],
+    final_x: Array,
+    final_memory: Array,
+    steps: int,
+) -> NDArray[np.int64]:
+    """Note the runs that diverge in this block; how many steps of it count, one entry a run."""
+    length = np.where(diverged_at < 0, steps, 0)
+    largest = np.maximum(np.abs(xs).max(axis=(0, 1)), np.abs(memories).max(axis=(0, 1)))
+    suspects = np.flatnonzero((diverged_at < 0) & ~(largest <= DIVERGENCE))
+    for run in suspects:
+        fine = np.all(np.abs(xs[:, :, run]) <= DIVERGENCE, axis=1) & np.all(
+            np.abs(memories[:, :, run]) <= DIVERGENCE, axis=1
+        )
+        at = int(np.argmin(fine))
+        diverged_at[run] = start + at
+        length[run] = at
+        final_x[:, run] = xs[at, :, run]
+        final_memory[:, run] = memories[at, :, run]
+    return length
+
+
+class _Sampled:
+    """The observer sees y(k); the plant moves in between."""
+
+    def __init__(self, plant: Plant, law: Law, drive: _Drive) -> None:
+        self.plant, self.law, self.drive = plant, law, drive
+        self.normals_per_step = drive.substeps if drive.process is not None else 0
+
+    def block(
+        self,
+        x: Array,
+        memory: Array,
+        t: Array,
+        dt: Array,
+        plant_dt: Array,
+        held: Array,
+        v: Array,
+        xs: Array,
+        memories: Array,
+        may_miss: bool,
+        last: bool,
+    ) -> tuple[Array, Array]:
+        """Steps through a block; the study's ``last`` sample is measured only."""
+        plant, law, drive = self.plant, self.law, self.drive
+        count = len(t)
+        normals = drive.draw(count - last)
+        times, steps, plant_steps = t.tolist(), dt.tolist(), plant_dt.tolist()
+        output, advance, observe, filters = plant.output, drive.advance, law.step, law.filters
+        controlled = plant.n_u > 0
+        u: Array | None = None
+        missing: NDArray[np.bool_] | None = None
+        masks = ~np.isfinite(v).all(axis=1) if may_miss else None
+        if plant.n_y == 1:
+            v = v[:, 0]
+        for j in range(count):
+            xs[j] = x
+            if not filters:
+                memories[j] = memory
+                if last and j == count - 1:
+                    break
+            y = output(x) + v[j]
+            if masks is not None:
+                missing = masks[j]
+            if controlled:
+                u = plant.control(x, steps[j])
+            memory = observe(memory, y, u, times[j], steps[j], missing)
+            if filters:
+                memories[j] = memory
+                if last and j == count - 1:
+                    break
+            x = advance(x, u, times[j], plant_steps[j], normals, j)
+        return x, memory
+
+
+class _Joint:
+    """Plant and observer as one ODE; drawn noise is held over a step, sines are continuous."""
+
+    normals_per_step = 0
+
+    def __init__(self, plant: Plant, law: Law, spec: Spec, noise: MeasurementNoise) -> None:
+        if not isinstance(law, ContinuousLaw):
+            raise fail("mode", "joint", "'sampled' for a sampled law", "set mode = 'sampled'")
+        self.law: ContinuousLaw = law
+        choice(
+            law.method, "observer.method (mode 'joint')", tuple(integrate.DETERMINISTIC)
+        )
+        if plant.stochastic:
+            raise fail("mode", "joint", "'sampled' for a stochastic plant", "set mode = 'sampled'")
+        if integer(spec.get("substeps", 1), "substeps", least=1) != 1:
+            raise fail("substeps", spec["substeps"], "1 in mode 'joint'", "shorten the step")
+        if spec.get("plant_schedule") is not None:
+            raise fail("plant_schedule", "given", "absent in mode 'joint'", "remove it")
+        self.plant = plant
+        self.still = spec.get("plant_method") == "held"
+        self.noise = noise
+        self.scheme = integrate.DETERMINISTIC[law.method]
+
+    def block(
+        self,
+        x: Array,
+        memory: Array,
+        t: Array,
+        dt: Array,
+        plant_dt: Array,
+        held: Array,
+        v: Array,
+        xs: Array,
+        memories: Array,
+        may_miss: bool,
+        last: bool,
+    ) -> tuple[Array, Array]:
+        """Steps through a block."""
+        plant, law, scheme, noise = self.plant, self.law, self.scheme, self.noise
+        nx = plant.n
+        times, steps = t.tolist(), dt.tolist()
+        missing: NDArray[np.bool_] | None = None
+        state = np.concatenate((x, memory))
+        with_sines, still = bool(noise.sines), self.still
+        masks = ~np.isfinite(held[:, 0]) if may_miss else None
+        value = held[0, 0]
+
+        def rate(time: float, s: Array) -> Array:
+            x, memory = s[:nx], s[nx:]
+            y = plant.output(x) + value
+            if with_sines:
+                y = y + noise.wave(time)
+            out = np.empty_like(s)
+            out[:nx] = 0.0 if still else plant.drift(x)
+            out[nx:] = law.rate(memory, law.innovation(memory, y, missing))
+            return out
+
+        for j in range(len(t)):
+            xs[j] = state[:nx]
+            memories[j] = state[nx:]
+            if last and j == len(t) - 1:
+                break
+            value = held[j, 0]
+            if masks is not None:
+                missing = masks[j]
+            state = scheme(rate, times[j], state, steps[j])
+            if law.gain_rows:
+                law.clamp(state[nx:])
+        return state[:nx], state[nx:]
+
+
+def coupled_paths(spec: Spec) -> dict[str, Array]:
+    """A coarse path of a scheme and a fine reference path on the same Brownian motion.
+
+    ``spec``: "plant" (van-der-pol), "x0", "t_end" [s], "coarse" steps, "fine" steps per coarse
+    step, "method" (a stochastic scheme), "runs", "seed", "first_run".  The fine path is of strong
+    order 1.5 (additive noise) or Milstein's (multiplicative).
+
+    Returns "coarse" and "fine", the end points, each (runs, n).
+    """
+    known(
+        spec,
+        "spec",
+        ("plant", "x0", "t_end", "coarse", "fine", "method", "runs", "seed", "first_run"),
+    )
+    plant = plant_from(member(spec, "plant", "spec"))
+    if not isinstance(plant, VanDerPol):
+        raise fail("plant.kind", plant.kind, "'van-der-pol'", "choose a stochastic plant")
+    method = choice(member(spec, "method", "spec"), "method", tuple(integrate.STOCHASTIC))
+    if plant.multiplicative and method == "taylor-1.5":
+        raise fail("method", method, "for additive noise only", "use 'milstein'")
+    runs = integer(spec.get("runs", 1), "runs", least=1)
+    seed = integer(spec.get("seed", 0), "seed", least=0)
+    first_run = integer(spec.get("first_run", 0), "first_run", least=0)
+    coarse_steps = integer(member(spec, "coarse", "spec"), "coarse", least=1)
+    fine_steps = integer(member(spec, "fine", "spec"), "fine", least=1)
+    big = number(member(spec, "t_end", "spec"), "t_end", above=0.0) / coarse_steps
+    h = big / fine_steps
+    coarse = columns(member(spec, "x0", "spec"), "x0", plant.n, runs)
+    fine = coarse.copy()
+    fine_step = integrate.STOCHASTIC["milstein" if plant.multiplicative else "taylor-1.5"]
+    coarse_step = integrate.STOCHASTIC[method]
+    process = ProcessNoise(runs=runs, seed=seed, first_run=first_run)
+    block = int(np.clip(_BLOCK_FLOATS // (4 * runs), 1, fine_steps))
+    with np.errstate(all="ignore"):
+        for _ in range(coarse_steps):
+            w = np.zeros(runs)
+            z = np.zeros(runs)
+            for start in range(0, fine_steps, block):
+                count = min(block, fine_steps - start)
+                dws, dzs = integrate.brownian(h, *process.pairs(count))
+                for dw, dz in zip(dws, dzs, strict=True):
+                    fine = fine_step(plant, fine, h, dw, dz)
+                    z = z + (dz + h * w)  # int (w(s) - w(0)) ds, exactly
+                    w = w + dw
+            coarse = coarse_step(plant, coarse, big, w, z)
+    return {"coarse": np.ascontiguousarray(coarse.T), "fine": np.ascontiguousarray(fine.T)}
+
+
+def mean_covariance(spec: Spec) -> dict[str, Array]:
+    """Exact mean and covariance of the error of a linear observer, without Monte Carlo.
+
+    ``spec`` as for ``simulate``: the standard law with constant gain, Euler's scheme and model
+    "none", on a deterministic plant, with zero-mean i.i.d. noise of variance ``spec["variance"]``
+    (default: that of ``spec["noise"]``).  With F = I + dt (A - K C), e = x_hat - x:
+    Cov+ = F Cov F' + dt^2 K K' sigma^2, and the mean follows the noise-free recursion.
+
+    Returns "rms" (windows, n), rms^2 = mean over k of (mean e)^2 + var e, and
+    "final_covariance" (n, n).
+    """
+    known(spec, "spec", (*KEYS, "variance"))
+    law = law_from(member(spec, "observer", "spec"))
+    if not (
+        isinstance(law, StandardObserver)
+        and not law.gain.moves
+        and law.method == "euler"
+        and law.model.n == 0
+        and spec.get("mode", "sampled") == "sampled"
+    ):
+        raise fail(
+            "observer",
+            spec["observer"],
+            "the standard law with constant gain, method 'euler' and model 'none', sampled",
+            "use simulate for other laws",
+        )
+    variance = spec.get("variance")
+    if variance is None:
+        variance = _variance(spec.get("noise") or {"kind": "none"})
+    variance = number(variance, "variance", least=0.0)
+    quiet: dict[str, Any] = {key: value for key, value in spec.items() if key != "variance"}
+    steps = integer(member(spec, "steps", "spec"), "steps", least=1)
+    windows = spec.get("windows", ()) or ()
+    quiet.update(noise={"kind": "none"}, runs=1, settle=None, histogram=None, every=0)
+    mean = simulate(quiet)["rms"][0, :, : law.n]
+
+    schedule = schedule_from(member(spec, "schedule", "spec"))
+    n = law.n
+    injection = law.k * law.gain.ell ** np.arange(1, n + 1)  # type: ignore[union-attr]
+    chain = np.eye(n, k=1)
+    chain[:, 0] -= injection  # A - K C
+    noise_in = variance * np.outer(injection, injection)
+    identity = np.eye(n)
+    covariance = np.zeros((n, n))
+    squares = np.zeros((len(windows), n))
+    spans = [_window(w, f"windows[{i}]", steps) for i, w in enumerate(windows)]
+    for start in range(0, steps + 1, _BLOCK_STEPS):
+        k = np.arange(start, min(start + _BLOCK_STEPS, steps + 1))
+        dt = schedule.steps(k)
+        transition = identity + dt[:, None, None] * chain
+        transposed = np.ascontiguousarray(np.swapaxes(transition, 1, 2))
+        added = (dt * dt)[:, None, None] * noise_in
+        variances = np.empty((len(k), n))
+        for j in range(len(k)):
+            variances[j] = covariance.diagonal()
+            if k[j] < steps:
+                covariance = transition[j] @ covariance @ transposed[j] + added[j]
+        for i, (k0, k1) in enumerate(spans):
+            inside = (k >= k0) & (k < k1)
+            squares[i] += variances[inside].sum(axis=0)
+    lengths = np.array([k1 - k0 for k0, k1 in spans], dtype=np.float64).reshape(-1, 1)
+    return {
+        "rms": np.sqrt(mean * mean + squares / lengths),
+        "final_covariance": covariance,
+    }
+
+
+def _variance(noise: Spec) -> float:
+    kind = member(noise, "kind", "noise")
+    if kind not in ("none", "uniform", "normal") or noise.get("sines") or noise.get("hold", 1) != 1:
+        raise fail("noise", dict(noise), "zero-mean and i.i.d.", "give 'variance' for other noise")
+    if kind == "none":
+        return 0.0
+    if kind == "normal":
+        if number(noise.get("mean", 0.0), "noise.mean") != 0.0:
+            raise fail("noise.mean", noise["mean"], "0", "the law of the mean error is noise-free")
+        return number(noise["std"], "noise.std", least=0.0) ** 2
+    low, high = number(noise["low"], "noise.low"), number(noise["high"], "noise.high")
+    if low != -high:
+        raise fail("noise.low", low, f"{-high:g}", "the noise must have zero mean")
+    return (high - low) ** 2 / 12.0
+
+
+__all__ = ["coupled_paths", "histogram_edges", "mean_covariance", "simulate"]

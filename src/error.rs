@@ -1,0 +1,51 @@
+//! Floor 0. What is wrong with a design: the parameter, its value, the range it must lie in.
+
+use core::fmt;
+
+/// A refused parameter. Fits no heap, so constructors on a chip return it too.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DesignError {
+    /// Name of the parameter as the user wrote it.
+    pub parameter: &'static str,
+    /// Its value, widened to `f64`.
+    pub value: f64,
+    /// The range that it must lie in, and the remedy.
+    pub allowed: &'static str,
+}
+
+impl fmt::Display for DesignError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} = {} is not allowed: {}", self.parameter, self.value, self.allowed)
+    }
+}
+
+impl core::error::Error for DesignError {}
+
+/// `value` if it is finite and greater than 0.
+///
+/// # Errors
+/// [`DesignError`] naming `parameter` otherwise.
+pub fn positive<T: crate::Scalar>(parameter: &'static str, value: T) -> Result<T, DesignError> {
+    require(parameter, value, value.is_finite() && value > T::ZERO, "it must be finite and > 0")
+}
+
+/// `value` if it is neither NaN nor infinite.
+///
+/// # Errors
+/// [`DesignError`] naming `parameter` otherwise.
+pub fn finite<T: crate::Scalar>(parameter: &'static str, value: T) -> Result<T, DesignError> {
+    require(parameter, value, value.is_finite(), "it must be finite")
+}
+
+/// `value` if `holds`.
+///
+/// # Errors
+/// [`DesignError`] with `allowed` otherwise.
+pub fn require<T: crate::Scalar>(
+    parameter: &'static str,
+    value: T,
+    holds: bool,
+    allowed: &'static str,
+) -> Result<T, DesignError> {
+    if holds { Ok(value) } else { Err(DesignError { parameter, value: value.to_f64(), allowed }) }
+}

@@ -1,0 +1,174 @@
+//! Floor 1. Gain laws: how the high gain ℓ (written r where it moves) is chosen and adapted.
+//!
+//! A gain law is a choice of its own: any structure of [`crate::observers`] takes any of them.
+
+use crate::Scalar;
+use crate::error::{DesignError, positive, require};
+use crate::memory::Memory;
+
+/// The gain of an observer as a function of the output error ŷ − y.
+pub trait GainLaw<T: Scalar>: Copy {
+    /// What the law remembers: nothing, or r.
+    type Memory: Memory<T>;
+    /// The memory to start from: r(0) = 1.
+    fn initial(&self) -> Self::Memory;
+    /// The gain itself.
+    fn gain(&self, memory: &Self::Memory) -> T;
+    /// Time derivative of the memory for the innovation `e` = y − ŷ.
+    fn rate(&self, memory: &Self::Memory, e: T) -> Self::Memory;
+    /// The memory brought back into the set that the law lives in (r ≥ 1).
+    fn admissible(&self, memory: Self::Memory) -> Self::Memory;
+}
+
+/// A fixed gain ℓ > 0 (ε = 1/ℓ in Khalil's notation).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConstantGain<T> {
+    ell: T,
+}
+
+impl<T: Scalar> ConstantGain<T> {
+    /// Gain ℓ, in 1/s.
+    ///
+    /// # Errors
+    /// ℓ not finite or ≤ 0.
+    pub fn new(ell: T) -> Result<Self, DesignError> {
+        Ok(Self { ell: positive("ell", ell)? })
+    }
+
+    /// Gain ℓ = 1/ε, ε in s.
+    ///
+    /// # Errors
+    /// ε not finite or ≤ 0.
+    pub fn from_epsilon(epsilon: T) -> Result<Self, DesignError> {
+        Ok(Self { ell: T::ONE / positive("epsilon", epsilon)? })
+    }
+}
+
+impl<T: Scalar> GainLaw<T> for ConstantGain<T> {
+    type Memory = ();
+    #[inline(always)]
+    fn initial(&self) {}
+    #[inline(always)]
+    fn gain(&self, (): &()) -> T {
+        self.ell
+    }
+    #[inline(always)]
+    fn rate(&self, (): &(), _: T) {}
+    #[inline(always)]
+    fn admissible(&self, (): ()) {}
+}
+
+/// What the two adaptive laws of Sanfelice and Praly share: speed p₁, threshold p₂, exponent b.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Adaptation<T> {
+    p1: T,
+    p2: T,
+    b: T,
+}
+
+impl<T: Scalar> Adaptation<T> {
+    fn new(p1: T, p2: T, b: T) -> Result<Self, DesignError> {
+        Ok(Self {
+            p1: positive("p1", p1)?,
+            p2: positive("p2", p2)?,
+            b: require(
+                "b",
+                b,
+                b > T::ZERO && b < T::from_f64(0.5),
+                "it must lie in (0, 1/2), Sanfelice and Praly (8)-(10)",
+            )?,
+        })
+    }
+
+    /// r^{1−2b}.
+    #[inline(always)]
+    fn growth(&self, r: T) -> T {
+        r.powf(T::ONE - (self.b + self.b))
+    }
+}
+
+/// Gain adaptation, Sanfelice and Praly (6): ṙ = p₁( ((ŷ−y)² − p₂) r^{1−2b} + p₂/r^{2n} ).
+///
+/// r grows while the output error exceeds √p₂ and comes back towards 1 when it does not;
+/// [1, ∞) is forward invariant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AdaptiveGain<T> {
+    law: Adaptation<T>,
+    two_n: usize,
+}
+
+impl<T: Scalar> AdaptiveGain<T> {
+    /// p₁ > 0 (speed), p₂ > 0 (squared output-error threshold), b in (0, ½), n the order.
+    ///
+    /// # Errors
+    /// A parameter outside its range.
+    pub fn new(p1: T, p2: T, b: T, n: usize) -> Result<Self, DesignError> {
+        Ok(Self { law: Adaptation::new(p1, p2, b)?, two_n: 2 * n })
+    }
+
+    /// b.
+    #[inline(always)]
+    pub fn b(&self) -> T {
+        self.law.b
+    }
+}
+
+impl<T: Scalar> GainLaw<T> for AdaptiveGain<T> {
+    type Memory = T;
+    #[inline(always)]
+    fn initial(&self) -> T {
+        T::ONE
+    }
+    #[inline(always)]
+    fn gain(&self, r: &T) -> T {
+        *r
+    }
+    #[inline(always)]
+    fn rate(&self, r: &T, e: T) -> T {
+        let Adaptation { p1, p2, .. } = self.law;
+        p1 * ((e * e - p2) * self.law.growth(*r) + p2 / r.powi(self.two_n)) // (6)
+    }
+    #[inline(always)]
+    fn admissible(&self, r: T) -> T {
+        r.max(T::ONE)
+    }
+}
+
+/// Adaptation with a dead zone, Sanfelice and Praly (4): ṙ = p₁ max{0, (ŷ−y)² − p₂} r^{1−2b}.
+///
+/// r never decreases.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DeadZoneGain<T> {
+    law: Adaptation<T>,
+}
+
+impl<T: Scalar> DeadZoneGain<T> {
+    /// p₁ > 0 (speed), p₂ > 0 (squared output-error threshold), b in (0, ½).
+    ///
+    /// # Errors
+    /// A parameter outside its range.
+    pub fn new(p1: T, p2: T, b: T) -> Result<Self, DesignError> {
+        Ok(Self { law: Adaptation::new(p1, p2, b)? })
+    }
+}
+
+impl<T: Scalar> GainLaw<T> for DeadZoneGain<T> {
+    type Memory = T;
+    #[inline(always)]
+    fn initial(&self) -> T {
+        T::ONE
+    }
+    #[inline(always)]
+    fn gain(&self, r: &T) -> T {
+        *r
+    }
+    #[inline(always)]
+    fn rate(&self, r: &T, e: T) -> T {
+        let Adaptation { p1, p2, .. } = self.law;
+        p1 * (e * e - p2).max(T::ZERO) * self.law.growth(*r) // (4)
+    }
+    #[inline(always)]
+    fn admissible(&self, r: T) -> T {
+        r.max(T::ONE)
+    }
+}

@@ -1,0 +1,161 @@
+//! Floor 0. Memories: what a law moves from step to step, as a small vector space.
+//!
+//! A memory is a `Copy` struct of a fixed number of scalars. It can be added to (so that any
+//! integration scheme works on it) and visited in a fixed order (so that it flattens to columns,
+//! records and bytes). Tuples and arrays of memories are memories: plant and observer together
+//! are one, and so is a collection of observers.
+
+use crate::Scalar;
+use nalgebra::SVector;
+
+/// A fixed number of scalars of type `T` in a fixed order.
+pub trait Memory<T: Scalar>: Copy {
+    /// How many scalars.
+    const LEN: usize;
+    /// All zeros.
+    fn zero() -> Self;
+    /// Combine entry by entry with another memory of the same kind.
+    #[must_use]
+    fn zip(&self, other: &Self, f: impl Fn(T, T) -> T + Copy) -> Self;
+    /// Visit every scalar in order.
+    fn visit(&self, f: &mut impl FnMut(T));
+    /// Visit and change every scalar in order.
+    fn visit_mut(&mut self, f: &mut impl FnMut(&mut T));
+
+    /// self + h·rate.
+    #[inline(always)]
+    #[must_use]
+    fn plus(&self, h: T, rate: &Self) -> Self {
+        self.zip(rate, |x, r| x + h * r)
+    }
+
+    /// No entry is NaN, infinite or larger in magnitude than `bound`.
+    #[inline(always)]
+    fn within(&self, bound: T) -> bool {
+        let mut inside = true;
+        self.visit(&mut |x| inside &= x.abs() <= bound);
+        inside
+    }
+
+    /// Copy the scalars into `out` (as many as fit).
+    #[inline(always)]
+    fn write(&self, out: &mut [T]) {
+        let mut slots = out.iter_mut();
+        self.visit(&mut |x| {
+            if let Some(slot) = slots.next() {
+                *slot = x;
+            }
+        });
+    }
+
+    /// A memory from the first `LEN` scalars of `values`; missing ones are 0.
+    #[inline(always)]
+    fn read(values: &[T]) -> Self {
+        let mut memory = Self::zero();
+        let mut next = values.iter();
+        memory.visit_mut(&mut |x| {
+            if let Some(value) = next.next() {
+                *x = *value;
+            }
+        });
+        memory
+    }
+}
+
+impl<T: Scalar> Memory<T> for () {
+    const LEN: usize = 0;
+    #[inline(always)]
+    fn zero() -> Self {}
+    #[inline(always)]
+    fn zip(&self, (): &Self, _: impl Fn(T, T) -> T + Copy) -> Self {}
+    #[inline(always)]
+    fn visit(&self, _: &mut impl FnMut(T)) {}
+    #[inline(always)]
+    fn visit_mut(&mut self, _: &mut impl FnMut(&mut T)) {}
+}
+
+impl<T: Scalar> Memory<T> for T {
+    const LEN: usize = 1;
+    #[inline(always)]
+    fn zero() -> Self {
+        T::ZERO
+    }
+    #[inline(always)]
+    fn zip(&self, other: &Self, f: impl Fn(T, T) -> T + Copy) -> Self {
+        f(*self, *other)
+    }
+    #[inline(always)]
+    fn visit(&self, f: &mut impl FnMut(T)) {
+        f(*self);
+    }
+    #[inline(always)]
+    fn visit_mut(&mut self, f: &mut impl FnMut(&mut T)) {
+        f(self);
+    }
+}
+
+impl<T: Scalar, const N: usize> Memory<T> for SVector<T, N> {
+    const LEN: usize = N;
+    #[inline(always)]
+    fn zero() -> Self {
+        SVector::from_element(T::ZERO)
+    }
+    #[inline(always)]
+    fn zip(&self, other: &Self, f: impl Fn(T, T) -> T + Copy) -> Self {
+        self.zip_map(other, f)
+    }
+    #[inline(always)]
+    fn visit(&self, f: &mut impl FnMut(T)) {
+        self.iter().for_each(|x| f(*x));
+    }
+    #[inline(always)]
+    fn visit_mut(&mut self, f: &mut impl FnMut(&mut T)) {
+        self.iter_mut().for_each(f);
+    }
+}
+
+impl<T: Scalar, A: Memory<T>, B: Memory<T>> Memory<T> for (A, B) {
+    const LEN: usize = A::LEN + B::LEN;
+    #[inline(always)]
+    fn zero() -> Self {
+        (A::zero(), B::zero())
+    }
+    #[inline(always)]
+    fn zip(&self, other: &Self, f: impl Fn(T, T) -> T + Copy) -> Self {
+        (self.0.zip(&other.0, f), self.1.zip(&other.1, f))
+    }
+    #[inline(always)]
+    fn visit(&self, f: &mut impl FnMut(T)) {
+        self.0.visit(f);
+        self.1.visit(f);
+    }
+    #[inline(always)]
+    fn visit_mut(&mut self, f: &mut impl FnMut(&mut T)) {
+        self.0.visit_mut(f);
+        self.1.visit_mut(f);
+    }
+}
+
+impl<T: Scalar, A: Memory<T>, const C: usize> Memory<T> for [A; C] {
+    const LEN: usize = C * A::LEN;
+    #[inline(always)]
+    fn zero() -> Self {
+        [A::zero(); C]
+    }
+    #[inline(always)]
+    fn zip(&self, other: &Self, f: impl Fn(T, T) -> T + Copy) -> Self {
+        core::array::from_fn(|i| self[i].zip(&other[i], f))
+    }
+    #[inline(always)]
+    fn visit(&self, f: &mut impl FnMut(T)) {
+        for a in self {
+            a.visit(f);
+        }
+    }
+    #[inline(always)]
+    fn visit_mut(&mut self, f: &mut impl FnMut(&mut T)) {
+        for a in self {
+            a.visit_mut(f);
+        }
+    }
+}

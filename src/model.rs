@@ -1,0 +1,192 @@
+//! Floor 1. What an observer knows of a system, and what a plant is.
+
+use crate::Scalar;
+use crate::memory::Memory;
+use nalgebra::SVector;
+
+/// What an observer of order N knows beside the chain of integrators, with M known inputs.
+///
+/// ẋᵢ = xᵢ₊₁ + f̂ᵢ(x₁ … xᵢ, u, t): f̂ᵢ may use the first i states only (triangular form).
+pub trait Model<T: Scalar, const N: usize, const M: usize = 0>: Copy {
+    /// The known part f̂(t, x̂, u), one entry a state.
+    fn f_hat(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, M>) -> SVector<T, N>;
+}
+
+/// A model whose known part enters the last equation only: ẋₙ = φ(x, u, t).
+pub trait PhaseVariable<T: Scalar, const N: usize, const M: usize = 0>: Model<T, N, M> {
+    /// φ(t, x̂, u).
+    fn phi(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, M>) -> T;
+}
+
+/// B·φ: the known part of a phase-variable model as a vector.
+#[inline(always)]
+pub fn last<T: Scalar, const N: usize>(phi: T) -> SVector<T, N> {
+    SVector::from_fn(|i, _| if i + 1 == N { phi } else { T::ZERO })
+}
+
+/// Nothing is known: φ = 0. The observer is then a differentiator.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Unknown;
+
+impl<T: Scalar, const N: usize, const M: usize> Model<T, N, M> for Unknown {
+    #[inline(always)]
+    fn f_hat(&self, _: T, _: &SVector<T, N>, _: &SVector<T, M>) -> SVector<T, N> {
+        SVector::from_element(T::ZERO)
+    }
+}
+
+impl<T: Scalar, const N: usize, const M: usize> PhaseVariable<T, N, M> for Unknown {
+    #[inline(always)]
+    fn phi(&self, _: T, _: &SVector<T, N>, _: &SVector<T, M>) -> T {
+        T::ZERO
+    }
+}
+
+/// A chain of integrators driven by one known input: φ = b₀·u.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InputGain<T> {
+    /// Input gain b₀.
+    pub b0: T,
+}
+
+impl<T: Scalar, const N: usize> Model<T, N, 1> for InputGain<T> {
+    #[inline(always)]
+    fn f_hat(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, 1>) -> SVector<T, N> {
+        last(self.phi(t, x_hat, u))
+    }
+}
+
+impl<T: Scalar, const N: usize> PhaseVariable<T, N, 1> for InputGain<T> {
+    #[inline(always)]
+    fn phi(&self, _: T, _: &SVector<T, N>, u: &SVector<T, 1>) -> T {
+        self.b0 * u.x
+    }
+}
+
+/// A system to be observed: dx = a(t, x, u) dt + b(x) dW, y = h(x), with one Wiener process W.
+///
+/// A plant without process noise leaves the last five methods as they are.
+pub trait Plant<T: Scalar>: Copy {
+    /// State x.
+    type State: Memory<T>;
+    /// Control input u.
+    type Input: Copy;
+    /// Measured output y, without measurement noise.
+    type Output: Copy;
+    /// a(t, x, u).
+    fn drift(&self, t: T, x: &Self::State, u: &Self::Input) -> Self::State;
+    /// h(x).
+    fn output(&self, x: &Self::State) -> Self::Output;
+    /// The entries of x that an observer is asked for.
+    fn truth<'a>(&self, x: &'a Self::State) -> &'a [T];
+    /// Control input at a sampling instant, held over the period `dt`.
+    fn control(&self, x: &Self::State, dt: T) -> Self::Input;
+    /// Whether the plant gives what this stochastic scheme needs.
+    #[inline(always)]
+    fn supports(&self, _: StochasticIntegrator) -> bool {
+        false
+    }
+    /// b(x).
+    #[inline(always)]
+    fn diffusion(&self, _: &Self::State) -> Self::State {
+        Self::State::zero()
+    }
+    /// (∂b/∂x)·b, for Milstein's scheme. Zero for additive noise.
+    #[inline(always)]
+    fn diffusion_slope(&self, _: &Self::State) -> Self::State {
+        Self::State::zero()
+    }
+    /// (∂a/∂x)·v, for the strong order 1.5 scheme.
+    #[inline(always)]
+    fn jacobian_times(&self, _: T, _: &Self::State, _: &Self::State) -> Self::State {
+        Self::State::zero()
+    }
+    /// ½ bᵀ(∂²a/∂x²)b, for the strong order 1.5 scheme.
+    #[inline(always)]
+    fn curvature(&self, _: T, _: &Self::State) -> Self::State {
+        Self::State::zero()
+    }
+}
+
+/// A choice among the stochastic schemes of [`crate::integrate`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StochasticIntegrator {
+    /// Euler-Maruyama: strong order ½, 1 for additive noise.
+    EulerMaruyama,
+    /// Milstein: strong order 1.
+    Milstein,
+    /// Strong order 1.5 Taylor scheme for additive noise.
+    Taylor15,
+}
+
+/// What a sampled-data observer knows: f and the correction `K_T` (Fu, Kang and Li (5)).
+pub trait SampledModel<T: Scalar, const N: usize, const M: usize = 0>: Copy {
+    /// f(x̂, u).
+    fn f(&self, x_hat: &SVector<T, N>, u: &SVector<T, M>) -> SVector<T, N>;
+    /// `K_T(x̂, y)` for the period `dt`.
+    fn correction(&self, x_hat: &SVector<T, N>, y: T, dt: T) -> SVector<T, N>;
+}
+
+/// Strict-feedback form (Katayama (1)): ẋ = f₁(x) + g(x)z, ż = f₂(x, z, u), y = x.
+pub trait StrictFeedback<T: Scalar, const NX: usize, const NZ: usize, const M: usize>:
+    Copy
+{
+    /// f₁(x).
+    fn f1(&self, x: &SVector<T, NX>) -> SVector<T, NX>;
+    /// g(x), NX by NZ, of full column rank (A2).
+    fn g(&self, x: &SVector<T, NX>) -> nalgebra::SMatrix<T, NX, NZ>;
+    /// f₂(x, z, u).
+    fn f2(&self, x: &SVector<T, NX>, z: &SVector<T, NZ>, u: &SVector<T, M>) -> SVector<T, NZ>;
+    /// Φ⁻¹(x)gᵀ(x)v with Φ = gᵀg: the z that explains v = g(x)z best.
+    #[inline(always)]
+    fn explain(&self, x: &SVector<T, NX>, v: &SVector<T, NX>) -> SVector<T, NZ> {
+        least_squares(&self.g(x), v)
+    }
+}
+
+/// (gᵀg)⁻¹gᵀv by an LDLᵀ factorisation; entries are NaN where g loses rank.
+fn least_squares<T: Scalar, const NX: usize, const NZ: usize>(
+    g: &nalgebra::SMatrix<T, NX, NZ>,
+    v: &SVector<T, NX>,
+) -> SVector<T, NZ> {
+    let column_dot = |i: usize, w: &dyn Fn(usize) -> T| {
+        let mut sum = T::ZERO;
+        for row in 0..NX {
+            sum += g[(row, i)] * w(row);
+        }
+        sum
+    };
+    // Φ = L D Lᵀ, L unit lower triangular.
+    let mut l = [[T::ZERO; NZ]; NZ];
+    let mut d = [T::ZERO; NZ];
+    for i in 0..NZ {
+        for j in 0..=i {
+            let mut entry = column_dot(i, &|row| g[(row, j)]);
+            for m in 0..j {
+                entry -= l[i][m] * l[j][m] * d[m];
+            }
+            if i == j {
+                d[i] = entry;
+            } else {
+                l[i][j] = entry / d[j];
+            }
+        }
+    }
+    let mut z = SVector::<T, NZ>::from_fn(|i, _| column_dot(i, &|row| v[row]));
+    for i in 0..NZ {
+        for m in 0..i {
+            let lower = l[i][m] * z[m];
+            z[i] -= lower;
+        }
+    }
+    for i in 0..NZ {
+        z[i] /= d[i];
+    }
+    for i in (0..NZ).rev() {
+        for m in i + 1..NZ {
+            let upper = l[m][i] * z[m];
+            z[i] -= upper;
+        }
+    }
+    z
+}

@@ -1,0 +1,45 @@
+//! The plant of Lee, Choi and Khalil (38): ẋ₁ = x₂, ẋ₂ = −x₁/(1 + x₁²) − x₂, y = x₁.
+
+use crate::Scalar;
+use crate::model::{Model, PhaseVariable, Plant, last};
+use nalgebra::{SVector, Vector2};
+
+/// Plant (38).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lee;
+
+impl<T: Scalar> PhaseVariable<T, 2> for Lee {
+    #[inline(always)]
+    fn phi(&self, _: T, x: &Vector2<T>, _: &SVector<T, 0>) -> T {
+        -x.x / (T::ONE + x.x * x.x) - x.y
+    }
+}
+
+impl<T: Scalar> Model<T, 2> for Lee {
+    #[inline(always)]
+    fn f_hat(&self, t: T, x: &Vector2<T>, u: &SVector<T, 0>) -> Vector2<T> {
+        last(self.phi(t, x, u))
+    }
+}
+
+impl<T: Scalar> Plant<T> for Lee {
+    type State = Vector2<T>;
+    type Input = SVector<T, 0>;
+    type Output = T;
+    #[inline(always)]
+    fn drift(&self, t: T, x: &Vector2<T>, u: &SVector<T, 0>) -> Vector2<T> {
+        Vector2::new(x.y, self.phi(t, x, u))
+    }
+    #[inline(always)]
+    fn output(&self, x: &Vector2<T>) -> T {
+        x.x
+    }
+    #[inline(always)]
+    fn truth<'a>(&self, x: &'a Vector2<T>) -> &'a [T] {
+        x.as_slice()
+    }
+    #[inline(always)]
+    fn control(&self, _: &Vector2<T>, _: T) -> SVector<T, 0> {
+        SVector::from_element(T::ZERO)
+    }
+}

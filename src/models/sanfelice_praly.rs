@@ -1,0 +1,54 @@
+//! The plant of Sanfelice and Praly (19): ẋ₁ = x₂ + ν₁x₁ + ν₂, ẋ₂ = 0, y = x₁.
+//!
+//! The observer knows ν₁ and not ν₂: f̂(x̂) = (ν₁x̂₁, 0).
+
+use crate::Scalar;
+use crate::error::{DesignError, finite};
+use crate::model::{Model, Plant};
+use nalgebra::{SVector, Vector2};
+
+/// Plant (19) with the known ν₁ and the unknown ν₂.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SanfelicePraly<T> {
+    nu1: T,
+    nu2: T,
+}
+
+impl<T: Scalar> SanfelicePraly<T> {
+    /// ν₁ in 1/s, ν₂ in units of x a second.
+    ///
+    /// # Errors
+    /// A parameter that is not finite.
+    pub fn new(nu1: T, nu2: T) -> Result<Self, DesignError> {
+        Ok(Self { nu1: finite("nu1", nu1)?, nu2: finite("nu2", nu2)? })
+    }
+}
+
+impl<T: Scalar> Model<T, 2> for SanfelicePraly<T> {
+    #[inline(always)]
+    fn f_hat(&self, _: T, x_hat: &Vector2<T>, _: &SVector<T, 0>) -> Vector2<T> {
+        Vector2::new(self.nu1 * x_hat.x, T::ZERO)
+    }
+}
+
+impl<T: Scalar> Plant<T> for SanfelicePraly<T> {
+    type State = Vector2<T>;
+    type Input = SVector<T, 0>;
+    type Output = T;
+    #[inline(always)]
+    fn drift(&self, _: T, x: &Vector2<T>, _: &SVector<T, 0>) -> Vector2<T> {
+        Vector2::new(x.y + self.nu1 * x.x + self.nu2, T::ZERO)
+    }
+    #[inline(always)]
+    fn output(&self, x: &Vector2<T>) -> T {
+        x.x
+    }
+    #[inline(always)]
+    fn truth<'a>(&self, x: &'a Vector2<T>) -> &'a [T] {
+        x.as_slice()
+    }
+    #[inline(always)]
+    fn control(&self, _: &Vector2<T>, _: T) -> SVector<T, 0> {
+        SVector::from_element(T::ZERO)
+    }
+}

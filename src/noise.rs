@@ -1,0 +1,187 @@
+//! Floor 1. Random streams and noise signals.
+//!
+//! Run i of a study draws from streams that depend on (seed, i) alone: never on the thread, the
+//! chunk or what else runs beside it.
+
+use crate::Scalar;
+use core::f64::consts::TAU;
+
+const GOLDEN: u64 = 0x9E37_79B9_7F4A_7C15;
+
+/// One step of the `SplitMix64` generator from state z: a strong mixing of 64 bits.
+#[inline(always)]
+const fn mix(z: u64) -> u64 {
+    let z = z.wrapping_add(GOLDEN);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
+/// What a stream is for. Each purpose has a stream of its own, so that adding process noise does
+/// not change the measurement noise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channel {
+    /// Measurement noise.
+    Measurement = 0,
+    /// Process noise.
+    Process = 1,
+}
+
+/// A stream of random numbers: the generator xoshiro256++ of Blackman and Vigna.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stream {
+    s: [u64; 4],
+}
+
+impl Stream {
+    /// The stream of run `run` under `seed` for `channel`.
+    pub const fn new(seed: u64, run: u64, channel: Channel) -> Self {
+        let base = mix(mix(mix(seed) ^ run) ^ channel as u64);
+        Self {
+            s: [
+                mix(base),
+                mix(base.wrapping_add(GOLDEN)),
+                mix(base.wrapping_add(GOLDEN.wrapping_mul(2))),
+                mix(base.wrapping_add(GOLDEN.wrapping_mul(3))),
+            ],
+        }
+    }
+
+    /// From the generator's own 256 bits of state, which must not all be 0.
+    pub const fn from_state(s: [u64; 4]) -> Self {
+        Self { s }
+    }
+
+    /// The next 64 random bits.
+    #[inline(always)]
+    pub const fn next_u64(&mut self) -> u64 {
+        let [s0, s1, s2, s3] = self.s;
+        let result = s0.wrapping_add(s3).rotate_left(23).wrapping_add(s0);
+        let s2 = s2 ^ s0;
+        let s3 = s3 ^ s1;
+        self.s = [s0 ^ s3, s1 ^ s2, s2 ^ (s1 << 17), s3.rotate_left(45)];
+        result
+    }
+
+    /// Uniform on [0, 1), 53 bits.
+    #[inline(always)]
+    pub fn uniform(&mut self) -> f64 {
+        (self.next_u64() >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
+    }
+
+    /// Two independent standard normal values (Box and Muller).
+    #[inline(always)]
+    pub fn normal_pair(&mut self) -> (f64, f64) {
+        let u1 = ((self.next_u64() >> 11) + 1) as f64 * (1.0 / 9_007_199_254_740_992.0);
+        let angle = TAU * self.uniform();
+        let radius = Scalar::sqrt(-2.0 * Scalar::ln(u1));
+        (radius * Scalar::cos(angle), radius * Scalar::sin(angle))
+    }
+
+    /// A standard normal value: the first of a pair, the second is not kept.
+    #[inline(always)]
+    pub fn normal(&mut self) -> f64 {
+        let u1 = ((self.next_u64() >> 11) + 1) as f64 * (1.0 / 9_007_199_254_740_992.0);
+        let angle = TAU * self.uniform();
+        Scalar::sqrt(-2.0 * Scalar::ln(u1)) * Scalar::cos(angle)
+    }
+}
+
+/// A sine A sin(ωt + φ).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sine<T> {
+    /// Amplitude A.
+    pub amplitude: T,
+    /// Angular frequency ω in rad/s.
+    pub omega: T,
+    /// Phase φ in rad.
+    pub phase: T,
+}
+
+/// The part of a noise that is drawn at an instant and held.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Draw<'a, T> {
+    /// Always 0.
+    None,
+    /// Uniform on [low, high).
+    Uniform {
+        /// Lower end.
+        low: T,
+        /// Upper end.
+        high: T,
+    },
+    /// Normal.
+    Normal {
+        /// Mean.
+        mean: T,
+        /// Standard deviation.
+        std: T,
+    },
+    /// A recorded (or filtered) sequence, one value a draw; 0 after its end.
+    Samples(&'a [T]),
+}
+
+/// Measurement noise: draws held over `hold` steps, plus sines in continuous time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Noise<'a, T> {
+    /// What is drawn.
+    pub draw: Draw<'a, T>,
+    /// Steps for which a draw is held, ≥ 1.
+    pub hold: u64,
+    /// Sines added to it.
+    pub sines: &'a [Sine<T>],
+}
+
+impl<T: Scalar> Noise<'_, T> {
+    /// A fresh draw for step k.
+    #[inline(always)]
+    pub fn fresh(&self, stream: &mut Stream, k: u64) -> T {
+        match self.draw {
+            Draw::None => T::ZERO,
+            Draw::Uniform { low, high } => low + (high - low) * T::from_f64(stream.uniform()),
+            Draw::Normal { mean, std } => mean + std * T::from_f64(stream.normal()),
+            Draw::Samples(values) => {
+                let index = usize::try_from(k / self.hold.max(1)).unwrap_or(usize::MAX);
+                values.get(index).copied().unwrap_or(T::ZERO)
+            }
+        }
+    }
+
+    /// Σ A sin(ωt + φ).
+    #[inline(always)]
+    pub fn sines(&self, t: T) -> T {
+        let mut sum = T::ZERO;
+        for sine in self.sines {
+            sum += sine.amplitude * (sine.omega * t + sine.phase).sin();
+        }
+        sum
+    }
+}
+
+/// A cascade of S second-order sections (biquads) that colours a sequence, transposed form II.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SecondOrderSections<T, const S: usize> {
+    /// b₀, b₁, b₂, a₁, a₂ of every section, a₀ = 1.
+    pub coefficients: [[T; 5]; S],
+    memory: [[T; 2]; S],
+}
+
+impl<T: Scalar, const S: usize> SecondOrderSections<T, S> {
+    /// A filter at rest.
+    pub fn new(coefficients: [[T; 5]; S]) -> Self {
+        Self { coefficients, memory: [[T::ZERO; 2]; S] }
+    }
+
+    /// The next filtered value.
+    #[inline(always)]
+    pub fn filter(&mut self, input: T) -> T {
+        let mut signal = input;
+        for ([b0, b1, b2, a1, a2], [m1, m2]) in self.coefficients.iter().zip(&mut self.memory) {
+            let output = *b0 * signal + *m1;
+            *m1 = *b1 * signal - *a1 * output + *m2;
+            *m2 = *b2 * signal - *a2 * output;
+            signal = output;
+        }
+        signal
+    }
+}

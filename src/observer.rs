@@ -1,0 +1,302 @@
+//! Floor 1. What an observer is: a fixed law (`&self`) and the memory that it moves (`&mut`).
+//!
+//! A *continuous* law gives a rate and is discretised by a [`Discretisation`], or integrated
+//! together with the plant. A *sampled* law gives its own recursion. Both end as an [`Observer`].
+
+use crate::Scalar;
+use crate::integrate::Integrator;
+use crate::memory::Memory;
+
+/// Whether the estimate at sample k uses the sample y(k) itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Timing {
+    /// The estimate at k uses samples up to k − 1 (the papers' recursions).
+    Predictor,
+    /// The estimate at k uses samples up to k.
+    Current,
+}
+
+/// What one step made of its sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// The sample was used.
+    Updated,
+    /// The sample was missing (NaN or infinite): the law predicted over it.
+    Predicted,
+    /// The model has no value at this sample; the estimate was held.
+    ModelUndefined,
+}
+
+/// A measured value: one scalar, or a vector of them.
+pub trait Measurement<T: Scalar>: Copy {
+    /// No entry is NaN or infinite.
+    fn is_present(&self) -> bool;
+    /// Every entry from `entry`, in order.
+    fn fill(entry: impl FnMut() -> T) -> Self;
+    /// Entry by entry sum.
+    #[must_use]
+    fn plus(self, other: Self) -> Self;
+    /// Every entry in order.
+    fn each(&self, f: &mut impl FnMut(T));
+}
+
+impl<T: Scalar> Measurement<T> for T {
+    #[inline(always)]
+    fn is_present(&self) -> bool {
+        self.is_finite()
+    }
+    #[inline(always)]
+    fn fill(mut entry: impl FnMut() -> T) -> T {
+        entry()
+    }
+    #[inline(always)]
+    fn plus(self, other: T) -> T {
+        self + other
+    }
+    #[inline(always)]
+    fn each(&self, f: &mut impl FnMut(T)) {
+        f(*self);
+    }
+}
+
+impl<T: Scalar, const N: usize> Measurement<T> for nalgebra::SVector<T, N> {
+    #[inline(always)]
+    fn is_present(&self) -> bool {
+        self.iter().all(|y| y.is_finite())
+    }
+    #[inline(always)]
+    fn fill(mut entry: impl FnMut() -> T) -> Self {
+        Self::from_fn(|_, _| entry())
+    }
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        self + other
+    }
+    #[inline(always)]
+    fn each(&self, f: &mut impl FnMut(T)) {
+        self.iter().for_each(|y| f(*y));
+    }
+}
+
+/// A law in continuous time: ẑ = rate(t, z, e, u), e the innovation.
+pub trait ContinuousLaw<T: Scalar>: Copy {
+    /// Memory z.
+    type State: Memory<T>;
+    /// Known input u.
+    type Input: Copy;
+    /// Innovation(s): one scalar, or one for each copy of a collection.
+    type Innovation: Copy;
+    /// Memory at x̂ = 0 (and r = 1 where the gain moves).
+    fn initial(&self) -> Self::State;
+    /// e = y − x̂₁; 0 where y is missing.
+    fn innovation(&self, z: &Self::State, y: T) -> Self::Innovation;
+    /// ż.
+    fn rate(&self, t: T, z: &Self::State, e: &Self::Innovation, u: &Self::Input) -> Self::State;
+    /// Turn a forward Euler step `new` from `old` into a staggered one, in which every state is
+    /// moved by the new value of the state above it in the chain.
+    fn stagger(&self, old: &Self::State, new: Self::State, dt: T) -> Self::State;
+    /// The memory brought back into the set that the law lives in.
+    #[inline(always)]
+    fn admissible(&self, z: Self::State) -> Self::State {
+        z
+    }
+    /// x̂.
+    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T];
+}
+
+/// An observer in discrete time, as it is used on line.
+pub trait Observer<T: Scalar>: Copy {
+    /// Memory.
+    type State: Memory<T>;
+    /// Sample y.
+    type Measurement: Measurement<T>;
+    /// Known input u.
+    type Input: Copy;
+    /// Whether `estimate` after a step with y(k) is meant for k or for k + 1.
+    const TIMING: Timing;
+    /// Memory to start from when nothing is known.
+    fn initial(&self) -> Self::State;
+    /// Take the sample y and the input u at time t; advance by `dt`.
+    fn step(
+        &self,
+        z: &mut Self::State,
+        y: &Self::Measurement,
+        u: &Self::Input,
+        t: T,
+        dt: T,
+    ) -> Status;
+    /// The estimate.
+    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T];
+    /// What the sample tells beyond the estimate before the step: y − ŷ, written entry by entry.
+    fn innovation(&self, z: &Self::State, y: &Self::Measurement) -> Self::Measurement;
+}
+
+/// What is frozen over a step of a Runge-Kutta scheme.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hold {
+    /// The sample y: the innovation is formed anew at every stage.
+    Measurement,
+    /// The innovation y − x̂₁ of the step's beginning.
+    Innovation,
+}
+
+/// How a continuous law becomes a recursion.
+pub trait Scheme<T: Scalar>: Copy {
+    /// Memory after a step of length dt from (t, z) with sample y and input u.
+    fn advance<L: ContinuousLaw<T>>(
+        &self,
+        law: &L,
+        t: T,
+        z: &L::State,
+        y: T,
+        u: &L::Input,
+        dt: T,
+    ) -> L::State;
+}
+
+/// Forward Euler: z⁺ = z + dt·ż.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Euler;
+
+impl<T: Scalar> Scheme<T> for Euler {
+    #[inline(always)]
+    fn advance<L: ContinuousLaw<T>>(
+        &self,
+        law: &L,
+        t: T,
+        z: &L::State,
+        y: T,
+        u: &L::Input,
+        dt: T,
+    ) -> L::State {
+        z.plus(dt, &law.rate(t, z, &law.innovation(z, y), u))
+    }
+}
+
+/// Staggered (semi-implicit) Euler: the chain is swept from the last state to the first, each
+/// one moved by the new value of the next. It keeps the damping that forward Euler loses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StaggeredEuler;
+
+impl<T: Scalar> Scheme<T> for StaggeredEuler {
+    #[inline(always)]
+    fn advance<L: ContinuousLaw<T>>(
+        &self,
+        law: &L,
+        t: T,
+        z: &L::State,
+        y: T,
+        u: &L::Input,
+        dt: T,
+    ) -> L::State {
+        law.stagger(z, Euler.advance(law, t, z, y, u, dt), dt)
+    }
+}
+
+/// A Runge-Kutta scheme with the measurement or the innovation held over the step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RungeKutta {
+    /// Which scheme.
+    pub integrator: Integrator,
+    /// What is frozen over the step.
+    pub hold: Hold,
+}
+
+impl<T: Scalar> Scheme<T> for RungeKutta {
+    #[inline(always)]
+    fn advance<L: ContinuousLaw<T>>(
+        &self,
+        law: &L,
+        t: T,
+        z: &L::State,
+        y: T,
+        u: &L::Input,
+        dt: T,
+    ) -> L::State {
+        match self.hold {
+            Hold::Measurement => {
+                let rate = |time, s: &L::State| law.rate(time, s, &law.innovation(s, y), u);
+                self.integrator.step(rate, t, z, dt)
+            }
+            Hold::Innovation => {
+                let e = law.innovation(z, y);
+                self.integrator.step(|time, s: &L::State| law.rate(time, s, &e, u), t, z, dt)
+            }
+        }
+    }
+}
+
+/// A choice among the schemes at run time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Discretisation {
+    /// [`Euler`].
+    Euler,
+    /// [`StaggeredEuler`].
+    StaggeredEuler,
+    /// [`RungeKutta`].
+    RungeKutta(RungeKutta),
+}
+
+impl<T: Scalar> Scheme<T> for Discretisation {
+    #[inline]
+    fn advance<L: ContinuousLaw<T>>(
+        &self,
+        law: &L,
+        t: T,
+        z: &L::State,
+        y: T,
+        u: &L::Input,
+        dt: T,
+    ) -> L::State {
+        match self {
+            Self::Euler => Euler.advance(law, t, z, y, u, dt),
+            Self::StaggeredEuler => StaggeredEuler.advance(law, t, z, y, u, dt),
+            Self::RungeKutta(scheme) => scheme.advance(law, t, z, y, u, dt),
+        }
+    }
+}
+
+/// A continuous law under a discretisation: an observer with predictor timing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Discretised<L, S> {
+    /// The law.
+    pub law: L,
+    /// The scheme.
+    pub scheme: S,
+}
+
+impl<T, L, S> Observer<T> for Discretised<L, S>
+where
+    T: Scalar,
+    L: ContinuousLaw<T>,
+    S: Scheme<T>,
+{
+    type State = L::State;
+    type Measurement = T;
+    type Input = L::Input;
+    const TIMING: Timing = Timing::Predictor;
+
+    #[inline(always)]
+    fn initial(&self) -> L::State {
+        self.law.initial()
+    }
+
+    #[inline(always)]
+    fn step(&self, z: &mut L::State, y: &T, u: &L::Input, t: T, dt: T) -> Status {
+        *z = self.law.admissible(self.scheme.advance(&self.law, t, z, *y, u, dt));
+        if y.is_present() { Status::Updated } else { Status::Predicted }
+    }
+
+    #[inline(always)]
+    fn estimate<'a>(&self, z: &'a L::State) -> &'a [T] {
+        self.law.estimate(z)
+    }
+
+    #[inline(always)]
+    fn innovation(&self, z: &L::State, y: &T) -> T {
+        match self.estimate(z).first() {
+            Some(x1) => *y - *x1,
+            None => *y,
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! A collection of observers that repel each other, and the observer that learns from it.
+//!
+//! Sanfelice and Praly, section 3. Near the edge of stability the adaptive gain (6) may
+//! oscillate. C copies of the observer, pushed apart by (23), sample its limit cycle; the mean of
+//! their gains is the nominal gain r̄ (24), and the modified observer (25) runs with r·r̄.
+
+use super::{StandardObserver, checked, stagger_chain};
+use crate::Scalar;
+use crate::error::{DesignError, require};
+use crate::gain::{AdaptiveGain, GainLaw};
+use crate::model::Model;
+use crate::observer::ContinuousLaw;
+use nalgebra::SVector;
+
+/// Memory of one copy: x̂ and r.
+pub type CopyState<T, const N: usize> = (SVector<T, N>, T);
+
+/// C repelled copies, Sanfelice and Praly (23); the estimate is the first copy's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RepelledCollection<T, Md, const N: usize, const C: usize, const M: usize = 0> {
+    copy: StandardObserver<T, AdaptiveGain<T>, Md, N, M>,
+    k_bar: SVector<T, N>,
+}
+
+impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usize>
+    RepelledCollection<T, Md, N, C, M>
+{
+    /// Coefficients k, repulsion gains k̄ = μP⁻¹(1, 0, …)ᵀ, adaptive gain law, model.
+    ///
+    /// # Errors
+    /// Coefficients that are not finite or not Hurwitz; fewer than two copies.
+    pub fn new(
+        k: [T; N],
+        k_bar: [T; N],
+        gain: AdaptiveGain<T>,
+        model: Md,
+    ) -> Result<Self, DesignError> {
+        require("copies", T::from_f64(C as f64), C >= 2, "a collection needs at least 2 copies")?;
+        Ok(Self { copy: StandardObserver::new(k, gain, model)?, k_bar: checked("k_bar", k_bar)? })
+    }
+
+    /// Nominal gain r̄ = (1/C) Σ rᵢ (24).
+    #[inline(always)]
+    pub fn nominal_gain(&self, copies: &[CopyState<T, N>; C]) -> T {
+        let mut sum = T::ZERO;
+        for (_, r) in copies {
+            sum += *r;
+        }
+        sum / T::from_f64(C as f64)
+    }
+}
+
+impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usize> ContinuousLaw<T>
+    for RepelledCollection<T, Md, N, C, M>
+{
+    type State = [CopyState<T, N>; C];
+    type Input = SVector<T, M>;
+    type Innovation = [T; C];
+
+    #[inline(always)]
+    fn initial(&self) -> Self::State {
+        [self.copy.initial(); C]
+    }
+
+    #[inline(always)]
+    fn innovation(&self, copies: &Self::State, y: T) -> [T; C] {
+        core::array::from_fn(|i| self.copy.innovation(&copies[i], y))
+    }
+
+    #[inline(always)]
+    fn rate(&self, t: T, copies: &Self::State, e: &[T; C], u: &Self::Input) -> Self::State {
+        let b = self.copy.gain().b();
+        // eᵢ/rᵢᵇ, the output errors in the scaled coordinates (28)
+        let powers: [T; C] = core::array::from_fn(|i| copies[i].1.powf(b));
+        let scaled: [T; C] = core::array::from_fn(|i| e[i] / powers[i]);
+        core::array::from_fn(|i| {
+            let (mut x_rate, r_rate) = self.copy.rate(t, &copies[i], &e[i], u);
+            let mut apart = T::ZERO;
+            for (j, other) in scaled.iter().enumerate() {
+                if j != i {
+                    apart += scaled[i] - *other;
+                }
+            }
+            let r = copies[i].1;
+            let mut factor = powers[i] * apart;
+            for (rate, k_bar) in x_rate.iter_mut().zip(self.k_bar.iter()) {
+                factor *= r; // r^{j+b}
+                *rate -= *k_bar * factor; // (23), with eᵢ = −(ŷᵢ − y)
+            }
+            (x_rate, r_rate)
+        })
+    }
+
+    #[inline(always)]
+    fn stagger(&self, old: &Self::State, new: Self::State, dt: T) -> Self::State {
+        core::array::from_fn(|i| self.copy.stagger(&old[i], new[i], dt))
+    }
+
+    #[inline(always)]
+    fn admissible(&self, copies: Self::State) -> Self::State {
+        copies.map(|z| self.copy.admissible(z))
+    }
+
+    #[inline(always)]
+    fn estimate<'a>(&self, copies: &'a Self::State) -> &'a [T] {
+        copies.first().map_or(&[], |(x_hat, _)| x_hat.as_slice())
+    }
+}
+
+/// The modified observer, Sanfelice and Praly (25): gain r·r̄, with r̄ from a collection beside it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ModifiedObserver<T, Md, const N: usize, const C: usize, const M: usize = 0> {
+    /// The collection that learns the nominal gain.
+    pub collection: RepelledCollection<T, Md, N, C, M>,
+}
+
+impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usize> ContinuousLaw<T>
+    for ModifiedObserver<T, Md, N, C, M>
+{
+    type State = (CopyState<T, N>, [CopyState<T, N>; C]);
+    type Input = SVector<T, M>;
+    type Innovation = (T, [T; C]);
+
+    #[inline(always)]
+    fn initial(&self) -> Self::State {
+        (self.collection.copy.initial(), self.collection.initial())
+    }
+
+    #[inline(always)]
+    fn innovation(&self, (main, copies): &Self::State, y: T) -> Self::Innovation {
+        (self.collection.copy.innovation(main, y), self.collection.innovation(copies, y))
+    }
+
+    #[inline(always)]
+    fn rate(
+        &self,
+        t: T,
+        ((x_hat, r), copies): &Self::State,
+        (e, errors): &Self::Innovation,
+        u: &Self::Input,
+    ) -> Self::State {
+        let observer = &self.collection.copy;
+        let nominal = self.collection.nominal_gain(copies);
+        let x_rate = observer.rate_under(t, x_hat, *r * nominal, *e, u); // (25)
+        ((x_rate, observer.gain().rate(r, *e)), self.collection.rate(t, copies, errors, u))
+    }
+
+    #[inline(always)]
+    fn stagger(&self, old: &Self::State, new: Self::State, dt: T) -> Self::State {
+        let x_hat = stagger_chain(&old.0.0, new.0.0, dt);
+        ((x_hat, new.0.1), self.collection.stagger(&old.1, new.1, dt))
+    }
+
+    #[inline(always)]
+    fn admissible(&self, (main, copies): Self::State) -> Self::State {
+        (self.collection.copy.admissible(main), self.collection.admissible(copies))
+    }
+
+    #[inline(always)]
+    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
+        z.0.0.as_slice()
+    }
+}

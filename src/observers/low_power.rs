@@ -1,0 +1,172 @@
+//! The low-power high-gain observer, Astolfi, Marconi, Praly and Teel (5).
+//!
+//! n − 1 blocks (x̂ᵢ, ηᵢ) of order two, and a last one of order one. Block i estimates
+//! (xᵢ, xᵢ₊₁); no coefficient carries a higher power of the gain than ℓ²:
+//!
+//!   x̂̇ᵢ = ηᵢ + αᵢ ℓ eᵢ                      i = 1 … n−1,     x̂̇ₙ   = φ(x̂) + αₙ ℓ eₙ
+//!   η̇ᵢ = sat(ηᵢ₊₁) + βᵢ ℓ² eᵢ              i = 1 … n−2,     η̇ₙ₋₁ = φ(x̂) + βₙ₋₁ ℓ² eₙ₋₁
+//!   e₁ = y − x̂₁,   eᵢ = sat(ηᵢ₋₁) − x̂ᵢ      i = 2 … n
+//!
+//! Here `sat` is the identity; with a saturation it is the peaking-free observer (11) of
+//! [`super::PeakingFreeObserver`].
+
+use super::checked;
+use super::peaking_free::{NoSaturation, Saturation};
+use crate::Scalar;
+use crate::error::DesignError;
+use crate::gain::GainLaw;
+use crate::memory::Memory;
+use crate::model::PhaseVariable;
+use crate::observer::ContinuousLaw;
+use nalgebra::SVector;
+
+/// x̂ (N entries) and η (N − 1 entries; the N-th slot is never read or moved).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LowPowerState<T, const N: usize> {
+    /// Estimates of x₁ … xₙ.
+    pub x_hat: SVector<T, N>,
+    /// Estimates of x₂ … xₙ, auxiliary.
+    pub eta: SVector<T, N>,
+}
+
+impl<T: Scalar, const N: usize> Memory<T> for LowPowerState<T, N> {
+    const LEN: usize = 2 * N - 1;
+    #[inline(always)]
+    fn zero() -> Self {
+        let zero = SVector::from_element(T::ZERO);
+        Self { x_hat: zero, eta: zero }
+    }
+    #[inline(always)]
+    fn zip(&self, other: &Self, f: impl Fn(T, T) -> T + Copy) -> Self {
+        Self {
+            x_hat: self.x_hat.zip_map(&other.x_hat, f),
+            eta: SVector::from_fn(
+                |i, _| {
+                    if i + 1 < N { f(self.eta[i], other.eta[i]) } else { T::ZERO }
+                },
+            ),
+        }
+    }
+    #[inline(always)]
+    fn visit(&self, f: &mut impl FnMut(T)) {
+        self.x_hat.iter().chain(self.eta.iter().take(N - 1)).for_each(|x| f(*x));
+    }
+    #[inline(always)]
+    fn visit_mut(&mut self, f: &mut impl FnMut(&mut T)) {
+        self.x_hat.iter_mut().chain(self.eta.iter_mut().take(N - 1)).for_each(f);
+    }
+}
+
+/// The structure of (5) and (11): N blocks, saturation S; memory (x̂, η, gain memory).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LowPower<T, G, Md, S, const N: usize, const M: usize = 0> {
+    alpha: SVector<T, N>,
+    beta: SVector<T, N>,
+    gain: G,
+    model: Md,
+    saturation: S,
+}
+
+/// The low-power observer (5).
+pub type LowPowerObserver<T, G, Md, const N: usize, const M: usize = 0> =
+    LowPower<T, G, Md, NoSaturation, N, M>;
+
+impl<T, G, Md, S, const N: usize, const M: usize> LowPower<T, G, Md, S, N, M>
+where
+    T: Scalar,
+    G: GainLaw<T>,
+    Md: PhaseVariable<T, N, M>,
+    S: Saturation<T>,
+{
+    /// Coefficients α (N) and β (N; the last entry is not used), gain law, model, saturation.
+    /// [`crate::polynomial::low_power_coefficients`] finds α and β for any Hurwitz polynomial.
+    ///
+    /// # Errors
+    /// A coefficient that is not finite; N outside 1 to 12; the characteristic polynomial of the
+    /// matrix Mₙ not Hurwitz (the paper's low-power stability requirement).
+    pub fn new(
+        alpha: [T; N],
+        beta: [T; N],
+        gain: G,
+        model: Md,
+        saturation: S,
+    ) -> Result<Self, DesignError> {
+        let (alpha, beta) = (checked("alpha", alpha)?, checked("beta", beta)?);
+        crate::polynomial::require_low_power_hurwitz(alpha.as_slice(), beta.as_slice())?;
+        Ok(Self { alpha, beta, gain, model, saturation })
+    }
+}
+
+impl<T, G, Md, S, const N: usize, const M: usize> ContinuousLaw<T> for LowPower<T, G, Md, S, N, M>
+where
+    T: Scalar,
+    G: GainLaw<T>,
+    Md: PhaseVariable<T, N, M>,
+    S: Saturation<T>,
+{
+    type State = (LowPowerState<T, N>, G::Memory);
+    type Input = SVector<T, M>;
+    type Innovation = T;
+
+    #[inline(always)]
+    fn initial(&self) -> Self::State {
+        (LowPowerState::zero(), self.gain.initial())
+    }
+
+    #[inline(always)]
+    fn innovation(&self, (z, _): &Self::State, y: T) -> T {
+        (y - z.x_hat[0]).finite_or_zero() // (5b)
+    }
+
+    #[inline(always)]
+    fn rate(&self, t: T, (z, m): &Self::State, e1: &T, u: &Self::Input) -> Self::State {
+        let LowPowerState { x_hat, eta } = z;
+        let ell = self.gain.gain(m);
+        let ell2 = ell * ell;
+        let phi = self.model.phi(t, x_hat, u);
+        // sat(ηᵢ) at slot i estimates x of index i + 2 in the paper's count
+        let eta_s: SVector<T, N> =
+            SVector::from_fn(
+                |i, _| {
+                    if i + 1 < N { self.saturation.apply(i, eta[i]) } else { T::ZERO }
+                },
+            );
+        let e: SVector<T, N> =
+            SVector::from_fn(|i, _| if i == 0 { *e1 } else { eta_s[i - 1] - x_hat[i] }); // (11b)
+        let x_rate = SVector::from_fn(|i, _| {
+            let above = if i + 1 < N { eta[i] } else { phi };
+            above + self.alpha[i] * ell * e[i]
+        });
+        let eta_rate = SVector::from_fn(|i, _| {
+            if i + 1 == N {
+                T::ZERO
+            } else {
+                let above = if i + 2 < N { eta_s[i + 1] } else { phi };
+                above + self.beta[i] * ell2 * e[i]
+            }
+        });
+        (LowPowerState { x_hat: x_rate, eta: eta_rate }, self.gain.rate(m, *e1))
+    }
+
+    #[inline(always)]
+    fn stagger(&self, (old, _): &Self::State, (mut new, m): Self::State, dt: T) -> Self::State {
+        for i in (1..N - 1).rev() {
+            let moved = self.saturation.apply(i, new.eta[i]) - self.saturation.apply(i, old.eta[i]);
+            new.eta[i - 1] += dt * moved;
+        }
+        for i in 0..N - 1 {
+            new.x_hat[i] += dt * (new.eta[i] - old.eta[i]);
+        }
+        (new, m)
+    }
+
+    #[inline(always)]
+    fn admissible(&self, (z, m): Self::State) -> Self::State {
+        (z, self.gain.admissible(m))
+    }
+
+    #[inline(always)]
+    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
+        z.0.x_hat.as_slice()
+    }
+}

@@ -1,0 +1,168 @@
+//! The high-gain reduced-order observer for sampled strict-feedback systems, Katayama (8), (22):
+//!
+//!   Ψ(k)   = Φ⁻¹(y)gᵀ(y) { (y(k+1) − y(k))/T − f₁(y) }
+//!   ẑ(k+1) = (I − T H) ẑ(k) + T [ H Ψ(k) + f₂(y(k), Ψ(k), u(k)) ],   H = diag(h̄)/ε
+//!
+//! It filters: the sample y(k + 1) closes the step from k, so ẑ(k + 1) is known at k + 1.
+
+use super::checked;
+use crate::Scalar;
+use crate::error::{DesignError, positive, require};
+use crate::memory::Memory;
+use crate::model::StrictFeedback;
+use crate::observer::{Measurement, Observer, Status, Timing};
+use nalgebra::SVector;
+
+/// ẑ, the last sample seen, the input held, and the time that has passed (0: no sample yet).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReducedOrderState<T, const NX: usize, const NZ: usize, const M: usize> {
+    /// Estimate ẑ.
+    pub z_hat: SVector<T, NZ>,
+    /// Last sample y.
+    pub y: SVector<T, NX>,
+    /// Input held over the step that the next sample closes.
+    pub u: SVector<T, M>,
+    /// Time from that sample to the next one in s.
+    pub elapsed: T,
+    /// Length of the step that the next sample closes, in s.
+    pub period: T,
+}
+
+impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> Memory<T>
+    for ReducedOrderState<T, NX, NZ, M>
+{
+    const LEN: usize = NZ + NX + M + 2;
+    #[inline(always)]
+    fn zero() -> Self {
+        Self {
+            z_hat: SVector::from_element(T::ZERO),
+            y: SVector::from_element(T::ZERO),
+            u: SVector::from_element(T::ZERO),
+            elapsed: T::ZERO,
+            period: T::ZERO,
+        }
+    }
+    #[inline(always)]
+    fn zip(&self, other: &Self, f: impl Fn(T, T) -> T + Copy) -> Self {
+        Self {
+            z_hat: self.z_hat.zip_map(&other.z_hat, f),
+            y: self.y.zip_map(&other.y, f),
+            u: self.u.zip_map(&other.u, f),
+            elapsed: f(self.elapsed, other.elapsed),
+            period: f(self.period, other.period),
+        }
+    }
+    #[inline(always)]
+    fn visit(&self, f: &mut impl FnMut(T)) {
+        self.z_hat.iter().chain(self.y.iter()).chain(self.u.iter()).for_each(|x| f(*x));
+        f(self.elapsed);
+        f(self.period);
+    }
+    #[inline(always)]
+    fn visit_mut(&mut self, f: &mut impl FnMut(&mut T)) {
+        self.z_hat.visit_mut(f);
+        self.y.visit_mut(f);
+        self.u.visit_mut(f);
+        f(&mut self.elapsed);
+        f(&mut self.period);
+    }
+}
+
+/// Reduced-order observer for any f₁, g, f₂.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReducedOrderObserver<T, Md, const NX: usize, const NZ: usize, const M: usize> {
+    h: SVector<T, NZ>,
+    model: Md,
+}
+
+impl<T, Md, const NX: usize, const NZ: usize, const M: usize> ReducedOrderObserver<T, Md, NX, NZ, M>
+where
+    T: Scalar,
+    Md: StrictFeedback<T, NX, NZ, M>,
+{
+    /// Gains h̄ᵢ in (0, 1), small parameter ε > 0 in s, model. Stable for T < 2ε/max h̄ (A5).
+    ///
+    /// # Errors
+    /// An h̄ᵢ outside (0, 1); ε not finite or ≤ 0.
+    pub fn new(h_bar: [T; NZ], epsilon: T, model: Md) -> Result<Self, DesignError> {
+        positive("epsilon", epsilon)?;
+        for h in h_bar {
+            let inside = h > T::ZERO && h < T::ONE;
+            require("h_bar", h, inside, "every entry must lie in (0, 1), Katayama A5")?;
+        }
+        Ok(Self { h: checked("h_bar", h_bar)?.map(|h| h / epsilon), model })
+    }
+}
+
+impl<T, Md, const NX: usize, const NZ: usize, const M: usize> Observer<T>
+    for ReducedOrderObserver<T, Md, NX, NZ, M>
+where
+    T: Scalar,
+    Md: StrictFeedback<T, NX, NZ, M>,
+{
+    type State = ReducedOrderState<T, NX, NZ, M>;
+    type Measurement = SVector<T, NX>;
+    type Input = SVector<T, M>;
+    const TIMING: Timing = Timing::Current;
+
+    #[inline(always)]
+    fn initial(&self) -> Self::State {
+        ReducedOrderState::zero()
+    }
+
+    /// `u` is the input from this sample on; `dt` the time until the next one.
+    #[inline(always)]
+    fn step(
+        &self,
+        z: &mut Self::State,
+        y: &Self::Measurement,
+        u: &Self::Input,
+        _: T,
+        dt: T,
+    ) -> Status {
+        let started = z.elapsed > T::ZERO;
+        let present = y.is_present();
+        let mut status = if present { Status::Updated } else { Status::Predicted };
+        if started {
+            let rate = if present {
+                let moved = (y - z.y).map(|d| d / z.elapsed) - self.model.f1(&z.y);
+                let psi = self.model.explain(&z.y, &moved);
+                self.h.component_mul(&(psi - z.z_hat)) + self.model.f2(&z.y, &psi, &z.u) // (8)
+            } else {
+                self.model.f2(&z.y, &z.z_hat, &z.u)
+            };
+            let next = z.z_hat + rate * z.period;
+            if next.is_present() {
+                z.z_hat = next;
+            } else {
+                status = Status::ModelUndefined;
+            }
+        }
+        if present {
+            z.y = *y;
+            z.elapsed = dt;
+        } else if started {
+            z.elapsed += dt;
+        }
+        z.u = *u;
+        z.period = dt;
+        status
+    }
+
+    #[inline(always)]
+    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
+        z.z_hat.as_slice()
+    }
+
+    #[inline(always)]
+    fn innovation(&self, z: &Self::State, y: &Self::Measurement) -> Self::Measurement {
+        let (f1, g) = (self.model.f1(&z.y), self.model.g(&z.y));
+        SVector::from_fn(|i, _| {
+            let mut rate = f1[i];
+            for j in 0..NZ {
+                rate += g[(i, j)] * z.z_hat[j];
+            }
+            y[i] - z.y[i] - z.elapsed * rate
+        })
+    }
+}

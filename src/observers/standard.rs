@@ -1,0 +1,107 @@
+//! The standard high-gain observer.
+//!
+//! Sanfelice and Praly (5)-(7), any order n, any gain law:
+//!
+//!   x̂̇ = A x̂ + f̂(x̂, u, t) + Λ(r) K (y − x̂₁),   Λ(r) = diag(r, r², …, rⁿ)
+//!
+//! With a constant gain r = ℓ and f̂ = B φ it is Astolfi et al. (2); with r = 1/ε and f̂ = 0 it is
+//! Lee, Choi and Khalil (39), whose forward Euler form under a fixed step is (42) and under the
+//! decreasing steps a(k) of [`crate::schedule::StochasticApproximation`] is (44).
+
+use super::{chain, checked, stagger_chain};
+use crate::Scalar;
+use crate::error::DesignError;
+use crate::gain::GainLaw;
+use crate::model::Model;
+use crate::observer::ContinuousLaw;
+use nalgebra::SVector;
+
+/// Standard high-gain observer of order N with M known inputs; memory (x̂, gain memory).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StandardObserver<T, G, Md, const N: usize, const M: usize = 0> {
+    k: SVector<T, N>,
+    gain: G,
+    model: Md,
+}
+
+impl<T, G, Md, const N: usize, const M: usize> StandardObserver<T, G, Md, N, M>
+where
+    T: Scalar,
+    G: GainLaw<T>,
+    Md: Model<T, N, M>,
+{
+    /// Coefficients k (sⁿ + k₁ sⁿ⁻¹ + … + kₙ Hurwitz, see [`crate::polynomial`]), gain law, model.
+    ///
+    /// # Errors
+    /// A coefficient that is not finite; N outside 1 to 12; a polynomial that is not Hurwitz.
+    pub fn new(k: [T; N], gain: G, model: Md) -> Result<Self, DesignError> {
+        let k = checked("k", k)?;
+        crate::polynomial::require_hurwitz(k.as_slice())?;
+        Ok(Self { k, gain, model })
+    }
+
+    /// Rate of x̂ under the gain r and the innovation e.
+    #[inline(always)]
+    pub(super) fn rate_under(
+        &self,
+        t: T,
+        x_hat: &SVector<T, N>,
+        r: T,
+        e: T,
+        u: &SVector<T, M>,
+    ) -> SVector<T, N> {
+        let mut injection = e;
+        let injected = SVector::from_fn(|i, _| {
+            injection *= r; // rⁱ e
+            self.k[i] * injection
+        });
+        chain(x_hat) + self.model.f_hat(t, x_hat, u) + injected // (5)
+    }
+
+    /// The gain law.
+    #[inline(always)]
+    pub(super) fn gain(&self) -> &G {
+        &self.gain
+    }
+}
+
+impl<T, G, Md, const N: usize, const M: usize> ContinuousLaw<T> for StandardObserver<T, G, Md, N, M>
+where
+    T: Scalar,
+    G: GainLaw<T>,
+    Md: Model<T, N, M>,
+{
+    type State = (SVector<T, N>, G::Memory);
+    type Input = SVector<T, M>;
+    type Innovation = T;
+
+    #[inline(always)]
+    fn initial(&self) -> Self::State {
+        (SVector::from_element(T::ZERO), self.gain.initial())
+    }
+
+    #[inline(always)]
+    fn innovation(&self, (x_hat, _): &Self::State, y: T) -> T {
+        (y - x_hat[0]).finite_or_zero() // (7)
+    }
+
+    #[inline(always)]
+    fn rate(&self, t: T, (x_hat, m): &Self::State, e: &T, u: &Self::Input) -> Self::State {
+        (self.rate_under(t, x_hat, self.gain.gain(m), *e, u), self.gain.rate(m, *e))
+    }
+
+    #[inline(always)]
+    fn stagger(&self, old: &Self::State, new: Self::State, dt: T) -> Self::State {
+        (stagger_chain(&old.0, new.0, dt), new.1)
+    }
+
+    #[inline(always)]
+    fn admissible(&self, (x_hat, m): Self::State) -> Self::State {
+        (x_hat, self.gain.admissible(m))
+    }
+
+    #[inline(always)]
+    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
+        z.0.as_slice()
+    }
+}

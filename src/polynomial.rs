@@ -1,0 +1,275 @@
+//! Floor 0. Polynomials: from poles to coefficients and back to a stable design.
+//!
+//! A monic polynomial sⁿ + c₁sⁿ⁻¹ + … + cₙ is the slice [c₁, …, cₙ].
+
+use crate::Scalar;
+use crate::error::{DesignError, finite, require};
+
+/// Highest degree: 2n − 1 for the low-power observer of order 12.
+const MAX_DEGREE: usize = 23;
+
+/// A polynomial by ascending powers, c₀ + c₁s + … of a degree up to [`MAX_DEGREE`].
+#[derive(Clone, Copy, Debug)]
+struct Ascending<T> {
+    c: [T; MAX_DEGREE + 1],
+    degree: usize,
+}
+
+impl<T: Scalar> Ascending<T> {
+    fn one() -> Self {
+        let mut c = [T::ZERO; MAX_DEGREE + 1];
+        c[0] = T::ONE;
+        Self { c, degree: 0 }
+    }
+
+    /// From a monic polynomial's trailing coefficients; `None` above the highest degree.
+    fn from_monic(coefficients: &[T]) -> Option<Self> {
+        let degree = coefficients.len();
+        let mut c = [T::ZERO; MAX_DEGREE + 1];
+        *c.get_mut(degree)? = T::ONE;
+        for (slot, value) in c.iter_mut().zip(coefficients.iter().rev()) {
+            *slot = *value;
+        }
+        Some(Self { c, degree })
+    }
+
+    /// (s + a)·self; the degree saturates at the highest one.
+    fn times_linear(mut self, a: T) -> Self {
+        self.degree = (self.degree + 1).min(MAX_DEGREE);
+        for i in (1..=self.degree).rev() {
+            self.c[i] = self.c[i - 1] + a * self.c[i];
+        }
+        self.c[0] *= a;
+        self
+    }
+
+    /// self / (s + a), the remainder dropped.
+    fn without_linear(mut self, a: T) -> Self {
+        let mut carry = T::ZERO;
+        for i in (0..=self.degree).rev() {
+            let value = self.c[i] - a * carry;
+            self.c[i] = carry;
+            carry = value;
+        }
+        self.degree = self.degree.saturating_sub(1);
+        self
+    }
+
+    fn at(&self, s: T) -> T {
+        self.c[..=self.degree].iter().rev().fold(T::ZERO, |value, c| value * s + *c)
+    }
+
+    /// A real root of a monic polynomial of odd degree, by bisection within Cauchy's bound.
+    fn real_root(&self) -> T {
+        let mut bound = T::ONE;
+        for c in &self.c[..self.degree] {
+            bound = bound.max(T::ONE + c.abs());
+        }
+        let (mut low, mut high) = (-bound, bound);
+        let half = T::from_f64(0.5);
+        for _ in 0..2200 {
+            let middle = half * (low + high);
+            if middle <= low || middle >= high {
+                break;
+            }
+            if self.at(middle) < T::ZERO {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        half * (low + high)
+    }
+}
+
+/// Routh and Hurwitz: whether all roots of sⁿ + c₁sⁿ⁻¹ + … + cₙ have negative real parts.
+pub fn is_hurwitz<T: Scalar>(coefficients: &[T]) -> bool {
+    let Some(p) = Ascending::from_monic(coefficients) else { return false };
+    // Two rows of the Routh array, from the leading coefficient on.
+    let mut rows = [[T::ZERO; MAX_DEGREE + 2]; 2];
+    for (i, c) in p.c[..=p.degree].iter().rev().enumerate() {
+        rows[i % 2][i / 2] = *c;
+    }
+    for _ in 0..p.degree {
+        let [upper, lower] = rows;
+        if lower[0] <= T::ZERO || !lower[0].is_finite() {
+            return false;
+        }
+        let factor = upper[0] / lower[0];
+        let mut next = [T::ZERO; MAX_DEGREE + 2];
+        for (j, slot) in next.iter_mut().take(MAX_DEGREE + 1).enumerate() {
+            *slot = upper[j + 1] - factor * lower[j + 1];
+        }
+        rows = [lower, next];
+    }
+    true
+}
+
+/// Refuse coefficients whose polynomial is not Hurwitz.
+///
+/// # Errors
+/// [`DesignError`] on `k`.
+pub fn require_hurwitz<T: Scalar>(k: &[T]) -> Result<(), DesignError> {
+    let first = k.first().copied().unwrap_or(T::ZERO);
+    let allowed = "s^n + k_1 s^(n-1) + ... + k_n must have all roots in the left half plane";
+    require("k", first, is_hurwitz(k), allowed).map(|_| ())
+}
+
+/// Coefficients [k₁ … kₙ] from N poles (real part, imaginary part).
+///
+/// # Errors
+/// A pole that is not finite, has a real part ≥ 0, or lacks its complex conjugate.
+pub fn coefficients_from_poles<T: Scalar, const N: usize>(
+    poles: [(T, T); N],
+) -> Result<[T; N], DesignError> {
+    let zero = T::ZERO;
+    let mut product = [(zero, zero); N]; // trailing coefficients, complex
+    let mut scale = T::ONE;
+    for (count, (re, im)) in poles.iter().enumerate() {
+        finite("poles", *im)?;
+        let allowed = "every pole must be finite and have a negative real part";
+        require("poles", *re, re.is_finite() && *re < zero, allowed)?;
+        let conjugate = |p: &&(T, T)| p.0 == *re && p.1 == *im;
+        let mirrored = |p: &&(T, T)| p.0 == *re && p.1 == -*im;
+        let (same, mirror) = (poles.iter().filter(conjugate), poles.iter().filter(mirrored));
+        let paired = same.count() == mirror.count();
+        require(
+            "poles",
+            *im,
+            paired,
+            "a complex pole needs its complex conjugate among the poles",
+        )?;
+        // times (s − pole)
+        for i in (0..=count).rev() {
+            let previous = if i == 0 { (T::ONE, zero) } else { product[i - 1] };
+            product[i].0 -= previous.0 * *re - previous.1 * *im;
+            product[i].1 -= previous.0 * *im + previous.1 * *re;
+        }
+        scale = scale.max(re.abs());
+    }
+    Ok(product.map(|(re, _)| re))
+}
+
+/// P_m of the low-power recursion: P₀ = 1, Pᵢ = s(s + αᵢ)Pᵢ₋₁ + β₁…βᵢ.
+fn low_power_inner<T: Scalar>(alpha: &[T], beta: &[T]) -> Ascending<T> {
+    let mut p = Ascending::one();
+    let mut product = T::ONE;
+    for (a, b) in alpha.iter().zip(beta) {
+        product *= *b;
+        p = p.times_linear(*a).times_linear(T::ZERO);
+        p.c[0] = product;
+    }
+    p
+}
+
+/// Characteristic polynomial of the matrix Mₙ of the low-power observer, Astolfi et al. (6):
+/// (s + αₙ)Pₙ₋₁, written as its 2n − 1 trailing coefficients into `out`.
+///
+/// α has n entries, the first n − 1 of β count.
+pub fn low_power_polynomial<T: Scalar>(alpha: &[T], beta: &[T], out: &mut [T]) {
+    let Some((last, inner)) = alpha.split_last() else { return };
+    let p = low_power_inner(inner, beta).times_linear(*last);
+    for (slot, c) in out.iter_mut().zip(p.c[..p.degree].iter().rev()) {
+        *slot = *c;
+    }
+}
+
+/// Refuse low-power coefficients whose matrix Mₙ is not Hurwitz (Definition 1).
+///
+/// # Errors
+/// [`DesignError`] on `alpha`.
+pub fn require_low_power_hurwitz<T: Scalar>(alpha: &[T], beta: &[T]) -> Result<(), DesignError> {
+    let allowed = "alpha and beta must make the matrix M_n Hurwitz (low-power stability)";
+    let Some((last, inner)) = alpha.split_last() else { return Ok(()) };
+    require("alpha", *last, *last > T::ZERO, allowed)?;
+    let p = low_power_inner(inner, beta);
+    let mut trailing = [T::ZERO; MAX_DEGREE];
+    for (slot, c) in trailing.iter_mut().zip(p.c[..p.degree].iter().rev()) {
+        *slot = *c;
+    }
+    let stable = trailing.get(..p.degree).is_some_and(is_hurwitz);
+    require("alpha", inner.first().copied().unwrap_or(*last), stable, allowed).map(|_| ())
+}
+
+/// α and β (the last β is 0) of the low-power observer from the Hurwitz polynomial of degree
+/// 2N − 1 whose trailing coefficients are given (Astolfi et al., Lemma 1).
+///
+/// αₙ is minus a real root; P is what is left. For k = n−1 … 1: cₖ = P(0); (P − cₖ)/s has odd
+/// degree and so a real root −αₖ; P becomes (P − cₖ)/(s(s + αₖ)); βₖ = cₖ/cₖ₋₁ with c₀ = 1.
+///
+/// # Errors
+/// N outside 1 to 12; a number of coefficients other than 2N − 1; a polynomial not Hurwitz.
+pub fn low_power_coefficients<T: Scalar, const N: usize>(
+    polynomial: &[T],
+) -> Result<([T; N], [T; N]), DesignError> {
+    let degree = polynomial.len();
+    let allowed = "the polynomial must have degree 2n - 1, n = 1 to 12";
+    let fits = N >= 1 && degree == 2 * N - 1 && degree <= MAX_DEGREE;
+    require("polynomial", T::from_f64(degree as f64), fits, allowed)?;
+    require_hurwitz(polynomial)?;
+    let Some(whole) = Ascending::from_monic(polynomial) else {
+        return Err(DesignError { parameter: "polynomial", value: degree as f64, allowed });
+    };
+    let alpha_n = -whole.real_root();
+    low_power_from_inner(whole.without_linear(alpha_n), alpha_n)
+}
+
+/// α and β from 2N − 1 poles: the fastest real pole becomes −αₙ.
+///
+/// # Errors
+/// As [`coefficients_from_poles`]; `R` must be 2N − 1.
+pub fn low_power_coefficients_from_poles<T: Scalar, const N: usize, const R: usize>(
+    poles: [(T, T); R],
+) -> Result<([T; N], [T; N]), DesignError> {
+    let fits = N >= 1 && R == 2 * N - 1 && R <= MAX_DEGREE;
+    let allowed = "the low-power observer of order n needs 2n - 1 poles, n = 1 to 12";
+    require("poles", T::from_f64(R as f64), fits, allowed)?;
+    let trailing = coefficients_from_poles(poles)?;
+    let mut fastest = T::ZERO;
+    for (re, im) in poles {
+        if im == T::ZERO {
+            fastest = fastest.min(re);
+        }
+    }
+    let Some(whole) = Ascending::from_monic(&trailing) else {
+        return Err(DesignError { parameter: "poles", value: R as f64, allowed });
+    };
+    low_power_from_inner(whole.without_linear(-fastest), -fastest)
+}
+
+fn low_power_from_inner<T: Scalar, const N: usize>(
+    mut p: Ascending<T>,
+    alpha_n: T,
+) -> Result<([T; N], [T; N]), DesignError> {
+    let (mut alpha, mut beta) = ([T::ZERO; N], [T::ZERO; N]);
+    if let Some(last) = alpha.last_mut() {
+        *last = alpha_n;
+    }
+    let mut c = [T::ONE; N]; // c₀ = 1, c₁ … cₙ₋₁
+    for k in (1..N).rev() {
+        c[k] = p.c[0];
+        let odd = p.without_linear_at_zero();
+        let a = -odd.real_root();
+        alpha[k - 1] = a;
+        p = odd.without_linear(a);
+    }
+    for k in 1..N {
+        beta[k - 1] = c[k] / c[k - 1];
+    }
+    for entry in alpha.iter().chain(beta.iter()) {
+        finite("poles", *entry)?;
+    }
+    Ok((alpha, beta))
+}
+
+impl<T: Scalar> Ascending<T> {
+    /// (self − self(0))/s.
+    fn without_linear_at_zero(mut self) -> Self {
+        for i in 0..self.degree {
+            self.c[i] = self.c[i + 1];
+        }
+        self.c[self.degree] = T::ZERO;
+        self.degree = self.degree.saturating_sub(1);
+        self
+    }
+}

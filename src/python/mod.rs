@@ -1,0 +1,25 @@
+//! Floor 4. The Python module `hgo_rs._core`.
+//!
+//! Specs (plain dicts) come in, arrays go out; every law that runs here is the core's own.
+
+mod design;
+mod errors;
+mod observers;
+mod spec;
+mod study;
+
+use pyo3::prelude::*;
+
+/// The compiled core of `hgo_rs`.
+#[pymodule]
+mod _core {
+    #[pymodule_export]
+    use super::design::{
+        coefficients_from_poles, is_hurwitz, low_power_coefficients,
+        low_power_coefficients_from_poles, low_power_polynomial,
+    };
+    #[pymodule_export]
+    use super::observers::Observer;
+    #[pymodule_export]
+    use super::study::{coupled_paths, filtered, mean_covariance, random, simulate};
+}

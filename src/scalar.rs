@@ -1,0 +1,195 @@
+//! Floor 0. The numbers that every law is written over: `f32` and `f64`.
+//!
+//! Elementary functions come from the `libm` crate in every build, so a notebook, a study and a
+//! microcontroller give the same bits. Only the square root uses the processor's instruction
+//! where `std` is there: IEEE 754 asks it to be correctly rounded, so its bits are the same too.
+
+use core::fmt::Debug;
+use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
+
+/// A real number of the chosen precision.
+pub trait Scalar:
+    'static
+    + Copy
+    + Debug
+    + Default
+    + PartialEq
+    + PartialOrd
+    + Send
+    + Sync
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + AddAssign
+    + SubAssign
+    + MulAssign
+    + DivAssign
+{
+    /// 0.
+    const ZERO: Self;
+    /// 1.
+    const ONE: Self;
+    /// Nearest value to an `f64`.
+    fn from_f64(value: f64) -> Self;
+    /// Widened to `f64` (exact).
+    fn to_f64(self) -> f64;
+    /// Neither NaN nor infinite.
+    fn is_finite(self) -> bool;
+    /// |x|.
+    #[must_use]
+    fn abs(self) -> Self;
+    /// The smaller of the two; the other one if one is NaN.
+    #[must_use]
+    fn min(self, other: Self) -> Self;
+    /// The larger of the two; the other one if one is NaN.
+    #[must_use]
+    fn max(self, other: Self) -> Self;
+    /// Magnitude of `self`, sign of `sign`.
+    #[must_use]
+    fn copysign(self, sign: Self) -> Self;
+    /// √x.
+    #[must_use]
+    fn sqrt(self) -> Self;
+    /// sin x, x in rad.
+    #[must_use]
+    fn sin(self) -> Self;
+    /// cos x, x in rad.
+    #[must_use]
+    fn cos(self) -> Self;
+    /// atan x, in rad.
+    #[must_use]
+    fn atan(self) -> Self;
+    /// ln x.
+    #[must_use]
+    fn ln(self) -> Self;
+    /// eˣ.
+    #[must_use]
+    fn exp(self) -> Self;
+    /// xᵖ for a real power p.
+    #[must_use]
+    fn powf(self, power: Self) -> Self;
+
+    /// xⁿ for a whole power n ≥ 0, by repeated multiplication.
+    #[inline(always)]
+    #[must_use]
+    fn powi(self, n: usize) -> Self {
+        let mut product = Self::ONE;
+        for _ in 0..n {
+            product *= self;
+        }
+        product
+    }
+
+    /// `self` where it is finite, 0 where it is NaN or infinite: a missing innovation.
+    #[inline(always)]
+    #[must_use]
+    fn finite_or_zero(self) -> Self {
+        if self.is_finite() { self } else { Self::ZERO }
+    }
+
+    /// `self` brought into [low, high].
+    #[inline(always)]
+    #[must_use]
+    fn clip(self, low: Self, high: Self) -> Self {
+        self.max(low).min(high)
+    }
+}
+
+macro_rules! scalar {
+    ($t:ty, $sqrt:path, $sin:path, $cos:path, $atan:path, $ln:path, $exp:path, $pow:path) => {
+        impl Scalar for $t {
+            const ZERO: Self = 0.0;
+            const ONE: Self = 1.0;
+            #[inline(always)]
+            #[allow(clippy::cast_possible_truncation, clippy::cast_lossless)]
+            fn from_f64(value: f64) -> Self {
+                value as $t
+            }
+            #[inline(always)]
+            #[allow(clippy::cast_lossless)]
+            fn to_f64(self) -> f64 {
+                self as f64
+            }
+            #[inline(always)]
+            fn is_finite(self) -> bool {
+                <$t>::is_finite(self)
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                <$t>::abs(self)
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                <$t>::min(self, other)
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                <$t>::max(self, other)
+            }
+            #[inline(always)]
+            fn copysign(self, sign: Self) -> Self {
+                <$t>::copysign(self, sign)
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                $sqrt(self)
+            }
+            #[inline(always)]
+            fn sin(self) -> Self {
+                $sin(self)
+            }
+            #[inline(always)]
+            fn cos(self) -> Self {
+                $cos(self)
+            }
+            #[inline(always)]
+            fn atan(self) -> Self {
+                $atan(self)
+            }
+            #[inline(always)]
+            fn ln(self) -> Self {
+                $ln(self)
+            }
+            #[inline(always)]
+            fn exp(self) -> Self {
+                $exp(self)
+            }
+            #[inline(always)]
+            fn powf(self, power: Self) -> Self {
+                $pow(self, power)
+            }
+        }
+    };
+}
+
+#[cfg(feature = "std")]
+mod square_root {
+    pub(super) use std::primitive::f32 as f32_type;
+    pub(super) use std::primitive::f64 as f64_type;
+    #[inline(always)]
+    pub(super) fn f32(x: f32_type) -> f32_type {
+        x.sqrt()
+    }
+    #[inline(always)]
+    pub(super) fn f64(x: f64_type) -> f64_type {
+        x.sqrt()
+    }
+}
+#[cfg(not(feature = "std"))]
+mod square_root {
+    pub(super) use libm::{sqrt as f64, sqrtf as f32};
+}
+
+scalar!(
+    f32,
+    square_root::f32,
+    libm::sinf,
+    libm::cosf,
+    libm::atanf,
+    libm::logf,
+    libm::expf,
+    libm::powf
+);
+scalar!(f64, square_root::f64, libm::sin, libm::cos, libm::atan, libm::log, libm::exp, libm::pow);

@@ -1,0 +1,380 @@
+//! Floor 3. Plant, noise and observer in one loop.
+//!
+//! Three clocks: the observer steps by its schedule; the plant moves over the same time (or a
+//! schedule of its own) in equal substeps; a noise draw is held for a number of steps.
+
+use crate::Scalar;
+use crate::error::DesignError;
+use crate::integrate::{Integrator, PlantScheme, WienerIncrement, plant_step};
+use crate::memory::Memory;
+use crate::metrics::{LogHistogram, Moments, SettlingTime, Window};
+use crate::model::{Plant, StochasticIntegrator};
+use crate::noise::{Channel, Noise, Stream};
+use crate::observer::{ContinuousLaw, Measurement, Observer, Status, Timing};
+use crate::schedule::Schedule;
+
+/// Beyond this magnitude a run counts as diverged and is stopped.
+pub const DIVERGED: f64 = 1e12;
+
+/// What is the same for every run of an experiment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Experiment<'a, T, P, S> {
+    /// The plant.
+    pub plant: P,
+    /// How the plant moves.
+    pub plant_scheme: PlantScheme,
+    /// Equal substeps of the plant in one step, ≥ 1.
+    pub substeps: u32,
+    /// When the observer steps.
+    pub schedule: S,
+    /// When the plant steps, if not with the observer.
+    pub plant_schedule: Option<S>,
+    /// Measurement noise.
+    pub noise: Noise<'a, T>,
+    /// Number of steps K; samples are k = 0 … K.
+    pub steps: u64,
+    /// Seed of the study.
+    pub seed: u64,
+}
+
+/// One sample of a run, as a probe sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample<'a, T, X, Z, Y> {
+    /// Step index k.
+    pub k: u64,
+    /// Time in s.
+    pub t: T,
+    /// Plant state.
+    pub x: &'a X,
+    /// Observer memory.
+    pub z: &'a Z,
+    /// Measurement with noise.
+    pub y: &'a Y,
+    /// True values of what is estimated.
+    pub truth: &'a [T],
+    /// Their estimates.
+    pub estimate: &'a [T],
+}
+
+/// Looks at every sample of a run.
+pub trait Probe<T: Scalar> {
+    /// Take a sample.
+    fn sample<X: Memory<T>, Z: Memory<T>, Y: Measurement<T>>(
+        &mut self,
+        sample: &Sample<'_, T, X, Z, Y>,
+    );
+    /// Whether the run should stop early (asked now and then).
+    #[inline(always)]
+    fn interrupted(&mut self, _k: u64) -> bool {
+        false
+    }
+}
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Finish<X, Z> {
+    /// Last plant state.
+    pub x: X,
+    /// Last observer memory.
+    pub z: Z,
+    /// First sample at which a state was not finite or beyond [`DIVERGED`].
+    pub diverged_at: Option<u64>,
+    /// First sample at which the observer's model had no value.
+    pub undefined_at: Option<u64>,
+}
+
+impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
+    /// Refuse what no run could mean.
+    ///
+    /// # Errors
+    /// A stochastic scheme that the plant does not support; no substeps; no hold.
+    pub fn check(&self) -> Result<(), DesignError> {
+        if let PlantScheme::Stochastic(scheme) = self.plant_scheme {
+            let allowed = "this plant does not support the stochastic scheme: it needs process \
+                           noise, and the strong order 1.5 scheme needs it to be additive";
+            let value = match scheme {
+                StochasticIntegrator::EulerMaruyama => 0.5,
+                StochasticIntegrator::Milstein => 1.0,
+                StochasticIntegrator::Taylor15 => 1.5,
+            };
+            let supported = self.plant.supports(scheme);
+            crate::error::require("plant_method (strong order)", value, supported, allowed)?;
+        }
+        let substeps = f64::from(self.substeps);
+        crate::error::require("substeps", substeps, self.substeps >= 1, "it must be at least 1")?;
+        let hold = self.noise.hold as f64;
+        crate::error::require("hold", hold, self.noise.hold >= 1, "it must be at least 1 step")?;
+        Ok(())
+    }
+
+    /// The plant's state after a step of length dt under the input u.
+    #[inline(always)]
+    fn move_plant(
+        &self,
+        process: &mut Stream,
+        t: T,
+        x: &P::State,
+        u: &P::Input,
+        dt: T,
+    ) -> P::State {
+        if self.plant_scheme == PlantScheme::Held {
+            return *x;
+        }
+        let h = dt / T::from_f64(f64::from(self.substeps));
+        let mut state = *x;
+        for i in 0..self.substeps {
+            let time = t + T::from_f64(f64::from(i)) * h;
+            state = match self.plant_scheme {
+                PlantScheme::Held => state,
+                PlantScheme::Deterministic(scheme) => {
+                    plant_step(scheme, &self.plant, time, &state, u, h)
+                }
+                PlantScheme::Stochastic(scheme) => {
+                    let (xi1, xi2) = process.normal_pair();
+                    let xi = (T::from_f64(xi1), T::from_f64(xi2));
+                    let w = WienerIncrement::from_normals(xi, h);
+                    scheme.step(&self.plant, time, &state, u, h, w)
+                }
+            };
+        }
+        state
+    }
+
+    /// Run `run` of the experiment with an observer in discrete time, which is told `tell(u)` of
+    /// the plant's input u.
+    #[inline(always)]
+    pub fn sampled<O>(
+        &self,
+        observer: &O,
+        tell: impl Fn(&P::Input) -> O::Input,
+        run: u64,
+        x0: P::State,
+        z0: O::State,
+        probe: &mut impl Probe<T>,
+    ) -> Finish<P::State, O::State>
+    where
+        O: Observer<T, Measurement = P::Output>,
+        P::Output: Measurement<T>,
+    {
+        let mut measurement = Stream::new(self.seed, run, Channel::Measurement);
+        let mut process = Stream::new(self.seed, run, Channel::Process);
+        let mut held = P::Output::fill(|| T::ZERO);
+        let mut end = Finish { x: x0, z: z0, diverged_at: None, undefined_at: None };
+        let (mut t, mut plant_t) = (T::ZERO, T::ZERO);
+        let bound = T::from_f64(DIVERGED);
+        for k in 0..=self.steps {
+            if !(end.x.within(bound) && end.z.within(bound)) {
+                end.diverged_at = Some(k);
+                break;
+            }
+            let dt = self.schedule.dt(k);
+            held = self.noise.draw(&mut measurement, k, held);
+            let sines = self.noise.sines(t);
+            let y = self.plant.output(&end.x).plus(held).plus(P::Output::fill(|| sines));
+            let u = self.plant.control(&end.x, dt);
+            // A filter takes the sample first; a predictor's estimate stands before it.
+            let before = end.z;
+            let mut status = Status::Updated;
+            let more = k < self.steps;
+            if more || O::TIMING == Timing::Current {
+                status = observer.step(&mut end.z, &y, &tell(&u), t, dt);
+            }
+            let shown = if O::TIMING == Timing::Current { &end.z } else { &before };
+            if status == Status::ModelUndefined && end.undefined_at.is_none() {
+                end.undefined_at = Some(k);
+            }
+            probe.sample(&Sample {
+                k,
+                t,
+                x: &end.x,
+                z: shown,
+                y: &y,
+                truth: self.plant.truth(&end.x),
+                estimate: observer.estimate(shown),
+            });
+            if probe.interrupted(k) {
+                break;
+            }
+            if more {
+                let schedule = self.plant_schedule.unwrap_or(self.schedule);
+                let plant_dt = schedule.dt(k);
+                end.x = self.move_plant(&mut process, plant_t, &end.x, &u, plant_dt);
+                plant_t = schedule.next_time(plant_t, k, plant_dt);
+                t = self.schedule.next_time(t, k, dt);
+            }
+        }
+        end
+    }
+
+    /// Run `run` with plant and observer integrated together as one differential equation. The
+    /// drawn noise is held over each step; sines are continuous in time.
+    #[allow(clippy::too_many_arguments)]
+    #[inline(always)]
+    pub fn joint<L>(
+        &self,
+        law: &L,
+        tell: impl Fn(&P::Input) -> L::Input,
+        integrator: Integrator,
+        run: u64,
+        x0: P::State,
+        z0: L::State,
+        probe: &mut impl Probe<T>,
+    ) -> Finish<P::State, L::State>
+    where
+        L: ContinuousLaw<T>,
+        P: Plant<T, Output = T>,
+    {
+        let mut measurement = Stream::new(self.seed, run, Channel::Measurement);
+        let mut held = T::ZERO;
+        let mut end = Finish { x: x0, z: z0, diverged_at: None, undefined_at: None };
+        let mut t = T::ZERO;
+        let bound = T::from_f64(DIVERGED);
+        let frozen = self.plant_scheme == PlantScheme::Held;
+        for k in 0..=self.steps {
+            if !(end.x.within(bound) && end.z.within(bound)) {
+                end.diverged_at = Some(k);
+                break;
+            }
+            let dt = self.schedule.dt(k);
+            held = self.noise.draw(&mut measurement, k, held);
+            let y = self.plant.output(&end.x) + held + self.noise.sines(t);
+            probe.sample(&Sample {
+                k,
+                t,
+                x: &end.x,
+                z: &end.z,
+                y: &y,
+                truth: self.plant.truth(&end.x),
+                estimate: law.estimate(&end.z),
+            });
+            if probe.interrupted(k) {
+                break;
+            }
+            if k < self.steps {
+                let u = self.plant.control(&end.x, dt);
+                let told = tell(&u);
+                let rate = |time: T, (x, z): &(P::State, L::State)| {
+                    let y = self.plant.output(x) + held + self.noise.sines(time);
+                    let x_rate =
+                        if frozen { P::State::zero() } else { self.plant.drift(time, x, &u) };
+                    (x_rate, law.rate(time, z, &law.innovation(z, y), &told))
+                };
+                let (x, z) = integrator.step(rate, t, &(end.x, end.z), dt);
+                end.x = x;
+                end.z = law.admissible(z);
+                t = self.schedule.next_time(t, k, dt);
+            }
+        }
+        end
+    }
+}
+
+impl<T: Scalar> Noise<'_, T> {
+    /// The drawn part of a measurement's noise at step k, entry by entry.
+    #[inline(always)]
+    fn draw<Y: Measurement<T>>(&self, stream: &mut Stream, k: u64, held: Y) -> Y {
+        if self.hold > 1 && !k.is_multiple_of(self.hold) {
+            return held;
+        }
+        Y::fill(|| self.fresh(stream, k))
+    }
+}
+
+/// The metrics of one run, over buffers of the caller.
+///
+/// Signals are the errors x̂ − x followed by the rest of the observer's memory.
+#[derive(Debug)]
+pub struct RunMetrics<'a, T> {
+    /// Windows of samples.
+    pub windows: &'a [Window],
+    /// Signals in the moments: errors and further memory entries.
+    pub signals: usize,
+    /// windows × signals.
+    pub moments: &'a mut [Moments<T>],
+    /// Largest magnitude of each memory entry.
+    pub peak: &'a mut [T],
+    /// Settling time of ‖x̂ − x‖.
+    pub settling: Option<SettlingTime<T>>,
+    /// Where ‖x̂ − x‖² is collected.
+    pub histogram: Option<(Window, LogHistogram<'a>)>,
+}
+
+impl<T: Scalar> Probe<T> for RunMetrics<'_, T> {
+    #[inline(always)]
+    fn sample<X: Memory<T>, Z: Memory<T>, Y: Measurement<T>>(
+        &mut self,
+        sample: &Sample<'_, T, X, Z, Y>,
+    ) {
+        let errors = || sample.estimate.iter().zip(sample.truth).map(|(e, x)| *e - *x);
+        let known = sample.estimate.len().min(sample.truth.len());
+        let rows = self.moments.chunks_exact_mut(self.signals.max(1));
+        for (window, row) in self.windows.iter().zip(rows) {
+            if window.contains(sample.k) {
+                let mut slots = row.iter_mut();
+                for (moment, error) in slots.by_ref().take(known).zip(errors()) {
+                    moment.push(error);
+                }
+                let mut index = 0;
+                sample.z.visit(&mut |value| {
+                    if index >= known
+                        && let Some(moment) = slots.next()
+                    {
+                        moment.push(value);
+                    }
+                    index += 1;
+                });
+            }
+        }
+        let mut peaks = self.peak.iter_mut();
+        sample.z.visit(&mut |value| {
+            if let Some(peak) = peaks.next() {
+                *peak = peak.max(value.abs());
+            }
+        });
+        if self.settling.is_some() || self.histogram.is_some() {
+            let mut square = T::ZERO;
+            errors().for_each(|e| square += e * e);
+            if let Some(settling) = &mut self.settling {
+                settling.push(sample.t, square.sqrt());
+            }
+            if let Some((window, histogram)) = &mut self.histogram
+                && window.contains(sample.k)
+            {
+                histogram.push(square.to_f64());
+            }
+        }
+    }
+}
+
+/// A plant's state after `coarse` steps of a stochastic scheme, and after the same time and the
+/// same Brownian path in `coarse × fine` steps of a finer scheme.
+///
+/// The increments ΔW and ΔZ of a coarse step are the exact sums of those of its fine steps.
+#[allow(clippy::too_many_arguments)]
+pub fn coupled_paths<T: Scalar, P: Plant<T>>(
+    plant: &P,
+    scheme: StochasticIntegrator,
+    fine_scheme: StochasticIntegrator,
+    x0: P::State,
+    t_end: T,
+    (coarse, fine): (u32, u32),
+    stream: &mut Stream,
+) -> (P::State, P::State) {
+    let h_coarse = t_end / T::from_f64(f64::from(coarse));
+    let h = h_coarse / T::from_f64(f64::from(fine));
+    let (mut x_coarse, mut x_fine) = (x0, x0);
+    for i in 0..coarse {
+        let t = T::from_f64(f64::from(i)) * h_coarse;
+        let u = plant.control(&x_fine, h_coarse);
+        let mut sum = WienerIncrement { dw: T::ZERO, dz: T::ZERO };
+        for j in 0..fine {
+            let (xi1, xi2) = stream.normal_pair();
+            let w = WienerIncrement::from_normals((T::from_f64(xi1), T::from_f64(xi2)), h);
+            let time = t + T::from_f64(f64::from(j)) * h;
+            x_fine = fine_scheme.step(plant, time, &x_fine, &u, h, w);
+            sum = sum.then(w, h);
+        }
+        x_coarse = scheme.step(plant, t, &x_coarse, &u, h_coarse, sum);
+    }
+    (x_coarse, x_fine)
+}

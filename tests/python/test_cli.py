@@ -1,0 +1,492 @@
+"""The `hgo` command: statuses, one-line errors, what is written, Ctrl-C."""
+
+import base64
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hgo_rs
+from hgo_rs import cli, plotting, reproduce, scenarios
+from hgo_rs.data import read_log
+from hgo_rs.errors import MissingExtraError
+from hgo_rs.scenarios.base import Context, Outcome, Row, Scenario, row
+
+HGO = [sys.executable, "-m", "hgo_rs.cli"]
+
+
+def hgo(capsys, *args):
+    """(status, standard output, standard error) of a command run in this process."""
+    with pytest.raises(SystemExit) as stop:
+        cli.main([str(a) for a in args])
+    out, err = capsys.readouterr()
+    return stop.value.code, out, err
+
+
+def one_line(err):
+    assert err.startswith("hgo: ")
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    return err
+
+
+def good(ctx: Context) -> Outcome:
+    def draw(fig):
+        ax = fig.subplots()
+        ax.plot([0.0, 1.0], [0.0, float(ctx.seed)])
+
+    rows = [
+        row("rms e2", 6.0116, expected=6.011561, rel=1e-4, paper=5.77, note="small-step limit"),
+        row("seed", ctx.seed, at_most=5),
+    ]
+    return Outcome(rows, draw)
+
+
+def missing(ctx: Context) -> Outcome:
+    return Outcome([row("peak <x>", 2.0, at_most=1.0), row("diverges", float("inf"), at_least=1.0)])
+
+
+def failing(ctx: Context) -> Outcome:
+    raise RuntimeError("no such luck & no rows")
+
+
+def interrupted(ctx: Context) -> Outcome:
+    raise KeyboardInterrupt
+
+
+FAKES = {
+    "lee-good": Scenario("lee-good", "A table", "lee", good),
+    "lee-missing": Scenario("lee-missing", "Another", "lee", missing),
+    "fu-failing": Scenario("fu-failing", "A third", "fu", failing),
+}
+
+
+@pytest.fixture
+def fakes(monkeypatch):
+    """Install scenarios in place of the papers'."""
+
+    def install(known):
+        monkeypatch.setattr(scenarios, "load", lambda: known)
+
+    install(FAKES)
+    return install
+
+
+# --- list and run ----------------------------------------------------------------------------
+
+
+def test_list(capsys, fakes):
+    status, out, _ = hgo(capsys, "list")
+    assert status == 0
+    assert [line.split()[0] for line in out.splitlines()] == list(FAKES)
+    status, out, _ = hgo(capsys, "list", "--json")
+    assert json.loads(out)[0] == {"id": "lee-good", "title": "A table", "paper": "lee"}
+
+
+def test_run_json_is_one_object_and_nothing_else(capsys, fakes):
+    status, out, err = hgo(capsys, "run", "lee-good", "--json", "--backend", "numpy", "--seed", 4)
+    assert (status, err) == (0, "")
+    result = json.loads(out)
+    assert list(result) == ["id", "backend", "rows", "elapsed_s"]
+    assert (result["id"], result["backend"]) == ("lee-good", "numpy")
+    assert result["elapsed_s"] >= 0.0
+    assert result["rows"][0] == {
+        "quantity": "rms e2",
+        "paper": 5.77,
+        "ours": 6.0116,
+        "expected": 6.011561,
+        "tolerance": "rel 0.0001",
+        "ok": True,
+        "note": "small-step limit",
+    }
+    assert result["rows"][1]["ours"] == 4
+
+
+def test_run_status_tells_a_miss(capsys, fakes):
+    status, out, _ = hgo(capsys, "run", "lee-missing")
+    assert status == 1
+    assert "MISS peak <x>  ours 2  (≤ 1)" in out
+    assert "2 rows, 1 missed" in out
+    status, out, _ = hgo(capsys, "run", "lee-missing", "--json")
+    assert status == 1
+    # JSON has no infinity.
+    assert json.loads(out)["rows"][1]["ours"] == "inf"
+
+
+def test_run_writes_rows_and_figure(capsys, fakes, tmp_path):
+    status, _, _ = hgo(capsys, "run", "lee-good", "--out", tmp_path / "new" / "folder")
+    assert status == 0
+    folder = tmp_path / "new" / "folder"
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "lee-good.json",
+        "lee-good.png",
+        "lee-good.svg",
+    ]
+    assert (folder / "lee-good.png").read_bytes().startswith(b"\x89PNG")
+    assert b"<svg" in (folder / "lee-good.svg").read_bytes()
+    saved = json.loads((folder / "lee-good.json").read_text())
+    assert saved["ok"] is True
+    assert saved["figures"] == ["lee-good.png", "lee-good.svg"]
+
+
+def test_a_failing_scenario_is_a_failure(capsys, fakes):
+    status, out, err = hgo(capsys, "run", "fu-failing", "--json")
+    assert status == 1
+    assert "no such luck" in err
+    assert json.loads(out)["rows"] == []
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["run", "lee-god"], "unknown scenario 'lee-god'; nearest: lee-good"),
+        (["runn", "lee-good"], "unknown command 'runn'; nearest: run"),
+        (["run"], "Missing argument 'ID'"),
+        (["run", "lee-good", "--backend", "fortran"], "'fortran' is not one of 'rust', 'numpy'"),
+        (["run", "lee-good", "--seed", "-1"], "-1 is not in the range"),
+        (["reproduce", "--jobs", "0"], "0 is not in the range"),
+        (["run", "lee-good", "--nonsense"], "No such option"),
+    ],
+)
+def test_bad_usage_is_one_line_and_status_2(capsys, fakes, args, message):
+    status, out, err = hgo(capsys, *args)
+    assert (status, out) == (2, "")
+    assert message in one_line(err)
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_any_work(capsys, fakes, tmp_path):
+    def work(ctx):
+        raise AssertionError("the scenario ran")
+
+    fakes({"lee-good": Scenario("lee-good", "", "lee", work)})
+    occupied = tmp_path / "file"
+    occupied.write_text("")
+    for args in (["reproduce"], ["run", "lee-good"]):
+        status, out, err = hgo(capsys, *args, "--out", occupied / "out")
+        assert (status, out) == (2, "")
+        assert f"cannot write to the folder {occupied / 'out'}" in one_line(err)
+        assert "choose another one with --out" in err
+
+
+def test_figures_without_matplotlib_are_refused_before_any_work(
+    capsys, fakes, tmp_path, monkeypatch
+):
+    def absent():
+        raise MissingExtraError("figures need matplotlib: pip install 'hgo_rs[plot]'")
+
+    monkeypatch.setattr(plotting, "require_matplotlib", absent)
+    status, _, err = hgo(capsys, "reproduce", "--out", tmp_path / "out")
+    assert status == 2
+    assert "pip install 'hgo_rs[plot]'" in one_line(err)
+    assert not (tmp_path / "out").exists()
+    # Without --out there is no figure to draw.
+    assert hgo(capsys, "run", "lee-good")[0] == 0
+
+
+# --- reproduce -------------------------------------------------------------------------------
+
+
+class _Page(HTMLParser):
+    """Every tag with its attributes, the text, and a check that tags close in order."""
+
+    VOID = frozenset({"meta", "img", "br", "link"})
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.words, self.open = [], [], []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def test_reproduce_writes_results_figures_and_report(capsys, fakes, tmp_path):
+    out_dir = tmp_path / "out"
+    status, out, _ = hgo(capsys, "reproduce", "--out", out_dir)
+    assert status == 1
+    assert re.search(r"^\[1/3\] ok    lee-good .* 2 rows", out, re.M)
+    assert re.search(r"^\[2/3\] MISS  lee-missing .* 1 of 2 rows missed", out, re.M)
+    assert "MISS lee-missing: peak <x>" in out
+    assert "3 scenarios, 4 rows: 1 row missed, failed: fu-failing" in out
+    assert sorted(p.name for p in out_dir.iterdir()) == [
+        "lee-good.png",
+        "lee-good.svg",
+        "report.html",
+        "results.json",
+    ]
+    results = json.loads((out_dir / "results.json").read_text())
+    assert (results["ok"], results["rows"], results["missed"]) == (False, 4, 1)
+    assert results["failed"] == ["fu-failing"]
+    assert results["interrupted"] is False
+    assert [s["id"] for s in results["scenarios"]] == list(FAKES)
+    assert "RuntimeError: no such luck" in results["scenarios"][2]["error"]
+
+    page = _Page((out_dir / "report.html").read_text(encoding="utf-8"))
+    text = " ".join(page.words)
+    ids = {attrs["id"] for _, attrs in page.tags if "id" in attrs}
+    links = {a["href"][1:] for t, a in page.tags if t == "a" and a["href"].startswith("#")}
+    assert links <= ids
+    assert {"lee", "fu", "lee-good", "lee-missing", "fu-failing", "explained"} <= ids
+    assert "1 row of 4 outside tolerance, 1 scenario failed" in text
+    assert "peak <x>" in text
+    assert "no such luck & no rows" in text
+    assert "small-step limit" in text
+    # Self-contained: nothing is fetched, and the figure inside is the one beside.
+    sources = [a["src"] for _, a in page.tags if "src" in a]
+    assert len(sources) == 1
+    kind, data = sources[0].split(";base64,")
+    assert kind == "data:image/svg+xml"
+    assert base64.b64decode(data) == (out_dir / "lee-good.svg").read_bytes()
+    assert not [t for t, _ in page.tags if t in ("link", "script")]
+
+
+def test_reproduce_is_well_when_every_row_is(capsys, fakes, tmp_path):
+    fakes({"lee-good": FAKES["lee-good"]})
+    status, out, err = hgo(capsys, "reproduce", "--out", tmp_path, "--seed", 3)
+    assert (status, err) == (0, "")
+    assert "1 scenario, 2 rows, all within tolerance" in out
+    assert json.loads((tmp_path / "results.json").read_text())["ok"] is True
+    assert "all 2 rows within tolerance" in (tmp_path / "report.html").read_text()
+
+
+def test_a_scenario_without_rows_is_not_well(capsys, fakes, tmp_path):
+    fakes({"lee-empty": Scenario("lee-empty", "", "lee", lambda ctx: Outcome([]))})
+    status, out, _ = hgo(capsys, "reproduce", "--out", tmp_path)
+    assert status == 1
+    assert "without rows: lee-empty" in out
+
+
+def test_interruption_keeps_what_is_finished(capsys, fakes, tmp_path):
+    fakes({**FAKES, "fu-failing": Scenario("fu-failing", "", "fu", interrupted)})
+    status, out, err = hgo(capsys, "reproduce", "--out", tmp_path)
+    assert status == 130
+    assert "interrupted: 2 of 3 scenarios finished" in one_line(err)
+    assert "all within tolerance" not in out
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert (results["interrupted"], results["ok"]) == (True, False)
+    assert [s["id"] for s in results["scenarios"]] == ["lee-good", "lee-missing"]
+    assert "1 scenario not run (interrupted)" in (tmp_path / "report.html").read_text()
+
+
+def test_scenarios_of_a_paper_share_their_runs():
+    class Backend:
+        calls = 0
+
+        def simulate(self, spec):
+            Backend.calls += 1
+            return {"rms": np.ones(1)}
+
+    ctx = Context(module=Backend())
+
+    def ask(ctx):
+        rms = ctx.simulate({"steps": 5, "runs": 2})["rms"][0]
+        return Outcome([row("rms", rms, expected=1.0, rel=1e-9)])
+
+    s = Scenario("lee-x", "", "lee", ask)
+    records = [reproduce.execute(s, ctx, figures=False) for _ in range(2)]
+    assert Backend.calls == 1
+    assert [r.steps for r in records] == [10, 0]
+    assert all(r.ok for r in records)
+
+
+def test_a_figure_that_fails_keeps_the_rows(fakes):
+    def broken(fig):
+        raise ZeroDivisionError("no data")
+
+    s = Scenario("lee-x", "", "lee", lambda ctx: Outcome([row("a", 1.0, at_most=2.0)], broken))
+    record = reproduce.execute(s, Context(), figures=True)
+    assert record.rows == (Row("a", None, 1.0, None, "≤ 2", True, ""),)
+    assert "ZeroDivisionError" in record.error
+    assert not record.ok
+
+
+def test_processes_give_the_same_rows():
+    chosen = [scenarios.find("lee-stability"), scenarios.find("astolfi-design")]
+    alone = list(reproduce.run(chosen, backend="numpy", figures=False))
+    shared = list(reproduce.run(chosen, backend="numpy", jobs=2, figures=False))
+    assert {r.id: r.rows for r in alone} == {r.id: r.rows for r in shared}
+    assert all(r.ok for r in alone)
+
+
+@pytest.mark.slow
+def test_ctrl_c_in_a_real_run(tmp_path):
+    process = subprocess.Popen(
+        [*HGO, "reproduce", "--out", tmp_path],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    assert process.stdout is not None
+    first = process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert first.startswith("[ 1/"), first + err
+    assert process.returncode == 130, out + err
+    assert "Traceback" not in err
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert results["interrupted"] is True
+    assert 1 <= len(results["scenarios"]) < results["planned"]
+    assert (tmp_path / "report.html").exists()
+
+
+# --- estimate --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def axis(tmp_path, monkeypatch):
+    """A log of q = sin t with a gap, in the folder where the command runs."""
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(2001) * 5e-3
+    cells = [repr(float(v)) for v in np.sin(t)]
+    cells[1000:1004] = [""] * 4
+    lines = [f"{float(a)!r},{b},0" for a, b in zip(t, cells, strict=True)]
+    path = tmp_path / "axis.csv"
+    path.write_text("t,q,u\n" + "\n".join(lines) + "\n")
+    return path
+
+
+ESTIMATE = ["--time", "t", "--output", "q", "--order", 3, "--gain", 20]
+
+
+@pytest.mark.parametrize("observer", ["standard", "low-power"])
+def test_estimate_gives_the_derivatives(capsys, axis, observer):
+    status, out, err = hgo(capsys, "estimate", axis, *ESTIMATE, "--observer", observer)
+    assert (status, err) == (0, "")
+    assert "2001 samples from 0 s to 10 s" in out
+    assert "4 missing samples; the longest gap has 4, from t = 5 s to 5.015 s" in out
+    assert "written: axis.estimates.csv, axis.estimates.png" in out
+    assert Path("axis.estimates.png").read_bytes().startswith(b"\x89PNG")
+    header = Path("axis.estimates.csv").read_text().splitlines()[0]
+    assert header == "t,y,x_hat1,x_hat2,x_hat3,innovation,missing"
+
+    log = read_log("axis.csv", "t", "q")
+    law = getattr(hgo_rs, cli.OBSERVERS[observer])(3, gain=20.0)
+    expected = law.run(log.t, log.y)
+    velocity = read_log("axis.estimates.csv", "t", "x_hat2").y
+    np.testing.assert_array_equal(velocity, np.asarray(expected.x_hat)[:, 1])
+    settled = log.t > 2.0
+    assert np.abs(velocity - np.cos(log.t))[settled].max() < 0.2
+    written = read_log("axis.estimates.csv", "t", "y", "missing")
+    np.testing.assert_array_equal(written.missing, written.u == 1)
+
+
+def test_estimate_to_parquet_and_svg(capsys, axis, tmp_path):
+    pytest.importorskip("pyarrow")
+    out, figure = tmp_path / "e.parquet", tmp_path / "e.svg"
+    args = [*ESTIMATE, "--observer", "standard", "--out", out, "--figure", figure]
+    assert hgo(capsys, "estimate", axis, *args)[0] == 0
+    assert read_log(out, "t", "x_hat3").y.shape == (2001,)
+    assert b"<svg" in figure.read_bytes()
+
+
+def test_estimate_with_a_sampling_period_and_poles(capsys, axis):
+    args = ["--output", "q", "--order", 2, "--gain", 20, "--observer", "standard"]
+    poles = ["--poles", "-1+1j,-1-1j"]
+    assert hgo(capsys, "estimate", axis, *args, "--dt", 5e-3, *poles)[0] == 0
+    log = read_log(axis, None, "q", dt=5e-3)
+    law = hgo_rs.StandardObserver(2, gain=20.0, poles=[-1 + 1j, -1 - 1j])
+    velocity = read_log("axis.estimates.csv", "t", "x_hat2").y
+    np.testing.assert_array_equal(velocity, np.asarray(law.run(log.t, log.y).x_hat)[:, 1])
+
+
+def test_estimate_without_matplotlib_leaves_the_default_figure_out(capsys, axis, monkeypatch):
+    def absent():
+        raise MissingExtraError("figures need matplotlib: pip install 'hgo_rs[plot]'")
+
+    monkeypatch.setattr(plotting, "require_matplotlib", absent)
+    args = [*ESTIMATE, "--observer", "standard"]
+    status, _, err = hgo(capsys, "estimate", axis, *args)
+    assert status == 0
+    assert "no figure: pip install 'hgo_rs[plot]'" in err
+    assert Path("axis.estimates.csv").exists()
+    assert not Path("axis.estimates.png").exists()
+    status, _, err = hgo(capsys, "estimate", axis, *args, "--figure", "e.png")
+    assert status == 2
+    assert "pip install 'hgo_rs[plot]'" in one_line(err)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"--observer": "lowpower"}, "unknown observer 'lowpower'; nearest: low-power"),
+        ({"--output": "Q_m"}, "has no column 'Q_m'; nearest: q"),
+        ({"--gain": -3}, "gain"),
+        ({"--gain": "big"}, "'big' is not a valid float"),
+        ({"--order": 0}, "= 0"),
+        ({"--poles": "-1,x"}, "'x' is not a number"),
+        ({"--poles": "1,-1,-2"}, "poles"),
+        ({"--saturation": "1,2"}, "--saturation has no meaning for --observer standard"),
+        ({"--out": "e.xlsx"}, "unknown format '.xlsx'"),
+        ({"--out": "axis.csv"}, "is the log itself"),
+        ({"--out": "absent/e.csv"}, "cannot write absent/e.csv"),
+        ({"--figure": "e.bmp"}, "unknown format '.bmp'"),
+        ({"--dt": 1.0}, "leave dt out"),
+    ],
+)
+def test_estimate_refuses_in_one_line(capsys, axis, change, message):
+    options = {
+        "--time": "t",
+        "--output": "q",
+        "--order": 3,
+        "--gain": 20,
+        "--observer": "standard",
+        **change,
+    }
+    args = [item for pair in options.items() for item in pair]
+    status, _, err = hgo(capsys, "estimate", axis, *args)
+    assert status == 2
+    assert message in one_line(err)
+    assert [p.name for p in Path().iterdir()] == ["axis.csv"]
+
+
+def test_estimate_of_an_absent_or_broken_log(capsys, axis):
+    args = [*ESTIMATE, "--observer", "standard"]
+    status, _, err = hgo(capsys, "estimate", "axes.csv", *args)
+    assert status == 2
+    assert "no file axes.csv; nearest: axis.csv" in one_line(err)
+    with axis.open("a") as file:
+        file.write("10.005,0.1")
+    status, _, err = hgo(capsys, "estimate", axis, *args)
+    assert status == 2
+    assert "line 2003: 2 cells where 3 cells are expected" in one_line(err)
+
+
+# --- the process itself ----------------------------------------------------------------------
+
+
+def test_import_is_light():
+    """`import hgo_rs` leaves SciPy and every optional or command-line library alone."""
+    heavy = ["scipy", "matplotlib", "pandas", "pyarrow", "xarray", "cvxpy", "click", "rich"]
+    code = f"import sys, hgo_rs; print([m for m in {heavy} if m in sys.modules])"
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.strip() == "[]"
+
+
+def test_closed_pipe_is_quiet():
+    process = subprocess.Popen([*HGO, "list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    assert b"Traceback" not in process.stderr.read()
+    process.stderr.close()
+    process.wait(timeout=60)

@@ -1,0 +1,236 @@
+"""Logs in every format; errors that name file, line and remedy."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hgo_rs.data import DataError, read_log, write_table
+from hgo_rs.errors import HgoError
+
+SHARED = Path(__file__).parents[3] / "shared" / "data"
+needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="no ../shared/data")
+
+
+def write(tmp_path, text, name="log.csv"):
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def refusal(path, *args, **options):
+    with pytest.raises(DataError) as caught:
+        read_log(path, *args, **options)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(path) in message
+    return message
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", ", ", "  "])
+def test_csv_delimiters(tmp_path, delimiter):
+    lines = [("t", "q", "u"), ("0", "1.5", "-1"), ("0.1", "2.5e-3", "-2"), ("0.25", ".5", "3")]
+    path = write(tmp_path, "\n".join(delimiter.join(cells) for cells in lines))
+    log = read_log(path, "t", "q", "u")
+    np.testing.assert_array_equal(log.t, [0.0, 0.1, 0.25])
+    np.testing.assert_array_equal(log.y, [1.5, 2.5e-3, 0.5])
+    np.testing.assert_array_equal(log.u, [-1.0, -2.0, 3.0])
+    assert log.names == {"time": "t", "output": "q", "input": "u"}
+    assert log.source == str(path)
+    assert not log.missing.any()
+
+
+def test_csv_without_header_is_named_by_index(tmp_path):
+    path = write(tmp_path, "5,0.0\n6,0.5\n7,1.0\n")
+    log = read_log(path, "1", "0")
+    np.testing.assert_array_equal(log.t, [0.0, 0.5, 1.0])
+    np.testing.assert_array_equal(log.y, [5.0, 6.0, 7.0])
+    assert "(no header: columns are named from 0)" in refusal(path, "t", "0")
+
+
+def test_csv_comments_blank_lines_quotes_bom_and_text_columns(tmp_path):
+    text = '\ufeff# made by hand\n\n"t","q, m",note\n0,1,start\n# a pause\n\n1,2,"on, off"\n2,3,\n'
+    log = read_log(write(tmp_path, text), "t", "q, m")
+    np.testing.assert_array_equal(log.y, [1.0, 2.0, 3.0])
+
+
+def test_missing_samples_are_counted_and_placed(tmp_path):
+    cells = ["1", "", "3", "nan", "NA", "null", "7", "NaN"]
+    path = write(tmp_path, "t,q\n" + "".join(f"{0.5 * i},{c}\n" for i, c in enumerate(cells)))
+    log = read_log(path, "t", "q")
+    np.testing.assert_array_equal(np.flatnonzero(log.missing), [1, 3, 4, 5, 7])
+    np.testing.assert_array_equal(np.isnan(log.y), log.missing)
+    assert log.longest_gap == (3, 6)
+    assert log.describe().endswith(
+        "5 missing samples; the longest gap has 3, from t = 1.5 s to 2.5 s"
+    )
+
+
+def test_longest_gap_without_one(tmp_path):
+    log = read_log(write(tmp_path, "t,q\n0,1\n1,2\n2,2\n4.5,2\n"), "t", "q")
+    assert log.longest_gap == (0, 0)
+    assert "missing" not in log.describe()
+    assert "longest step 2.5 s at t = 2 s" in log.describe()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("t,q\n0,1\n1,abc\n2,3\n", "line 3, column 'q': 'abc' is not a number"),
+        ("t,q\n0,1\n\n# c\n1\n2,3\n", "line 5: 1 cell where 2 cells are expected"),
+        ("t,q\n0,1\n1,2,3\n", "line 3: 3 cells where 2 cells are expected"),
+        ("t;q\n0;1\n1;2,5\n", "line 3, column 'q': '2,5' is not a number; write a decimal point"),
+        ("t,q\n0,1\n1,1_000\n", "line 3, column 'q': '1_000' is not a number"),
+        ('t,q\n0,"1\n2"\n1,2\n', "line 2, column 'q': '1\\n2' is not a number"),
+        ('t,q\n0,1\n1,"2\n', "line 3: unexpected end of data"),
+        ("t,q\n0,1\n1,inf\n", "line 3: 'q' is infinite; leave a missing sample empty"),
+        ("t,q\n0,1\n,2\n", "line 3: the time 't' is missing or infinite"),
+        ("t,q\n0,1\n-inf,2\n", "line 3: the time 't' is missing or infinite"),
+        ("t,q\n0,1\n2,2\n2,3\n", "line 4: time 2 does not come after 2 (line 3)"),
+        ("t,q\n0,1\n# c\n2,2\n1,3\n", "line 5: time 1 does not come after 2 (line 4)"),
+        ("t,q\n0,1\n", "1 samples; an observer needs at least 2"),
+        ("t,q\n0,\n1,nan\n", "column 'q' holds no sample"),
+        ("t,q,q\n0,1,2\n1,2,3\n", "2 columns are called 'q'; rename one"),
+        ("", "is empty"),
+        ("# only a comment\n", "is empty"),
+    ],
+)
+def test_malformed_csv(tmp_path, text, message):
+    assert message in refusal(write(tmp_path, text), "t", "q")
+
+
+def test_missing_input_is_refused(tmp_path):
+    path = write(tmp_path, "t,q,u\n0,1,0\n1,2,\n2,3,0\n")
+    assert "line 3: the input 'u' is missing or infinite" in refusal(path, "t", "q", "u")
+
+
+def test_unknown_column_names_the_nearest(tmp_path):
+    path = write(tmp_path, "time,Position,velocity\n0,1,2\n1,2,3\n")
+    message = refusal(path, "time", "position_m")
+    assert "has no column 'position_m'; nearest: Position" in message
+    assert message.endswith("Columns: time, Position, velocity")
+
+
+def test_unknown_file_and_format(tmp_path):
+    write(tmp_path, "t,q\n0,1\n", "axis_run1.csv")
+    assert "nearest: axis_run1.csv" in refusal(tmp_path / "axis_run2.csv", "t", "q")
+    assert "unknown format '.xlsx'" in refusal(write(tmp_path, "", "log.xlsx"), "t", "q")
+    (tmp_path / "folder.csv").mkdir()
+    assert "is a folder" in refusal(tmp_path / "folder.csv", "t", "q")
+
+
+def test_dt_in_place_of_and_beside_a_time_column(tmp_path):
+    path = write(tmp_path, "t,q\n0.001,1\n0.098,2\n0.202,3\n0.300,4\n")
+    np.testing.assert_array_equal(read_log(path, None, "q", dt=0.1).t, 0.1 * np.arange(4))
+    np.testing.assert_array_equal(read_log(path, "t", "q", dt=0.1).t, 0.001 + 0.1 * np.arange(4))
+    assert "leave dt out to honour uneven steps" in refusal(path, "t", "q", dt=0.2)
+    for dt in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(DataError, match="dt"):
+            read_log(path, "t", "q", dt=dt)
+    with pytest.raises(DataError, match="name the time column, or give dt"):
+        read_log(path, None, "q")
+
+
+def test_npz(tmp_path):
+    path = tmp_path / "log.npz"
+    t = np.arange(5) * 0.1
+    np.savez(path, t=t, q=np.c_[t, 2 * t], row=t[None, :], gain=3.0, name="axis", short=t[:3])
+    np.testing.assert_array_equal(read_log(path, "t", "q[1]").y, 2 * t)
+    np.testing.assert_array_equal(read_log(path, "t", "row").y, t)
+    assert "Columns: t, q[0], q[1], row, short" in refusal(path, "t", "gain")
+    assert "differ in length (t: 5, short: 3)" in refusal(path, "t", "short")
+    stuck = tmp_path / "stuck.npz"
+    np.savez(stuck, t=np.zeros(3), q=np.zeros(3))
+    assert "row 1 (counted from 0): time 0 does not come after 0" in refusal(stuck, "t", "q")
+
+
+def test_mat(tmp_path):
+    from scipy.io import savemat
+
+    path = tmp_path / "log.mat"
+    t = np.arange(6) * 0.5
+    y = t.copy()
+    y[2] = np.nan
+    savemat(path, {"t": t, "q": y[:, None], "n": np.arange(6, dtype=np.int32)})
+    log = read_log(path, "t", "q", "n")
+    np.testing.assert_array_equal(log.t, t)
+    np.testing.assert_array_equal(np.flatnonzero(log.missing), [2])
+    np.testing.assert_array_equal(log.u, np.arange(6.0))
+
+
+@pytest.mark.parametrize("name", ["log.npz", "log.mat", "log.parquet"])
+def test_broken_binary_files(tmp_path, name):
+    if name.endswith("parquet"):
+        pytest.importorskip("pyarrow")
+    path = tmp_path / name
+    path.write_bytes(b"this is not such a file, whatever its name says" * 20)
+    assert "is not a readable" in refusal(path, "t", "q")
+
+
+def test_parquet_with_times_of_day_and_nulls(tmp_path):
+    pyarrow = pytest.importorskip("pyarrow")
+    import pyarrow.parquet as pq
+
+    t = np.datetime64("2024-01-01T12:00:00", "us") + np.arange(4) * np.timedelta64(250, "ms")
+    path = tmp_path / "log.parquet"
+    pq.write_table(pyarrow.table({"t": t, "q": [1.0, None, 3.0, 4.0], "s": list("abcd")}), path)
+    log = read_log(path, "t", "q")
+    np.testing.assert_allclose(log.t, [0.0, 0.25, 0.5, 0.75], rtol=1e-12)
+    np.testing.assert_array_equal(np.flatnonzero(log.missing), [1])
+    assert "not numbers" in refusal(path, "t", "s")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_what_is_written_reads_back_bit_for_bit(tmp_path, suffix):
+    if suffix == ".parquet":
+        pytest.importorskip("pyarrow")
+    path = tmp_path / f"estimates{suffix}"
+    rng = np.random.default_rng(3)
+    t = np.cumsum(rng.uniform(0.01, 0.1, 50))
+    y = rng.standard_normal(50) * 10.0 ** rng.integers(-12, 12, 50)
+    y[[3, 4]] = np.nan
+    write_table(path, {"t": t, "x_hat1": y, "missing": np.isnan(y).astype(int)})
+    log = read_log(path, "t", "x_hat1", "missing")
+    np.testing.assert_array_equal(log.t, t)
+    np.testing.assert_array_equal(log.y, y)
+    np.testing.assert_array_equal(log.u, np.isnan(y))
+
+
+def test_what_cannot_be_written(tmp_path):
+    with pytest.raises(DataError, match=r"unknown format '\.xlsx'"):
+        write_table(tmp_path / "x.xlsx", {"t": np.zeros(2)})
+    with pytest.raises(DataError, match="cannot write"):
+        write_table(tmp_path / "absent" / "x.csv", {"t": np.zeros(2)})
+    assert issubclass(DataError, HgoError)
+
+
+@given(st.text(alphabet="0123456789.,;-+eEnaq\t\n\"'# _", max_size=60))
+def test_any_text_is_read_or_refused(tmp_path_factory, text):
+    """No text ends in anything but a log or a `DataError`."""
+    path = tmp_path_factory.mktemp("fuzz") / "log.csv"
+    path.write_text(text, encoding="utf-8", newline="")
+    try:
+        log = read_log(path, "0", "1")
+    except DataError as error:
+        assert str(path) in str(error)
+    else:
+        assert len(log.t) == len(log.y) >= 2
+        assert (np.diff(log.t) > 0).all()
+
+
+@needs_shared
+def test_positioning_axis():
+    log = read_log(SHARED / "DATA_EMPS.mat", "t", "qm", "vir")
+    assert len(log.t) == 24_841
+    np.testing.assert_allclose(np.diff(log.t), 1e-3, rtol=1e-4)
+    assert log.u is not None
+    assert len(log.u) == len(log.t)
+
+
+@needs_shared
+def test_beetle_track_has_no_header():
+    log = read_log(SHARED / "beetle_track.csv", "2", "0")
+    assert log.y[0] == -40.321
+    np.testing.assert_allclose(np.median(np.diff(log.t)), 0.4, rtol=1e-9)

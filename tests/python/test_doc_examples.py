@@ -1,0 +1,30 @@
+"""Every Python block of the README and of docs/ runs as it stands."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.M | re.S)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_python_blocks_run(page, tmp_path, monkeypatch):
+    """The blocks of a page run one after the other, in a folder of their own."""
+    monkeypatch.chdir(tmp_path)
+    text = page.read_text(encoding="utf-8")
+    namespace: dict = {"__name__": page.stem}
+    for block in BLOCK.finditer(text):
+        # Blank lines in front, so that a traceback gives the page's own line.
+        line = text.count("\n", 0, block.start(1))
+        exec(compile("\n" * line + block[1], str(page), "exec"), namespace)
+
+
+def test_the_readme_has_an_example_in_both_languages():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert BLOCK.search(text)
+    # cargo runs this one: lib.rs includes the README as documentation.
+    assert re.search(r"^```rust\n", text, re.M)
+    assert 'include_str!("../README.md")' in (ROOT / "src" / "lib.rs").read_text(encoding="utf-8")
