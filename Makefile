@@ -63,7 +63,7 @@ test: $(VENV)/stamp-dev
 	cargo fmt --all --check
 	$(call say,clippy: default$(,) python$(,) no_std)
 	cargo clippy --quiet --all-targets -- -D warnings
-	cargo clippy --quiet --all-targets --features python -- -D warnings
+	PYO3_PYTHON=$(abspath $(BIN)/python) cargo clippy --quiet --all-targets --features python -- -D warnings
 	cargo clippy --quiet --all-targets $(LIBM) -- -D warnings
 	cargo check --quiet $(LIBM)
 	$(call say,cargo test)

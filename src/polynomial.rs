@@ -43,14 +43,39 @@ impl<T: Scalar> Ascending<T> {
         self
     }
 
-    /// self / (s + a), the remainder dropped.
-    fn without_linear(mut self, a: T) -> Self {
-        let mut carry = T::ZERO;
-        for i in (0..=self.degree).rev() {
-            let value = self.c[i] - a * carry;
-            self.c[i] = carry;
-            carry = value;
+    /// self / (s + a), the remainder dropped, for a > 0.
+    ///
+    /// Composite deflation (Peters and Wilkinson): dividing from the top is stable for the small
+    /// roots, from the bottom for the large ones; the two meet at the largest term |cⱼ| aʲ.
+    fn without_linear(self, a: T) -> Self {
+        let (mut joint, mut largest, mut power) = (0, T::ZERO, T::ONE);
+        for (j, c) in self.c[..=self.degree].iter().enumerate() {
+            if c.abs() * power > largest {
+                (joint, largest) = (j, c.abs() * power);
+            }
+            power *= a;
         }
+        let degree = self.degree.saturating_sub(1);
+        let mut c = [T::ZERO; MAX_DEGREE + 1];
+        let mut carry = T::ZERO;
+        for i in (joint..self.degree).rev() {
+            carry = self.c[i + 1] - a * carry;
+            c[i] = carry;
+        }
+        carry = T::ZERO;
+        for i in 0..joint.min(self.degree) {
+            carry = (self.c[i] - carry) / a;
+            c[i] = carry;
+        }
+        Self { c, degree }
+    }
+
+    /// (self − self(0))/s.
+    fn without_zero(mut self) -> Self {
+        for i in 0..self.degree {
+            self.c[i] = self.c[i + 1];
+        }
+        self.c[self.degree] = T::ZERO;
         self.degree = self.degree.saturating_sub(1);
         self
     }
@@ -124,7 +149,6 @@ pub fn coefficients_from_poles<T: Scalar, const N: usize>(
 ) -> Result<[T; N], DesignError> {
     let zero = T::ZERO;
     let mut product = [(zero, zero); N]; // trailing coefficients, complex
-    let mut scale = T::ONE;
     for (count, (re, im)) in poles.iter().enumerate() {
         finite("poles", *im)?;
         let allowed = "every pole must be finite and have a negative real part";
@@ -145,7 +169,6 @@ pub fn coefficients_from_poles<T: Scalar, const N: usize>(
             product[i].0 -= previous.0 * *re - previous.1 * *im;
             product[i].1 -= previous.0 * *im + previous.1 * *re;
         }
-        scale = scale.max(re.abs());
     }
     Ok(product.map(|(re, _)| re))
 }
@@ -248,7 +271,7 @@ fn low_power_from_inner<T: Scalar, const N: usize>(
     let mut c = [T::ONE; N]; // c₀ = 1, c₁ … cₙ₋₁
     for k in (1..N).rev() {
         c[k] = p.c[0];
-        let odd = p.without_linear_at_zero();
+        let odd = p.without_zero();
         let a = -odd.real_root();
         alpha[k - 1] = a;
         p = odd.without_linear(a);
@@ -260,16 +283,4 @@ fn low_power_from_inner<T: Scalar, const N: usize>(
         finite("poles", *entry)?;
     }
     Ok((alpha, beta))
-}
-
-impl<T: Scalar> Ascending<T> {
-    /// (self − self(0))/s.
-    fn without_linear_at_zero(mut self) -> Self {
-        for i in 0..self.degree {
-            self.c[i] = self.c[i + 1];
-        }
-        self.c[self.degree] = T::ZERO;
-        self.degree = self.degree.saturating_sub(1);
-        self
-    }
 }

@@ -22,15 +22,14 @@ pytestmark = [
 ]
 
 
-def run(*command, **options):
-    """Standard output of a command that must succeed."""
+def run(*command, status=0, cwd=None):
+    """Standard output (or, for a failure that is wanted, standard error) of a command."""
     # No path of this environment leaks into the empty one.
     env = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV"))}
-    result = subprocess.run(
-        [str(c) for c in command], capture_output=True, text=True, env=env, **options
-    )
-    assert result.returncode == 0, f"{command}\n{result.stdout}\n{result.stderr}"
-    return result.stdout
+    words = [str(c) for c in command]
+    result = subprocess.run(words, capture_output=True, text=True, env=env, cwd=cwd)
+    assert result.returncode == status, f"{words}\n{result.stdout}\n{result.stderr}"
+    return result.stderr if status else result.stdout
 
 
 @pytest.fixture(scope="module")
@@ -100,12 +99,6 @@ def test_a_log_is_estimated_and_the_missing_figure_told(bin_folder, tmp_path):
 
 
 def test_reproduce_without_matplotlib_says_what_to_install(bin_folder, tmp_path):
-    result = subprocess.run(
-        [str(bin_folder / "hgo"), "reproduce", "--out", "out"],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-    )
-    assert result.returncode == 2
-    assert result.stderr == "hgo: figures need matplotlib: pip install 'hgo_rs[plot]'\n"
+    error = run(bin_folder / "hgo", "reproduce", "--out", "out", status=2, cwd=tmp_path)
+    assert error == "hgo: figures need matplotlib: pip install 'hgo_rs[plot]'\n"
     assert not (tmp_path / "out").exists()

@@ -23,7 +23,6 @@ from .adaptation import (
 )
 from .coefficients import (
     LowPowerCoefficients,
-    RouthHurwitz,
     companion,
     low_power_coefficients,
     low_power_matrix,
@@ -60,7 +59,6 @@ __all__ = [
     "ErrorBound",
     "LowPowerCoefficients",
     "LowPowerStability",
-    "RouthHurwitz",
     "StationaryError",
     "StepCertificate",
     "StepLimit",

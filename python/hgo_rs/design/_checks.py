@@ -111,7 +111,7 @@ def symmetric(value: ArrayLike, parameter: str, n: int | None = None) -> Array:
         "pass (M + M.T)/2",
         DesignError,
     )
-    return 0.5 * (array + array.T)
+    return np.asarray(0.5 * (array + array.T), dtype=np.float64)
 
 
 def positive_definite(value: ArrayLike, parameter: str, n: int | None = None) -> Array:

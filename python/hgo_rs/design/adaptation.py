@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hgo_rs.errors import DesignError, check
+from hgo_rs.errors import DesignError, check, check_integer
 
 from . import _checks
 from ._checks import Array
@@ -44,8 +44,8 @@ __all__ = [
 class AdaptationRates:
     """The best constants that ``k``, ``p``, ``b`` admit in (9) and (10).
 
-    ``d0``: the largest of (9); ``d1``: the smallest of (10); ``lambda_min``: the largest lambda with
-    lambda P <= R P + P R, which (10) asks to be >= ``required`` = b/2.
+    ``d0``: the largest of (9); ``d1``: the smallest of (10); ``lambda_min``: the largest lambda
+    with lambda P <= R P + P R, which (10) asks to be >= ``required`` = b/2.
     """
 
     d0: float
@@ -131,7 +131,7 @@ def _relative_eigenvalues(left: Array, p: Array) -> Array:
 
 @dataclass(frozen=True)
 class AdaptationDesign:
-    """Coefficients ``k`` (n,) with the ``p`` (n, n), ``b``, ``d0``, ``d1`` that satisfy (8)-(10)."""
+    """Coefficients ``k`` (n,) with ``p`` (n, n), ``b``, ``d0``, ``d1`` that satisfy (8)-(10)."""
 
     k: Array
     p: Array
@@ -269,8 +269,8 @@ def error_bound(
 ) -> ErrorBound:
     """The bounds (15) of Theorem 2.2, in logarithms (they overflow any number format otherwise).
 
-    ``noise``: M_infinity; ``gamma``, ``lipschitz``: gamma_i, L_i of Property (*), shape (n,).  For the
-    paper's example they exceed 1e134: vacuous.  Source: Sanfelice, Praly, Remark 2.4.
+    ``noise``: M_infinity; ``gamma``, ``lipschitz``: gamma_i, L_i of Property (*), shape (n,).  For
+    the paper's example they exceed 1e134: vacuous.  Source: Sanfelice, Praly, Remark 2.4.
     """
     problem = _Bound(k, p, b, d0, d1, p1, p2, noise, gamma, lipschitz)
     return problem.minimised(problem.log_bound)
@@ -330,7 +330,7 @@ class _Bound:
         return 2.0 * self.c0 * float(np.sum(self.gamma**2 * s ** (-2.0 * np.arange(1, self.n + 1))))
 
     def log_tilde_b1(self, s: float) -> float:
-        """ln of B_1 with a tilde: the larger of two terms, the first with s^-2b a_2(s) drawn out."""
+        """ln of B_1 with a tilde: the larger of two terms, s^-2b a_2(s) drawn out of the first."""
         n, b, d0, c1, p1, p2 = self.n, self.b, self.d0, self.c1, self.p1, self.p2
         damping = d0 - self.c0 * self.l_hat / s**2
         growth = 2.0 * (self.d1 * p1 * p2 + self.c0 * self.l_hat) / d0
@@ -339,7 +339,7 @@ class _Bound:
         second = 4.0 * p1 * (self.a1(1.0) + c1 * self.noise**2) / (d0**2 * self.low)
         log_a2 = 2.0 * (b + n - 1.0) * np.log(s) + np.log(self.ratio)  # s >= 1
         first = log_a2 - 2.0 * b * np.log(s) - np.log(d0 * self.low)
-        return max(first + _log(inner), _log(second))
+        return float(max(first + _log(inner), _log(second)))
 
     def log_b1(self, s: float, also: float = 0.0) -> float:
         """ln(B_1(s) + ``also``)."""
@@ -429,7 +429,7 @@ def collection_gain(nu1: float, k1: float, k_bar1: float, copies: int) -> float:
     nu1 = _checks.positive(nu1, "nu1")
     k1 = _checks.positive(k1, "k1")
     k_bar1 = _checks.number(k_bar1, "k_bar1", least=0.0)
-    copies = _checks.check_integer(copies, "copies", least=1, error=DesignError)
+    copies = check_integer(copies, "copies", least=1, error=DesignError)
     left = k1 - copies * k_bar1
     check(
         left > 0.0,

@@ -2,7 +2,7 @@
 
 With the error in coordinates scaled by powers of the gain, one step is a matrix that depends on the
 product c = ell dt only; the limit is the smallest c at which its spectral radius passes 1.  The
-known nonlinearity of the model is left out: it is small beside the gain, which is what "high" means.
+known nonlinearity of the model is left out: it is small beside a gain that deserves the name high.
 NumPy only, and quick: an observer refuses an unstable step when it is made.
 """
 
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from hgo_rs.errors import DesignError, check, explain
+from hgo_rs.errors import DesignError, check, check_integer, explain
 
 from . import _checks
 from ._checks import Array
@@ -33,7 +33,7 @@ class StepLimit:
     """The step below which the error stays bounded and, without noise, converges.
 
     ``dt``: the limit [s] (for a gain r that moves: at r = 1, its least value).
-    ``c``: the limit of ell dt; of dt/epsilon for the reduced-order law; ``dt`` for the sampled-data law.
+    ``c``: the limit of ell dt; reduced-order: of dt/epsilon; sampled-data: of dt itself.
     ``parts``: the limit on c of each matrix that has a say, by name.
     ``method``: the discretisation ("recursion" for a law that is one already).
     """
@@ -86,9 +86,10 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
       over the step, innovation recomputed at each stage).  rk4-innovation-held: e_1 is one number
       for the whole step, the low-power law's inner e_2, e_3, ... follow the stages.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with
-      mu = epsilon (1 - y^2) moves with y; the limit is where the product of these matrices along the
-      noise-free limit cycle ceases to contract.  ``parts`` holds the frozen bound too: the smallest
-      limit over all constant mu with |y| <= 2.1, which asks too much of the printed gain.
+      mu = epsilon (1 - y^2) moves with y; the limit is where the product of these matrices along
+      the noise-free limit cycle ceases to contract (+- 0.01 s).  ``parts`` holds the frozen bound
+      too: the smallest limit over all constant mu with |y| <= 2.1.  It is neither necessary nor
+      sufficient, and asks too much of the printed gain.
     - reduced-order (Katayama, A5): T < 2 epsilon/max h_bar, exact.
     """
     kind = _choice(observer, "kind", tuple(_LIMITS))
@@ -108,9 +109,7 @@ def _collection(observer: Mapping[str, Any]) -> StepLimit:
     method = _method(observer)
     k = _checks.vector(_member(observer, "k"), "k")
     k_bar = _checks.vector(_member(observer, "k_bar"), "k_bar", k.size)
-    copies = _checks.check_integer(
-        _member(observer, "copies"), "copies", least=1, error=DesignError
-    )
+    copies = check_integer(_member(observer, "copies"), "copies", least=1, error=DesignError)
     parts = {"linear": _chain_limit(method, tuple(k.tolist()))}
     apart = k - copies * k_bar
     if copies > 1 and np.max(np.linalg.eigvals(companion(apart)).real) < 0.0:
@@ -170,7 +169,8 @@ def _low_power_limit(method: str, alpha: tuple[float, ...], beta: tuple[float, .
 def _critical(method: str, closed: Array, injection: Array, links: Array) -> float:
     """The first c > 0 at which the step's spectral radius exceeds 1.
 
-    ``closed``: the error's matrix; ``injection``: the part -e_1 of it; ``links``: staggered Euler's.
+    ``closed``: the error's matrix, of which -``injection`` is the part through e_1; ``links``:
+    which state lifts which in staggered Euler.
     """
     eigenvalues = np.linalg.eigvals(closed)
     if method in _ORDERS:
@@ -179,7 +179,7 @@ def _critical(method: str, closed: Array, injection: Array, links: Array) -> flo
 
         def radius(c: Array) -> Array:  # R(z) = 1 + z + ... + z^p/p!
             z = c[:, None] * eigenvalues
-            return np.max(np.abs(np.polynomial.polynomial.polyval(z, taylor)), axis=1)
+            return _largest(np.polynomial.polynomial.polyval(z, taylor))
 
     elif method == "rk4-innovation-held":
         free = closed + injection  # e_1 is an input, constant over the step
@@ -205,7 +205,12 @@ def _critical(method: str, closed: Array, injection: Array, links: Array) -> flo
 
 
 def _spectral_radius(matrices: Array) -> Array:
-    return np.max(np.abs(np.linalg.eigvals(matrices)), axis=1)
+    return _largest(np.linalg.eigvals(matrices))
+
+
+def _largest(values: Any) -> Array:
+    """The largest modulus of each row."""
+    return np.asarray(np.max(np.abs(values), axis=1), dtype=np.float64)
 
 
 def _first_crossing(radius: Callable[[Array], Array], highest: float) -> float:

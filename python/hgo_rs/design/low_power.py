@@ -32,8 +32,8 @@ __all__ = [
 def h_infinity_norm(a: ArrayLike, b: ArrayLike, c: ArrayLike) -> float:
     """sup over omega of |C (j omega I - A)^-1 B|, for a Hurwitz ``a`` and one input and output.
 
-    ``a``: (n, n); ``b``, ``c``: (n,).  Relative error 1e-10.  A level gamma is exceeded exactly where
-    the Hamiltonian [[A, B B^T/gamma], [-C^T C/gamma, -A^T]] has eigenvalues j omega.
+    ``a``: (n, n); ``b``, ``c``: (n,).  Relative error 1e-10.  The response crosses a level gamma
+    exactly where the Hamiltonian [[A, B B^T/gamma], [-C^T C/gamma, -A^T]] has eigenvalues j omega.
     """
     a, b, c = _system(a, b, c)
 
@@ -80,20 +80,35 @@ def _peak(a: Array, value: Callable[[float], float], levels: Callable[[float], A
     """The largest ``value`` over omega >= 0 (Bruinsma, Steinbuch, 1990).
 
     Between two frequencies at which ``value`` crosses a level it is above that level somewhere: the
-    level rises to the largest value at the midpoints, and ends where no crossing is left.
+    search climbs from the midpoints, and ends where no crossing is left.
     """
     modes = np.abs(np.linalg.eigvals(a))
-    start = np.concatenate([[0.0], np.geomspace(0.1 * modes.min(), 10.0 * modes.max(), 65)])
-    best = max(value(float(omega)) for omega in start)
-    for _ in range(60):
-        if best == 0.0:
-            return 0.0
-        crossings = levels(best * (1.0 + 1e-10))
-        midpoints = 0.5 * (crossings[1:] + crossings[:-1])
-        above = [value(float(omega)) for omega in np.concatenate([crossings, midpoints])]
-        if not above or max(above) <= best * (1.0 + 1e-10):
+    edges = np.concatenate([[0.0], np.geomspace(0.1 * modes.min(), 10.0 * modes.max(), 65)])
+    best = 0.0
+    for _ in range(20):
+        grid = np.array([value(float(omega)) for omega in edges])
+        j = int(np.argmax(grid))
+        peak = _climb(value, float(edges[max(j - 1, 0)]), float(edges[min(j + 1, edges.size - 1)]))
+        peak = max(peak, float(grid[j]))
+        if peak <= best * (1.0 + 1e-10):
             return best
-        best = max(above)
+        best = peak
+        crossings = levels(best * (1.0 + 1e-10))
+        if crossings.size == 0:
+            return best
+        edges = np.unique(np.concatenate([crossings, 0.5 * (crossings[1:] + crossings[:-1])]))
+    return best
+
+
+def _climb(value: Callable[[float], float], low: float, high: float) -> float:
+    """The largest ``value`` between ``low`` and ``high``, where it has one maximum."""
+    best = 0.0
+    for _ in range(9):
+        grid = np.linspace(low, high, 9)
+        values = [value(float(omega)) for omega in grid]
+        j = int(np.argmax(values))
+        best = max(best, values[j])
+        low, high = float(grid[max(j - 1, 0)]), float(grid[min(j + 1, 8)])
     return best
 
 
@@ -157,7 +172,9 @@ def low_power_strong_stability(alpha: ArrayLike, beta: ArrayLike) -> LowPowerSta
 
 def _unit(n: int) -> Array:
     """B_n: the last unit vector."""
-    return np.eye(n)[-1]
+    unit = np.zeros(n)
+    unit[-1] = 1.0
+    return unit
 
 
 # --- design by the recursion ------------------------------------------------------------------
@@ -173,13 +190,14 @@ def low_power_small_gain_design(
 ) -> LowPowerCoefficients:
     """alpha, beta that are strongly stable by Lemma 2, for any order, block by block.
 
-    For i = 2 ... n-1: beta_i = ``margin`` alpha_i/gamma_{i-1}, with gamma_{i-1} the H-infinity norm of
-    system (17).  (The paper prints the inequality the wrong way round: beta_i/alpha_i must be
+    For i = 2 ... n-1: beta_i = ``margin`` alpha_i/gamma_{i-1}, with gamma_{i-1} the H-infinity norm
+    of system (17).  (The paper prints the inequality the wrong way round: beta_i/alpha_i must be
     *below* 1/gamma_{i-1}.)  Pole assignment alone loses strong stability as n grows.
 
-    ``alpha``: (n,), or one number for all, > 0.  ``beta_1``: default alpha_1^2, which makes block 1 a
-    pair with damping 1/2.  ``margin`` in (0, 1): the small-gain products.  ``decay`` [1/s]: rescale
-    time (alpha -> c alpha, beta -> c^2 beta) so that the slowest pole of M_n lies at Re = -decay.
+    ``alpha``: (n,), or one number for all, > 0.  ``beta_1``: default alpha_1^2, which makes block 1
+    a pair with damping 1/2.  ``margin`` in (0, 1): the small-gain products.  ``decay`` [1/s]:
+    rescale time (alpha -> c alpha, beta -> c^2 beta) so that the slowest pole of M_n lies at
+    Re = -decay.
     Source: Astolfi et al., end of section 3.4.
     """
     n = _checks.order(n, least=2)

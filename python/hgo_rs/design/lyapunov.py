@@ -77,7 +77,7 @@ def crackle_gradient(x: ArrayLike) -> Array:
 
 
 def ell_star(phi_lipschitz: float, p: ArrayLike) -> float:
-    """ell* = 2 phi_bar_x |P|: the gain above which Theorem 1 of Astolfi et al. guarantees convergence.
+    """ell* = 2 phi_bar_x |P|: above it Theorem 1 of Astolfi et al. guarantees convergence.
 
     ``phi_lipschitz``: Lipschitz constant phi_bar_x of phi on X; ``p``: P of ``lyapunov(A - K C)``
     (standard) or ``lyapunov(M_n)`` (low-power).  Far from necessary: set ``ell_frozen`` and a
@@ -90,11 +90,12 @@ def ell_star(phi_lipschitz: float, p: ArrayLike) -> float:
 def ell_frozen(matrix: ArrayLike, gradients: ArrayLike) -> float:
     """The gain above which the error dynamics with a frozen d(phi)/dx is Hurwitz.
 
-    ``matrix``: A - K C (n, n) or M_n (2n-1, 2n-1); ``gradients``: (m, n), values of d(phi)/dx to try.
-    In the scaled error chi of eq. (21) the dynamics is ell M + B grad(phi)^T diag(ell^(i-n)), where
-    grad(phi) acts on the x_hat entries and B feeds the last row (and, low-power, eta_{n-1}: the
-    row before it).  An indication, neither necessary nor sufficient for a gradient that moves; it
-    shows how far off ell* is.  Source: Astolfi et al., section 5.1.
+    ``matrix``: A - K C (n, n) or M_n (2n-1, 2n-1); ``gradients``: (m, n), values of d(phi)/dx to
+    try.  In the scaled error chi of eq. (21) the dynamics is
+    ell M + B grad(phi)^T diag(ell^(i-n)), where grad(phi) acts on the x_hat entries and B feeds the
+    last row (and, low-power, eta_{n-1}: the row before it).  An indication, neither necessary nor
+    sufficient for a gradient that moves; it shows how far off ell* is.
+    Source: Astolfi et al., section 5.1.
     """
     m = _checks.hurwitz(matrix, "matrix")
     slopes = np.atleast_2d(np.asarray(gradients, dtype=np.float64))

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .error import Array, Spec, choice, fail, member, number, vector
+from .error import Array, Spec, choice, fail, known, member, number, vector
 
 
 class Plant:
@@ -20,7 +20,6 @@ class Plant:
     n = 0
     n_y = 1
     n_u = 0
-    stochastic = False
 
     @property
     def target(self) -> slice:
@@ -33,19 +32,38 @@ class Plant:
 
     def output(self, x: Array) -> Array:
         """y without noise: shape (runs,) for one output, else (n_y, runs)."""
-        return x[0]
+        y: Array = x[0]
+        return y
 
     def control(self, x: Array, dt: float) -> Array | None:
         """u held over the sampling period ``dt`` that begins at state ``x``."""
         return None
 
-    def known(self, x_hat: Array) -> Array | None:
-        """f_hat(x_hat), shape of ``x_hat``; None where it vanishes."""
+    def known(self, x_hat: Array, u: Array | None = None) -> Array | None:
+        """f_hat(x_hat, u), shape of ``x_hat``; None where it vanishes."""
         return None
 
 
 class NoModel(Plant):
     """Nothing is known: phi = 0."""
+
+
+class InputGain(Plant):
+    """A model only: a chain of integrators driven by one known input, phi = b0 u."""
+
+    kind = "input"
+    n_u = 1
+
+    def __init__(self, b0: float) -> None:
+        self.b0 = b0
+
+    def known(self, x_hat: Array, u: Array | None = None) -> Array | None:
+        """(0, ..., 0, b0 u); ``u``: (1, runs), None is zero."""
+        if u is None:
+            return None
+        f = np.zeros_like(x_hat)
+        f[-1] = self.b0 * u[0]
+        return f
 
 
 class Lee(Plant):
@@ -57,7 +75,7 @@ class Lee(Plant):
     @staticmethod
     def phi(x: Array) -> Array:
         """phi(x) = -x1 / (1 + x1^2) - x2."""
-        x1 = x[0]
+        x1: Array = x[0]
         return -x1 / (1.0 + x1 * x1) - x[1]
 
     def drift(self, x: Array, u: Array | None = None) -> Array:
@@ -67,7 +85,7 @@ class Lee(Plant):
         rate[1] = self.phi(x)
         return rate
 
-    def known(self, x_hat: Array) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None = None) -> Array | None:
         """(0, phi(x_hat))."""
         f = np.zeros_like(x_hat)
         f[1] = self.phi(x_hat)
@@ -91,7 +109,7 @@ class SanfelicePraly(Plant):
         rate[1] = 0.0
         return rate
 
-    def known(self, x_hat: Array) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None = None) -> Array | None:
         """(nu1 x1_hat, 0)."""
         f = np.zeros_like(x_hat)
         f[0] = self.nu1 * x_hat[0]
@@ -109,14 +127,9 @@ class VanDerPol(Plant):
         self.sigma = sigma
         self.multiplicative = multiplicative
 
-    @property
-    def stochastic(self) -> bool:  # type: ignore[override]
-        """Whether noise drives the plant."""
-        return self.sigma != 0.0
-
     def phi(self, x: Array) -> Array:
         """phi(x) = -x1 + epsilon (1 - x1^2) x2."""
-        x1 = x[0]
+        x1: Array = x[0]
         return -x1 + self.epsilon * (1.0 - x1 * x1) * x[1]
 
     def drift(self, x: Array, u: Array | None = None) -> Array:
@@ -153,7 +166,7 @@ class VanDerPol(Plant):
         """1/2 sum b_i b_j d2a/dx_i dx_j: zero, for a is linear in x2 and b1 = 0."""
         return np.zeros_like(x)
 
-    def known(self, x_hat: Array) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None = None) -> Array | None:
         """(0, phi(x_hat))."""
         f = np.zeros_like(x_hat)
         f[1] = self.phi(x_hat)
@@ -172,7 +185,7 @@ class Crackle(Plant):
     @staticmethod
     def phi(x: Array) -> Array:
         """phi(x) = 0.2 (x1^2 - 1) - x2 - x3 - 4 x4 - x5: (20)."""
-        x1 = x[0]
+        x1: Array = x[0]
         return 0.2 * (x1 * x1 - 1.0) - x[1] - x[2] - 4.0 * x[3] - x[4]
 
     def drift(self, x: Array, u: Array | None = None) -> Array:
@@ -182,7 +195,7 @@ class Crackle(Plant):
         rate[4] = self.phi(x)
         return rate
 
-    def known(self, x_hat: Array) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None = None) -> Array | None:
         """(0, 0, 0, 0, phi_s), phi_s = phi clipped at +-phi_max."""
         f = np.zeros_like(x_hat)
         f[4] = np.minimum(np.maximum(self.phi(x_hat), -self.phi_max), self.phi_max)
@@ -299,17 +312,27 @@ class Ship(Plant):
 
 
 KINDS = ("lee", "sanfelice-praly", "van-der-pol", "crackle", "ship")
+KEYS: dict[str, tuple[str, ...]] = {
+    "lee": (),
+    "sanfelice-praly": ("nu1", "nu2"),
+    "van-der-pol": ("epsilon", "sigma", "multiplicative"),
+    "crackle": ("phi_max",),
+    "ship": ("delta", "w"),
+    "none": (),
+    "input": ("b0",),
+}
 
 
 def plant_from(spec: Spec, where: str = "plant") -> Plant:
-    """The plant that ``spec`` describes; as ``where`` = "model" also {"kind": "none"}."""
-    allowed = KINDS if where == "plant" else (*KINDS, "none")
+    """The plant that ``spec`` describes; as ``where`` = "model" also "none" and "input"."""
+    allowed = KINDS if where == "plant" else (*KINDS, "none", "input")
     kind = choice(member(spec, "kind", where), f"{where}.kind", allowed)
+    known(spec, where, ("kind", *KEYS[kind]))
     if kind == "lee":
         return Lee()
     if kind == "sanfelice-praly":
         return SanfelicePraly(
-            number(spec.get("nu1", 1.9), f"{where}.nu1"),
+            number(member(spec, "nu1", where), f"{where}.nu1"),
             number(spec.get("nu2", 0.1), f"{where}.nu2"),
         )
     if kind == "van-der-pol":
@@ -324,4 +347,6 @@ def plant_from(spec: Spec, where: str = "plant") -> Plant:
         return Ship(
             number(spec.get("delta", 0.0), f"{where}.delta"), spec.get("w", (0.0, 0.0, 0.0))
         )
+    if kind == "input":
+        return InputGain(number(member(spec, "b0", where), f"{where}.b0"))
     return NoModel()

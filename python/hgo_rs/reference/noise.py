@@ -33,7 +33,8 @@ def mix(z: Words) -> Words:
         z = z + _GOLDEN
         z = (z ^ (z >> np.uint64(30))) * _MIX_1
         z = (z ^ (z >> np.uint64(27))) * _MIX_2
-        return z ^ (z >> np.uint64(31))
+        mixed: Words = z ^ (z >> np.uint64(31))
+    return mixed
 
 
 class Streams:
@@ -77,14 +78,14 @@ class Streams:
             s3 |= t
         with np.errstate(over="ignore"):
             last += first  # s0 + s3
-            result = last << np.uint64(23)  # rotl(s0 + s3, 23) + s0
+            result: Words = last << np.uint64(23)  # rotl(s0 + s3, 23) + s0
             result |= last >> np.uint64(41)
             result += first
         return result
 
     def uniform(self, count: int) -> Array:
         """``count`` draws from [0, 1), shape (count, runs)."""
-        return (self.words(count) >> np.uint64(11)) * 2.0**-53
+        return np.multiply(self.words(count) >> np.uint64(11), 2.0**-53, dtype=np.float64)
 
     def normal_pairs(self, count: int) -> tuple[Array, Array]:
         """``count`` pairs of independent standard normals (Box-Muller), each (count, runs)."""
@@ -123,7 +124,7 @@ class MeasurementNoise:
             self.low = number(member(spec, "low", "noise"), "noise.low")
             self.high = number(member(spec, "high", "noise"), "noise.high", least=self.low)
         elif self.kind == "normal":
-            self.mean = number(spec.get("mean", 0.0), "noise.mean")
+            self.mean = number(member(spec, "mean", "noise"), "noise.mean")
             self.std = number(member(spec, "std", "noise"), "noise.std", least=0.0)
         elif self.kind == "samples":
             self.values = _samples(member(spec, "values", "noise"), steps, runs)

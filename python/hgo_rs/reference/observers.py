@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import integrate
-from .error import Array, Spec, choice, fail, integer, member, number, vector
+from .error import Array, Spec, choice, fail, integer, known, member, number, vector
 from .gain import AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw, gain_from
 from .models import Plant, Ship, VanDerPol, plant_from
 from .polynomial import is_hurwitz, low_power_polynomial
@@ -50,8 +50,16 @@ class Law:
         raise NotImplementedError
 
     def residual(self, memory: Array, y: Array) -> Array:
-        """y - (predicted y), shape of ``y``."""
+        """The innovation of a record: y - (predicted y), shape of ``y``."""
         return y - memory[0]
+
+    def undefined(self, memory: Array, y: Array, missing: Missing = None) -> NDArray[np.bool_]:
+        """Where the model has no value at this sample, one entry a run: never, but for a ship."""
+        return np.zeros(memory.shape[1], dtype=np.bool_)
+
+    def initial(self) -> Array:
+        """Memory to start from when nothing is known, (memory_len,)."""
+        return np.zeros(self.memory_len)
 
     def check(self, memory: Array) -> None:
         """Refuse a memory from which the law cannot start."""
@@ -68,13 +76,19 @@ class ContinuousLaw(Law):
         e = y - memory[0]
         return e if missing is None else np.where(missing, 0.0, e)
 
-    def rate(self, memory: Array, e: Array) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
         """d(memory)/dt for the innovation(s) ``e``."""
         raise NotImplementedError
 
     def lift(self, old: Array, new: Array, dt: float) -> None:
         """Staggered Euler: repeat the chain's sums with new values, from the bottom up."""
         raise NotImplementedError
+
+    def initial(self) -> Array:
+        """x_hat = 0, and r = 1 where the gain moves."""
+        memory = np.zeros(self.memory_len)
+        memory[list(self.gain_rows)] = 1.0
+        return memory
 
     def clamp(self, memory: Array) -> None:
         """r >= 1, in place, after a step."""
@@ -93,15 +107,15 @@ class ContinuousLaw(Law):
         """One step of the scheme with y held."""
         method = self.method
         if method == "euler" or method == "staggered-euler":
-            new = memory + dt * self.rate(memory, self.innovation(memory, y, missing))
+            new = memory + dt * self.rate(memory, self.innovation(memory, y, missing), u)
             if method == "staggered-euler":
                 self.lift(memory, new, dt)
         elif method == "rk4-innovation-held":
             held = self.innovation(memory, y, missing)
-            new = integrate.rk4(lambda _, m: self.rate(m, held), t, memory, dt)
+            new = integrate.rk4(lambda _, m: self.rate(m, held, u), t, memory, dt)
         else:
             new = integrate.DETERMINISTIC[method](
-                lambda _, m: self.rate(m, self.innovation(m, y, missing)), t, memory, dt
+                lambda _, m: self.rate(m, self.innovation(m, y, missing), u), t, memory, dt
             )
         if self.gain_rows:
             self.clamp(new)
@@ -119,7 +133,9 @@ def _coefficients(spec: Spec, n: int) -> Array:
     k = vector(member(spec, "k", "observer"), "observer.k", n)
     if not is_hurwitz(k):
         raise fail(
-            "observer.k", k.tolist(), "such that s^n + k_1 s^(n-1) + ... + k_n is Hurwitz",
+            "observer.k",
+            k.tolist(),
+            "such that s^n + k_1 s^(n-1) + ... + k_n is Hurwitz",
             "take coefficients_from_poles of poles in the left half plane",
         )
     return k
@@ -153,6 +169,7 @@ class StandardObserver(ContinuousLaw):
         self.k = _coefficients(spec, self.n)
         self.gain: GainLaw = gain_from(member(spec, "gain", "observer"))
         self.model = _model(spec, self.n)
+        self.n_u = self.model.n_u
         self.method = _method(spec)
         self.memory_len = self.n + self.gain.moves
         self.gain_rows = (self.n,) if self.gain.moves else ()
@@ -160,7 +177,7 @@ class StandardObserver(ContinuousLaw):
             powers = self.gain.ell ** np.arange(1, self.n + 1)
             self._injection = (self.k * powers)[:, None]  # k_i ell^i
 
-    def chain(self, x_hat: Array, e: Array, g: Array | None) -> Array:
+    def chain(self, x_hat: Array, e: Array, g: Array | None, u: Array | None) -> Array:
         """x_hat_i' = x_hat_{i+1} + f_i(x_hat) + k_i g^i e."""
         rate = np.empty_like(x_hat)
         if g is None:
@@ -171,19 +188,19 @@ class StandardObserver(ContinuousLaw):
                 rate[i] = self.k[i] * power * e
                 power = power * g
         rate[:-1] += x_hat[1:]
-        f = self.model.known(x_hat)
+        f = self.model.known(x_hat, u)
         if f is not None:
             rate += f
         return rate
 
-    def rate(self, memory: Array, e: Array) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
         """Astolfi (2); Sanfelice, Praly (5), (6)."""
         if not self.gain.moves:
-            return self.chain(memory, e, None)
+            return self.chain(memory, e, None, u)
         n = self.n
         r = memory[n]
         rate = np.empty_like(memory)
-        rate[:n] = self.chain(memory[:n], e, r)
+        rate[:n] = self.chain(memory[:n], e, r, u)
         rate[n] = self.gain.rate(r, e, n)
         return rate
 
@@ -220,6 +237,7 @@ class LowPowerObserver(ContinuousLaw):
             )
         self.gain: GainLaw = gain_from(member(spec, "gain", "observer"))
         self.model = _model(spec, n)
+        self.n_u = self.model.n_u
         self.method = _method(spec)
         self.memory_len = 2 * n - 1 + self.gain.moves
         self.gain_rows = (2 * n - 1,) if self.gain.moves else ()
@@ -235,7 +253,7 @@ class LowPowerObserver(ContinuousLaw):
         """What of eta is passed on: all of it; eq. (11) saturates here."""
         return eta
 
-    def rate(self, memory: Array, e: Array) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
         """(5a), (5b); with ``limit`` (11a), (11b)."""
         n = self.n
         x_hat, eta = memory[:n], memory[n : 2 * n - 1]
@@ -250,7 +268,7 @@ class LowPowerObserver(ContinuousLaw):
         x_rate[:-1] += eta  # x_hat_i' = eta_i + alpha_i ell e_i
         np.multiply(beta_ell2, e_all[:-1], out=eta_rate)
         eta_rate[:-1] += passed[1:]  # eta_i' = eta_{i+1} + beta_i ell^2 e_i
-        f = self.model.known(x_hat)
+        f = self.model.known(x_hat, u)
         if f is not None:
             x_rate += f  # x_hat_n' = phi_s + alpha_n ell e_n
             eta_rate += f[1:]  # eta_{n-1}' = phi_s + beta_{n-1} ell^2 e_{n-1}
@@ -299,8 +317,8 @@ class PeakingFreeObserver(LowPowerObserver):
 def saturate(s: Array, level: Any, clip: str) -> Array:
     """sat_r(s) = s for |s| <= r; beyond, +-r ("hard"), or +-(r + u/(1+u)), u = |s| - r.
 
-    The second is C1, strictly increasing and bounded by r + 1: the text of Astolfi et al. ("Notation").
-    The first gives their tables.
+    The second is C1, strictly increasing and bounded by r + 1, as the text of Astolfi et al. asks
+    ("Notation"); the first gives their tables.
     """
     if clip == "hard":
         return np.minimum(np.maximum(s, -level), level)
@@ -326,6 +344,7 @@ class CollectionObserver(ContinuousLaw):
             )
         self.gain = gain
         self.model = _model(spec, self.n)
+        self.n_u = self.model.n_u
         self.method = _method(spec)
         self.memory_len = self.copies * (self.n + 1)
         self.gain_rows = tuple(range(self.n, self.memory_len, self.n + 1))
@@ -339,7 +358,7 @@ class CollectionObserver(ContinuousLaw):
         e = y - self.by_copy(memory)[:, 0]
         return e if missing is None else np.where(missing, 0.0, e)
 
-    def rate(self, memory: Array, e: Array) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
         """(23), with e_i = -(y_hat_i - y)."""
         n, b = self.n, self.gain.b
         copies = self.by_copy(memory)
@@ -353,7 +372,7 @@ class CollectionObserver(ContinuousLaw):
             rate[:, j] = self.k[j] * power * e - self.k_bar[j] * power * scale * repulsion
             power = power * r
         rate[:, : n - 1] += copies[:, 1:n]
-        f = self.model.known(np.moveaxis(copies[:, :n], 1, 0))
+        f = self.model.known(np.moveaxis(copies[:, :n], 1, 0), u)
         if f is not None:
             rate[:, :n] += np.moveaxis(f, 0, 1)
         rate[:, n] = self.gain.rate(r, e, n)
@@ -400,7 +419,7 @@ class ModifiedObserver(CollectionObserver):
         e = y - memory[:: self.n + 1]
         return e if missing is None else np.where(missing, 0.0, e)
 
-    def rate(self, memory: Array, e: Array) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
         """(25) over (23) and (24)."""
         n = self.n
         own = memory[: n + 1]
@@ -413,11 +432,11 @@ class ModifiedObserver(CollectionObserver):
             rate[j] = self.k[j] * power * e[0]  # k_j (r r_bar)^j e
             power = power * g
         rate[: n - 1] += x_hat[1:]
-        f = self.model.known(x_hat)
+        f = self.model.known(x_hat, u)
         if f is not None:
             rate[:n] += f
         rate[n] = self.gain.rate(r, e[0], n)
-        rate[n + 1 :] = self.collection.rate(others, e[1:])
+        rate[n + 1 :] = self.collection.rate(others, e[1:], u)
         return rate
 
     def nominal_gain(self, memory: Array) -> Array:
@@ -534,28 +553,31 @@ class ReducedOrderObserver(Law):
         """
         if u is None:
             raise fail("u", None, "of shape (2, runs)", "give the control held from this sample on")
-        z_hat, u_held, elapsed, period = memory[:3], memory[6:8], memory[8], memory[9]
-        started = elapsed > 0.0
-        psi = self.velocity(memory, y)
-        # (I - T H) z_hat + T [H Psi + f2(Psi, u)] = z_hat + T [H (Psi - z_hat) + f2(Psi, u)]
-        closed = z_hat + period * (self._h * (psi - z_hat) + self.model.f2(psi, u_held))
+        started = memory[8] > 0.0
+        z_new = self.estimate(memory, y, missing)
         new = np.empty_like(memory)
+        new[:3] = np.where(started & np.isfinite(z_new).all(axis=0), z_new, memory[:3])
         new[3:6] = y
         new[6:8] = u
-        new[8] = dt
-        new[9] = dt
+        new[8:] = dt
         if missing is not None and missing.any():
-            predicted = z_hat + period * self.model.f2(z_hat, u_held)
-            closed = np.where(missing, predicted, closed)
             new[3:6] = np.where(missing, memory[3:6], new[3:6])
-            new[8] = np.where(missing, np.where(started, elapsed + dt, 0.0), dt)
-        valid = started & np.isfinite(closed).all(axis=0)
-        new[:3] = np.where(valid, closed, z_hat)
+            new[8] = np.where(missing, np.where(started, memory[8] + dt, 0.0), dt)
         return new
 
-    def undefined(self, memory: Array, new: Array) -> bool:
-        """Whether a step from ``memory`` to ``new`` held z_hat because f2 had no value."""
-        return bool(np.any((memory[8] > 0.0) & np.all(memory[:3] == new[:3], axis=0)))
+    def estimate(self, memory: Array, y: Array, missing: Missing = None) -> Array:
+        """z_hat at the sample ``y``; not finite where f2 has no value."""
+        z_hat, u_held, period = memory[:3], memory[6:8], memory[9]
+        psi = self.velocity(memory, y)
+        # (I - T H) z_hat + T [H Psi + f2(Psi, u)] = z_hat + T [H (Psi - z_hat) + f2(Psi, u)]
+        z_new = z_hat + period * (self._h * (psi - z_hat) + self.model.f2(psi, u_held))  # (22)
+        if missing is not None and missing.any():
+            z_new = np.where(missing, z_hat + period * self.model.f2(z_hat, u_held), z_new)
+        return z_new
+
+    def undefined(self, memory: Array, y: Array, missing: Missing = None) -> NDArray[np.bool_]:
+        """Where f2 has no value, so that z_hat is held."""
+        return (memory[8] > 0.0) & ~np.isfinite(self.estimate(memory, y, missing)).all(axis=0)
 
 
 LAWS: dict[str, type[Law]] = {
@@ -569,21 +591,35 @@ LAWS: dict[str, type[Law]] = {
 }
 
 
+_CHAIN = ("n", "gain", "model", "method")
+KEYS: dict[str, tuple[str, ...]] = {
+    "standard": ("k", *_CHAIN),
+    "low-power": ("alpha", "beta", *_CHAIN),
+    "peaking-free": ("alpha", "beta", "saturation", "clip", *_CHAIN),
+    "collection": ("k", "k_bar", "copies", *_CHAIN),
+    "modified": ("k", "k_bar", "copies", *_CHAIN),
+    "sampled-data": ("model", "gain"),
+    "reduced-order": ("model", "h_bar", "epsilon"),
+}
+
+
 def law_from(spec: Spec) -> Law:
     """The law that ``spec`` describes."""
     kind = choice(member(spec, "kind", "observer"), "observer.kind", tuple(LAWS))
+    known(spec, "observer", ("kind", *KEYS[kind]))
     law: Any = LAWS[kind]
     built: Law = law(spec)
     return built
 
 
-USED, MISSED, DIVERGED = 0, 1, 2
+USED, MISSED, UNDEFINED = 0, 1, 2  # what a step made of its sample
 
 
 class Observer:
     """An observer to step online or to run over a record.
 
-    Attributes: ``spec``, order ``n``, ``n_y`` outputs, ``n_u`` inputs, ``memory_len``.
+    Attributes: ``spec``, order ``n``, ``n_y`` outputs, ``n_u`` inputs, ``memory_len``, and
+    ``is_current``: whether the estimate at k uses y(k).
     """
 
     def __init__(self, spec: Spec) -> None:
@@ -593,6 +629,11 @@ class Observer:
         self.n_y = self.law.n_y
         self.n_u = self.law.n_u
         self.memory_len = self.law.memory_len
+        self.is_current = self.law.filters
+
+    def initial(self) -> Array:
+        """Memory to start from when nothing is known, (memory_len,)."""
+        return self.law.initial()
 
     def step(
         self, memory: ArrayLike, y: ArrayLike, u: ArrayLike | None, t: float, dt: float
@@ -600,7 +641,8 @@ class Observer:
         """One sample: (memory after the step, status).
 
         ``memory``: (memory_len,); ``y``: scalar or (n_y,), NaN for a missing sample; ``u``: (n_u,)
-        or None; ``t``, ``dt`` [s].  Status 0: sample used, 1: missing, 2: the memory diverged.
+        or None; ``t``, ``dt`` [s].  Status 0: sample used; 1: missing, the law predicted; 2: the
+        model has no value at this sample, the estimate was held.
         """
         column = vector(memory, "memory", self.memory_len)[:, None]
         sample = np.asarray(y, dtype=np.float64).reshape(-1)
@@ -613,26 +655,25 @@ class Observer:
         measured = sample if self.n_y == 1 else sample[:, None]
         with np.errstate(all="ignore"):
             new = self.law.step(column, measured, control, t, dt, missing)[:, 0]
-        if not np.all(np.abs(new) <= 1e12):
-            return new, DIVERGED
-        return new, MISSED if missing[0] else USED
+            undefined = self.law.undefined(column, measured, missing)
+        return new, UNDEFINED if undefined[0] else MISSED if missing[0] else USED
 
     def run(
         self, t: ArrayLike, y: ArrayLike, u: ArrayLike | None, memory0: ArrayLike
-    ) -> dict[str, Array | NDArray[np.bool_]]:
+    ) -> dict[str, NDArray[Any]]:
         """Over a record: ``t`` (N,) increasing, ``y`` (N, n_y), ``u`` (N, n_u), ``memory0``.
 
-        Returns "memory" (N, memory_len), before the use of y(k) (after it for the reduced-order
-        law, which filters), "innovation" (N, n_y), zero where y(k) is missing, "missing" (N,).
+        Returns "memory" (N, memory_len), before the use of y(k), or after it for the reduced-order
+        law, which filters; "innovation" (N, n_y) = y - y_hat, not finite where y(k) is not;
+        "status" (N,) as of ``step``; "missing" (N,).
         """
         time = np.asarray(t, dtype=np.float64)
-        if time.ndim != 1 or time.size < 2:
-            raise fail("t", time.shape, "of shape (N,), N >= 2", "give the sampling instants")
-        if not np.all(np.isfinite(time)) or not np.all(np.diff(time) > 0.0):
-            k = int(np.argmin(np.where(np.isfinite(time[1:]), np.diff(time), -np.inf)))
-            raise fail(
-                f"t[{k + 1}]", float(time[k + 1]), f"> t[{k}] = {time[k]:g}", "sort the record"
-            )
+        if time.ndim != 1 or time.size < 1:
+            raise fail("t", time.shape, "of shape (N,), N >= 1", "give the sampling instants")
+        for k in range(time.size):
+            if not np.isfinite(time[k]) or (k > 0 and not time[k] > time[k - 1]):
+                before = "-inf" if k == 0 else f"t[{k - 1}] = {time[k - 1]:g}"
+                raise fail(f"t[{k}]", float(time[k]), f"finite and > {before}", "sort the record")
         samples = np.asarray(y, dtype=np.float64)
         if samples.ndim == 1:
             samples = samples[:, None]
@@ -641,27 +682,31 @@ class Observer:
         control = None
         if self.n_u:
             control = np.asarray([] if u is None else u, dtype=np.float64)
+            if control.ndim == 1:
+                control = control[:, None]
             if control.shape != (time.size, self.n_u):
                 raise fail("u", control.shape, f"of shape ({time.size}, {self.n_u})", "match t")
+            if not np.all(np.isfinite(control)):
+                raise fail("u", "an array with NaN or inf", "finite", "inputs must be known")
         memory = vector(memory0, "memory0", self.memory_len)[:, None]
         self.law.check(memory)
-        steps = np.append(np.diff(time), time[-1] - time[-2])
+        steps = np.diff(time)
+        steps = np.append(steps, steps[-1] if steps.size else 0.0)
         missing = ~np.all(np.isfinite(samples), axis=1)
         memories = np.empty((time.size, self.memory_len))
-        innovation = np.zeros((time.size, self.n_y))
+        innovation = np.empty((time.size, self.n_y))
+        status = np.where(missing, MISSED, USED).astype(np.uint8)
         with np.errstate(all="ignore"):
             for k in range(time.size):
                 y_k = samples[k] if self.n_y == 1 else samples[k][:, None]
                 u_k = None if control is None else control[k][:, None]
-                if not missing[k]:
-                    innovation[k] = self.law.residual(memory, y_k).reshape(-1)
+                mask = missing[k : k + 1]
+                innovation[k] = self.law.residual(memory, y_k).reshape(-1)
+                if self.law.undefined(memory, y_k, mask)[0]:
+                    status[k] = UNDEFINED
                 if not self.law.filters:
                     memories[k] = memory[:, 0]
-                memory = self.law.step(
-                    memory, y_k, u_k, float(time[k]), float(steps[k]), missing[k : k + 1]
-                )
+                memory = self.law.step(memory, y_k, u_k, float(time[k]), float(steps[k]), mask)
                 if self.law.filters:
                     memories[k] = memory[:, 0]
-        return {"memory": memories, "innovation": innovation, "missing": missing}
-
-
+        return {"memory": memories, "innovation": innovation, "status": status, "missing": missing}

@@ -20,7 +20,9 @@ def _poles(poles: ArrayLike) -> list[complex]:
         if not (np.isfinite(pole) and pole.real < 0.0):
             raise fail(f"poles[{i}]", pole, "finite, with negative real part", "move it left")
         if given.count(pole) != given.count(pole.conjugate()):
-            raise fail(f"poles[{i}]", pole, "paired with its complex conjugate", "add the conjugate")
+            raise fail(
+                f"poles[{i}]", pole, "paired with its complex conjugate", "add the conjugate"
+            )
     if not 1 <= len(given) <= MAX_DEGREE:
         raise fail("poles", len(given), f"1 to {MAX_DEGREE} poles", "change the order")
     return given
@@ -90,7 +92,8 @@ def low_power_polynomial(alpha: ArrayLike, beta: ArrayLike) -> Array:
     for a_i, b_i in zip(a[:-1], b, strict=True):
         product *= b_i
         p = np.concatenate(([product], _times_linear(p, a_i)))
-    return _times_linear(p, a[-1])[:-1][::-1].copy()
+    whole = _times_linear(p, a[-1])
+    return np.ascontiguousarray(whole[-2::-1])
 
 
 def low_power_coefficients(coefficients: ArrayLike) -> tuple[Array, Array]:

@@ -16,11 +16,11 @@ class FixedStep:
 
     def steps(self, k: NDArray[np.int64]) -> Array:
         """dt(k) [s] at the step indices ``k``, shape of ``k``."""
-        return np.full(k.shape, self.dt)
+        return np.full(k.shape, self.dt, dtype=np.float64)
 
     def times(self, k: NDArray[np.int64], start: float) -> Array:
         """t(k) [s]; ``start`` = t(k[0]) is not needed: t(k) = k T."""
-        return k * self.dt
+        return np.multiply(k, self.dt, dtype=np.float64)
 
 
 class StochasticApproximation:

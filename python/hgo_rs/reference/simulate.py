@@ -16,7 +16,7 @@ from .error import Array, Spec, choice, columns, fail, integer, known, member, n
 from .models import Plant, VanDerPol, plant_from
 from .noise import MeasurementNoise, ProcessNoise
 from .observers import ContinuousLaw, Law, StandardObserver, law_from
-from .schedule import Schedule, schedule_from
+from .schedule import schedule_from
 
 DIVERGENCE = 1e12  # |value| beyond which a run is called diverged
 BINS_PER_OCTAVE = 32
@@ -26,8 +26,24 @@ _BLOCK_FLOATS = 1_500_000  # memory of one block of steps
 _BLOCK_STEPS = 2048
 
 KEYS = (
-    "plant", "observer", "mode", "steps", "schedule", "plant_schedule", "plant_method", "substeps",
-    "x0", "memory0", "noise", "runs", "seed", "first_run", "windows", "settle", "histogram", "every",
+    "plant",
+    "observer",
+    "mode",
+    "steps",
+    "schedule",
+    "plant_schedule",
+    "plant_method",
+    "substeps",
+    "x0",
+    "memory0",
+    "noise",
+    "runs",
+    "seed",
+    "first_run",
+    "windows",
+    "settle",
+    "histogram",
+    "every",
 )
 PLANT_METHODS = (*integrate.DETERMINISTIC, *integrate.STOCHASTIC, "held")
 
@@ -54,17 +70,8 @@ class _Drive:
                     "use 'euler', 'rk4' or 'bogacki-shampine'",
                 )
             if self.method == "taylor-1.5" and plant.multiplicative:
-                raise fail(
-                    "plant_method", self.method, "for additive noise only", "use 'milstein'"
-                )
+                raise fail("plant_method", self.method, "for additive noise only", "use 'milstein'")
             self.process = ProcessNoise(runs=runs, seed=seed, first_run=first_run)
-        elif plant.stochastic and self.method != "held":
-            raise fail(
-                "plant_method",
-                self.method,
-                "a stochastic scheme while plant.sigma > 0",
-                "use 'taylor-1.5', 'milstein' or 'euler-maruyama', or set sigma = 0",
-            )
 
     def draw(self, steps: int) -> tuple[Array, Array] | None:
         """Normal pairs for ``steps`` samples, or None."""
@@ -105,13 +112,13 @@ class _Drive:
 class _Metrics:
     """Streaming metrics over blocks of steps; arrays hold one column a run."""
 
-    def __init__(self, spec: Spec, steps: int, runs: int, n: int, kept: int, n_peak: int) -> None:
+    def __init__(self, spec: Spec, runs: int, n: int, kept: int, n_peak: int) -> None:
         windows = spec.get("windows", ()) or ()
-        self.windows = [_window(w, f"windows[{i}]", steps) for i, w in enumerate(windows)]
+        self.windows = [_window(w, f"windows[{i}]") for i, w in enumerate(windows)]
         settle = spec.get("settle")
         self.settle = None if settle is None else number(settle, "settle", above=0.0)
         bins = spec.get("histogram")
-        self.bins = None if bins is None else _window(bins, "histogram", steps)
+        self.bins = None if bins is None else _window(bins, "histogram")
         self.n = n
         shape = (len(self.windows), kept, runs)
         self.sum = np.zeros(shape)
@@ -130,7 +137,7 @@ class _Metrics:
         stop = start + len(t)
         n = self.n
         whole = bool(np.all(length == len(t)))
-        inside = None if whole else np.arange(len(t))[:, None] < length
+        inside: NDArray[np.bool_] | None = None if whole else np.arange(len(t))[:, None] < length
         self._peaks(memory, inside)
         for i, (k0, k1) in enumerate(self.windows):
             a, b = max(k0, start) - start, min(k1, stop) - start
@@ -188,49 +195,50 @@ class _Metrics:
         }
         out["peak"] = np.ascontiguousarray(self.peak.T)
         out["settling_time"] = self.settling_time
-        out["histogram"] = (
-            None
-            if self.bins is None
-            else {"edges": histogram_edges(), "counts": self.counts.copy()}
-        )
+        if self.bins is not None:
+            out["histogram"] = {"edges": histogram_edges(), "counts": self.counts.copy()}
         return out
 
 
-def _window(value: Any, parameter: str, steps: int) -> tuple[int, int]:
+def _window(value: Any, parameter: str) -> tuple[int, int]:
     if len(value) != 2:
         raise fail(parameter, value, "[k0, k1]", "give two step indices")
     k0 = integer(value[0], f"{parameter}[0]", least=0)
-    k1 = integer(value[1], f"{parameter}[1]", least=k0 + 1, most=steps + 1)
+    k1 = integer(value[1], f"{parameter}[1]", least=k0 + 1)
     return k0, k1
 
 
 class _Frames:
     """Every q-th sample, kept."""
 
-    def __init__(self, every: int, steps: int, runs: int, nx: int, memory_len: int, n_y: int):
+    def __init__(self, every: int, steps: int, runs: int, sizes: tuple[int, int, int]) -> None:
         self.every = every
-        frames = 0 if every == 0 else steps // every + 1
+        frames = steps // every + 1
         self.t = np.empty(frames)
-        self.x = np.empty((runs, frames, nx))
-        self.memory = np.empty((runs, frames, memory_len))
-        self.y = np.empty((runs, frames, n_y))
+        self.kept = [np.full((runs, frames, size), np.nan) for size in sizes]
+        self.filled = 0  # frames that some run has reached
 
-    def update(
-        self, start: int, t: Array, x: Array, memory: Array, y: Array, length: NDArray[np.int64]
-    ) -> None:
-        """Keep what falls into this block; NaN after a run's divergence."""
-        if self.every == 0:
-            return
-        first = -start % self.every
-        rows = np.arange(first, len(t), self.every)
+    def update(self, start: int, t: Array, parts: list[Array], length: NDArray[np.int64]) -> None:
+        """Keep what falls into this block; NaN from a run's divergence on."""
+        rows = np.arange(-start % self.every, int(length.max()), self.every)
         if rows.size == 0:
             return
-        frames = slice((start + first) // self.every, (start + first) // self.every + rows.size)
-        self.t[frames] = t[rows]
-        beyond = rows[:, None] >= length
-        for kept, values in ((self.x, x), (self.memory, memory), (self.y, y)):
-            part = np.where(beyond[:, None], np.nan, values[rows])
-            kept[:, frames] = np.moveaxis(part, -1, 0)
+        first = (start + int(rows[0])) // self.every
+        self.filled = first + rows.size
+        self.t[first : self.filled] = t[rows]
+        reached = rows[:, None, None] < length
+        for kept, values in zip(self.kept, parts, strict=True):
+            part = np.where(reached, values[rows], np.nan)
+            kept[:, first : self.filled] = np.moveaxis(part, -1, 0)
+
+    def result(self) -> dict[str, Array]:
+        """ "t" (frames,), "x", "memory" and "y" (runs, frames, .)."""
+        names = ("x", "memory", "y")
+        out = {
+            name: np.ascontiguousarray(kept[:, : self.filled])
+            for name, kept in zip(names, self.kept, strict=True)
+        }
+        return {"t": self.t[: self.filled], **out}
 
 
 def simulate(spec: Spec) -> dict[str, Any]:
@@ -241,9 +249,9 @@ def simulate(spec: Spec) -> dict[str, Any]:
     "windows", "settle", "histogram" and "every".
 
     Returns "mean", "rms", "max" (runs, windows, signals), signals = error (n) then extras;
-    "peak" (runs, memory_len), "settling_time" (runs,) [s], "histogram", "final_x",
-    "final_memory", "diverged_at" (runs,), and with "every" > 0 the trajectories "t" (frames,),
-    "x", "memory", "y" (runs, frames, .).
+    "peak" (runs, memory_len), "settling_time" (runs,) [s], "histogram" (if asked for), "final_x",
+    "final_memory", "diverged_at" and "undefined_at" (runs,), and with "every" > 0 the
+    trajectories "t" (frames,), "x", "memory", "y" (runs, frames, .).
 
     Raises ValueError, naming the parameter, for a spec that cannot be run.
     """
@@ -261,7 +269,11 @@ def simulate(spec: Spec) -> dict[str, Any]:
     if spec.get("plant_schedule") is not None:
         plant_schedule = schedule_from(spec["plant_schedule"], "plant_schedule")
     target = plant.target
-    if law.n != target.stop - target.start or law.n_y != plant.n_y or law.n_u != plant.n_u:
+    if (
+        law.n != target.stop - target.start
+        or law.n_y != plant.n_y
+        or (plant.n_u and law.n_u != plant.n_u)
+    ):
         raise fail(
             "observer.n",
             law.n,
@@ -279,14 +291,15 @@ def simulate(spec: Spec) -> dict[str, Any]:
 
     advance: _Sampled | _Joint
     if mode == "joint":
-        advance = _Joint(plant, law, spec, noise)
+        advance = _Joint(plant, law, spec, noise, runs)
     else:
-        advance = _Sampled(plant, law, _Drive(plant, spec, runs, seed, first_run))
+        advance = _Sampled(plant, law, _Drive(plant, spec, runs, seed, first_run), runs)
 
     extras = 0 if law.filters else law.memory_len - law.n
     n_peak = law.n if law.filters else law.memory_len
-    metrics = _Metrics(spec, steps, runs, law.n, law.n + extras, n_peak)
-    frames = _Frames(every, steps, runs, plant.n, law.memory_len, plant.n_y)
+    metrics = _Metrics(spec, runs, law.n, law.n + extras, n_peak)
+    sizes = (plant.n, law.memory_len, plant.n_y)
+    frames = _Frames(every, steps, runs, sizes) if every else None
     diverged_at = np.full(runs, -1, dtype=np.int64)
     final_x, final_memory = x.copy(), memory.copy()
 
@@ -308,18 +321,26 @@ def simulate(spec: Spec) -> dict[str, Any]:
             xs = np.empty((stop - start, plant.n, runs))
             memories = np.empty((stop - start, law.memory_len, runs))
             x, memory = advance.block(
-                x, memory, t, dt, plant_dt, held, v, xs, memories, noise.may_miss, stop == total
+                x,
+                memory,
+                t,
+                dt,
+                plant_dt,
+                held,
+                v,
+                xs,
+                memories,
+                noise.may_miss,
+                start,
+                stop == total,
             )
             length = _find_divergence(
                 start, xs, memories, diverged_at, final_x, final_memory, stop - start
             )
             metrics.update(start, t, memories[:, : law.n] - xs[:, target], memories, length)
-            if every:
-                frames.update(
-                    start, t, xs, memories, xs[:, : plant.n_y] + v, length
-                )
+            if frames is not None:
+                frames.update(start, t, [xs, memories, xs[:, : plant.n_y] + v], length)
             if np.all(diverged_at >= 0):
-                frames_left(frames, stop, schedule, steps)
                 break
     running = diverged_at < 0
     final_x = np.where(running, x, final_x)
@@ -328,20 +349,13 @@ def simulate(spec: Spec) -> dict[str, Any]:
     out["final_x"] = np.ascontiguousarray(final_x.T)
     out["final_memory"] = np.ascontiguousarray(final_memory.T)
     out["diverged_at"] = diverged_at
-    if every:
-        out["t"], out["x"], out["memory"], out["y"] = frames.t, frames.x, frames.memory, frames.y
+    undefined_at = advance.undefined_at
+    out["undefined_at"] = np.where(
+        running | (undefined_at < diverged_at), undefined_at, np.int64(-1)
+    )
+    if frames is not None:
+        out.update(frames.result())
     return out
-
-
-def frames_left(frames: _Frames, stop: int, schedule: Schedule, steps: int) -> None:
-    """Fill the frames after all runs diverged: times go on, values are NaN."""
-    if frames.every == 0:
-        return
-    first = -(-stop // frames.every)
-    for values in (frames.x, frames.memory, frames.y):
-        values[:, first:] = np.nan
-    t = schedule.times(np.arange(steps + 1), 0.0)
-    frames.t[:] = t[:: frames.every]
 
 
 def _find_divergence(
@@ -372,8 +386,9 @@ def _find_divergence(
 class _Sampled:
     """The observer sees y(k); the plant moves in between."""
 
-    def __init__(self, plant: Plant, law: Law, drive: _Drive) -> None:
+    def __init__(self, plant: Plant, law: Law, drive: _Drive, runs: int) -> None:
         self.plant, self.law, self.drive = plant, law, drive
+        self.undefined_at = np.full(runs, -1, dtype=np.int64)
         self.normals_per_step = drive.substeps if drive.process is not None else 0
 
     def block(
@@ -388,6 +403,7 @@ class _Sampled:
         xs: Array,
         memories: Array,
         may_miss: bool,
+        start: int,
         last: bool,
     ) -> tuple[Array, Array]:
         """Steps through a block; the study's ``last`` sample is measured only."""
@@ -413,8 +429,12 @@ class _Sampled:
                 missing = masks[j]
             if controlled:
                 u = plant.control(x, steps[j])
+            before = memory
             memory = observe(memory, y, u, times[j], steps[j], missing)
             if filters:
+                if np.all(memory[: law.n] == before[: law.n], axis=0).any():
+                    held_at = law.undefined(before, y, missing) & (self.undefined_at < 0)
+                    self.undefined_at[held_at] = start + j
                 memories[j] = memory
                 if last and j == count - 1:
                     break
@@ -427,20 +447,15 @@ class _Joint:
 
     normals_per_step = 0
 
-    def __init__(self, plant: Plant, law: Law, spec: Spec, noise: MeasurementNoise) -> None:
+    def __init__(
+        self, plant: Plant, law: Law, spec: Spec, noise: MeasurementNoise, runs: int
+    ) -> None:
         if not isinstance(law, ContinuousLaw):
             raise fail("mode", "joint", "'sampled' for a sampled law", "set mode = 'sampled'")
         self.law: ContinuousLaw = law
-        choice(
-            law.method, "observer.method (mode 'joint')", tuple(integrate.DETERMINISTIC)
-        )
-        if plant.stochastic:
-            raise fail("mode", "joint", "'sampled' for a stochastic plant", "set mode = 'sampled'")
-        if integer(spec.get("substeps", 1), "substeps", least=1) != 1:
-            raise fail("substeps", spec["substeps"], "1 in mode 'joint'", "shorten the step")
-        if spec.get("plant_schedule") is not None:
-            raise fail("plant_schedule", "given", "absent in mode 'joint'", "remove it")
+        choice(law.method, "observer.method (mode 'joint')", tuple(integrate.DETERMINISTIC))
         self.plant = plant
+        self.undefined_at = np.full(runs, -1, dtype=np.int64)  # continuous laws are never so
         self.still = spec.get("plant_method") == "held"
         self.noise = noise
         self.scheme = integrate.DETERMINISTIC[law.method]
@@ -457,6 +472,7 @@ class _Joint:
         xs: Array,
         memories: Array,
         may_miss: bool,
+        start: int,
         last: bool,
     ) -> tuple[Array, Array]:
         """Steps through a block."""
@@ -586,7 +602,7 @@ def mean_covariance(spec: Spec) -> dict[str, Array]:
     identity = np.eye(n)
     covariance = np.zeros((n, n))
     squares = np.zeros((len(windows), n))
-    spans = [_window(w, f"windows[{i}]", steps) for i, w in enumerate(windows)]
+    spans = [_window(w, f"windows[{i}]") for i, w in enumerate(windows)]
     for start in range(0, steps + 1, _BLOCK_STEPS):
         k = np.arange(start, min(start + _BLOCK_STEPS, steps + 1))
         dt = schedule.steps(k)
@@ -601,7 +617,7 @@ def mean_covariance(spec: Spec) -> dict[str, Array]:
         for i, (k0, k1) in enumerate(spans):
             inside = (k >= k0) & (k < k1)
             squares[i] += variances[inside].sum(axis=0)
-    lengths = np.array([k1 - k0 for k0, k1 in spans], dtype=np.float64).reshape(-1, 1)
+    lengths = np.array([[float(min(k1, steps + 1) - k0)] for k0, k1 in spans]).reshape(-1, 1)
     return {
         "rms": np.sqrt(mean * mean + squares / lengths),
         "final_covariance": covariance,

@@ -1,0 +1,207 @@
+"""Systems: the papers' plants, and what an observer knows of a system.
+
+Each object is a small immutable description; `spec` is the plain dict that the compiled core and
+the NumPy reference both understand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from hgo_rs.errors import check, check_number
+
+__all__ = ["Crackle", "InputGain", "Lee", "Model", "SanfelicePraly", "Ship", "Unknown", "VanDerPol"]
+
+
+@dataclass(frozen=True)
+class Model:
+    """What an observer knows of a system, and, for a plant, the system itself."""
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The plain dict of this model."""
+        raise NotImplementedError
+
+    @property
+    def order(self) -> int | None:
+        """Order that an observer of this system must have; None: any."""
+        return None
+
+    @property
+    def bounds(self) -> tuple[float, ...] | None:
+        """Known bounds of |x_i| along the system's own trajectories, if any."""
+        return None
+
+    @property
+    def inputs(self) -> int:
+        """Number of known inputs u."""
+        return 0
+
+
+@dataclass(frozen=True)
+class Unknown(Model):
+    """Nothing is known: phi = 0. The observer is then a differentiator. Any order."""
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        return {"kind": "none"}
+
+
+@dataclass(frozen=True)
+class InputGain(Model):
+    """A chain of integrators driven by one known input: phi = b0 u. Any order.
+
+    Parameters
+    ----------
+    b0 : float
+        Input gain, in units of the n-th derivative of y for one unit of u.
+    """
+
+    b0: float
+
+    def __post_init__(self) -> None:
+        check_number(self.b0, "b0")
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        return {"kind": "input", "b0": float(self.b0)}
+
+    @property
+    def inputs(self) -> int:
+        return 1
+
+
+@dataclass(frozen=True)
+class Lee(Model):
+    """x1' = x2, x2' = -x1/(1 + x1^2) - x2, y = x1. Lee, Choi and Khalil (38). State (2,)."""
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        return {"kind": "lee"}
+
+    @property
+    def order(self) -> int:
+        return 2
+
+
+@dataclass(frozen=True)
+class SanfelicePraly(Model):
+    """x1' = x2 + nu1 x1 + nu2, x2' = 0, y = x1. Sanfelice and Praly (19). State (2,).
+
+    An observer knows nu1 [1/s] and not nu2.
+    """
+
+    nu1: float
+    nu2: float = 0.1
+
+    def __post_init__(self) -> None:
+        check_number(self.nu1, "nu1")
+        check_number(self.nu2, "nu2")
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        return {"kind": "sanfelice-praly", "nu1": float(self.nu1), "nu2": float(self.nu2)}
+
+    @property
+    def order(self) -> int:
+        return 2
+
+    @property
+    def equilibrium(self) -> tuple[float, float]:
+        """The state (-nu2/nu1, 0) at which the paper's example rests."""
+        return (-self.nu2 / self.nu1, 0.0)
+
+
+@dataclass(frozen=True)
+class VanDerPol(Model):
+    """dx1 = x2 dt, dx2 = [-x1 + epsilon (1 - x1^2) x2] dt + g dW, y = x1. Fu, Kang and Li (18).
+
+    g = sigma, or sigma x2 where `multiplicative`. State (2,).
+    """
+
+    epsilon: float = 0.8
+    sigma: float = 0.5
+    multiplicative: bool = False
+
+    def __post_init__(self) -> None:
+        check_number(self.epsilon, "epsilon")
+        check_number(self.sigma, "sigma")
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        return {
+            "kind": "van-der-pol",
+            "epsilon": float(self.epsilon),
+            "sigma": float(self.sigma),
+            "multiplicative": bool(self.multiplicative),
+        }
+
+    @property
+    def order(self) -> int:
+        return 2
+
+
+@dataclass(frozen=True)
+class Crackle(Model):
+    """The chaotic crackle system, order 5. Astolfi, Marconi, Praly and Teel (1), (20). State (5,).
+
+    x_i' = x_{i+1}, x5' = phi(x) = 0.2 (x1^2 - 1) - x2 - x3 - 4 x4 - x5, y = x1. An observer uses
+    phi clipped at +-phi_max.
+    """
+
+    phi_max: float = 3.0
+
+    def __post_init__(self) -> None:
+        check_number(
+            self.phi_max,
+            "phi_max",
+            least=0.5,
+            remedy="|phi| reaches 0.5 along the system's own trajectory; take the paper's 3",
+        )
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        return {"kind": "crackle", "phi_max": float(self.phi_max)}
+
+    @property
+    def order(self) -> int:
+        return 5
+
+    @property
+    def bounds(self) -> tuple[float, ...]:
+        """|x1| < 2.5, |x2| < 1, |x3|, |x4|, |x5| < 0.5 from x(0) = (-0.8, 0, 0, 0, 0)."""
+        return (2.5, 1.0, 0.5, 0.5, 0.5)
+
+
+@dataclass(frozen=True)
+class Ship(Model):
+    """A ship of three degrees of freedom under its tracking controller. Katayama (20), (21).
+
+    State (6,): position x1, x2 [m] and heading x3 [rad], then surge z1, sway z2 [m/s] and yaw
+    rate z3 [rad/s]. y = (x1, x2, x3). Inputs u (2,): surge force over mass [m/s^2] and rudder.
+
+    Parameters
+    ----------
+    delta : float
+        Model uncertainty in [-0.5, 0.5], unknown to the observer.
+    w : tuple of three floats
+        Disturbance [m/s^2, m/s^2, rad/s^2], unknown to the observer.
+    """
+
+    delta: float = 0.0
+    w: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check_number(self.delta, "delta", least=-0.5, most=0.5)
+        check(len(self.w) == 3, "w", self.w, "three numbers", "give one disturbance for each z_i")
+        for value in self.w:
+            check_number(value, "w")
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        return {"kind": "ship", "delta": float(self.delta), "w": [float(v) for v in self.w]}
+
+    @property
+    def inputs(self) -> int:
+        return 2

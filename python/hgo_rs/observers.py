@@ -1,0 +1,755 @@
+"""The observers: one class a law, over the compiled core.
+
+Law and memory are apart: an object holds an immutable `spec` (what it is) and one memory (where it
+stands) that `step` moves. `run` works on a memory of its own and leaves the object's alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs import _core
+from hgo_rs.design.discretisation import StepLimit, check_step, step_limit
+from hgo_rs.errors import HgoError, check, check_integer, check_number, explain
+from hgo_rs.gains import AdaptiveGain, ConstantGain, DeadZoneGain
+from hgo_rs.models import Model, Ship, Unknown, VanDerPol
+from hgo_rs.results import RunResult
+
+__all__ = [
+    "LowPowerObserver",
+    "ModifiedObserver",
+    "Observer",
+    "PeakingFreeObserver",
+    "ReducedOrderObserver",
+    "RepelledCollection",
+    "SampledDataObserver",
+    "StandardObserver",
+]
+
+Array = npt.NDArray[np.float64]
+Gain = float | ConstantGain | AdaptiveGain | DeadZoneGain
+Poles = Sequence[complex] | npt.ArrayLike
+
+METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine")
+"""Discretisations of a continuous law.
+
+`rk4` and `bogacki-shampine` hold the measurement over a step, `rk4-innovation-held` the innovation.
+"""
+
+_DIVERGED = 1e12
+
+
+class Observer:
+    """An observer of the compiled core. Use one of its subclasses.
+
+    Attributes
+    ----------
+    spec : dict
+        What the observer is, as plain data.
+    n, n_y, n_u : int
+        Numbers of estimated states, measured outputs, known inputs.
+    memory : (m,) ndarray
+        Where it stands: x_hat first, then auxiliary states, then the gain r where it moves.
+    """
+
+    def __init__(self, spec: dict[str, Any], *, allow_unstable: bool = False) -> None:
+        self.spec = spec
+        self.allow_unstable = bool(allow_unstable)
+        self._core = _core.Observer(spec)
+        self.n: int = self._core.n
+        self.n_y: int = self._core.n_y
+        self.n_u: int = self._core.n_u
+        self._time = 0.0
+        self._checked_dt = 0.0
+        self.memory: Array = self._core.initial()
+
+    # --- memory -------------------------------------------------------------------------------
+
+    @property
+    def x_hat(self) -> Array:
+        """The estimate, (n,)."""
+        return self.memory[: self.n].copy()
+
+    @property
+    def gain(self) -> float | None:
+        """The gain ell, or r where it moves; None for laws without one."""
+        index = self._gain_index()
+        if index is not None:
+            return float(self.memory[index])
+        law = self.spec.get("gain")
+        return float(law["ell"]) if isinstance(law, dict) and "ell" in law else None
+
+    def _gain_index(self) -> int | None:
+        """Where r stands in the memory."""
+        law = self.spec.get("gain")
+        moves = isinstance(law, dict) and law["law"] != "constant"
+        if not moves:
+            return None
+        if self.spec["kind"] in ("low-power", "peaking-free"):
+            return 2 * self.n - 1
+        return self.n
+
+    def initial_memory(
+        self, x_hat0: npt.ArrayLike | None = None, *, r0: float | None = None
+    ) -> Array:
+        """A memory to start from: x_hat(0) = 0 unless given, auxiliary states 0, r(0) = 1.
+
+        Parameters
+        ----------
+        x_hat0 : (n,) array, optional
+        r0 : float, optional
+            Initial gain >= 1, for laws whose gain moves.
+
+        Raises
+        ------
+        HgoError
+            Wrong shape; a value that is not finite; r0 < 1, or for a law whose gain is fixed.
+        """
+        memory = self._core.initial()
+        if x_hat0 is not None:
+            memory[: self.n] = _vector(x_hat0, "x_hat0", self.n)
+        if r0 is not None:
+            index = self._gain_index()
+            if index is None:
+                raise HgoError(
+                    explain("r0", r0, "left out for a constant gain", "set the gain itself")
+                )
+            memory[index] = _initial_gain(r0)
+        return memory
+
+    def reset(self, x_hat0: npt.ArrayLike | None = None, *, r0: float | None = None) -> None:
+        """Start again at time 0, see `initial_memory`."""
+        self.memory = self.initial_memory(x_hat0, r0=r0)
+        self._time = 0.0
+
+    # --- use ----------------------------------------------------------------------------------
+
+    def step(self, y: npt.ArrayLike | None, u: npt.ArrayLike | None = None, *, dt: float) -> Array:
+        """Take one sample; return the estimate, (n,).
+
+        A law with predictor timing returns the estimate for the next sample, dt later; the
+        reduced-order law filters and returns the estimate for this sample.
+
+        Parameters
+        ----------
+        y : float or (n_y,)
+            Sample; None or NaN: missing, the law predicts over it.
+        u : float or (n_u,), optional
+            Known input, held until the next sample.
+        dt : float
+            Time to the next sample [s].
+
+        Raises
+        ------
+        HgoError
+            An infinite sample, an input that is not finite, dt not positive or at or above the
+            stability limit (`allow_unstable=True` in the constructor to study it).
+        """
+        if dt != self._checked_dt:
+            self._check_dt(dt, self.allow_unstable)
+            self._checked_dt = dt
+        sample = np.array(np.nan if y is None else y, dtype=float).reshape(-1)
+        _check_samples(sample.reshape(1, -1), self.n_y, "y")
+        told = _inputs(u, 1, self.n_u)
+        self.memory, status = self._core.step(self.memory, sample, told, self._time, dt)
+        self._time += dt
+        if status == 2:
+            raise HgoError(_undefined(0, sample))
+        return self.memory[: self.n].copy()
+
+    def run(
+        self,
+        t_or_dt: npt.ArrayLike,
+        y: npt.ArrayLike,
+        u: npt.ArrayLike | None = None,
+        *,
+        x_hat0: npt.ArrayLike | None = None,
+        r0: float | None = None,
+        memory0: npt.ArrayLike | None = None,
+        allow_unstable: bool | None = None,
+    ) -> RunResult:
+        """Run over a record of N samples.
+
+        Predictor timing: row k of the result uses samples up to k - 1. The reduced-order law
+        filters: row k uses samples up to k. Uneven steps are honoured.
+
+        Parameters
+        ----------
+        t_or_dt : float or (N,)
+            Sampling period, or the increasing times of the samples [s].
+        y : (N,) or (N, n_y)
+            Samples; None or NaN is missing: the law predicts over it, `missing` says where.
+        u : (N,) or (N, n_u), optional
+            Known inputs, each held until the next sample.
+        x_hat0, r0, memory0 : optional
+            Where to start, see `initial_memory`; or the whole memory.
+        allow_unstable : bool, optional
+            Run at a step beyond the stability limit. Default: the constructor's choice.
+
+        Raises
+        ------
+        HgoError
+            Shapes that do not fit; NaN or infinity in t or u, infinity in y; time that does not
+            increase; a step at or above the stability limit; an estimate that diverged.
+        """
+        allow = self.allow_unstable if allow_unstable is None else bool(allow_unstable)
+        samples = _samples(y, self.n_y)
+        count = len(samples)
+        time = _times(t_or_dt, count)
+        told = _inputs(u, count, self.n_u)
+        if count > 1:
+            self._check_dt(float(np.max(np.diff(time))), allow)
+        if memory0 is None:
+            start = self.initial_memory(x_hat0, r0=r0)
+        else:
+            check(
+                x_hat0 is None and r0 is None,
+                "memory0",
+                memory0,
+                "given alone",
+                "give memory0, or x_hat0 and r0",
+            )
+            start = _vector(memory0, "memory0", len(self.memory))
+        track = self._core.run(time, samples, told, start)
+        memory = track["memory"]
+        if np.any(track["status"] == 2):
+            k = int(np.argmax(track["status"] == 2))
+            raise HgoError(_undefined(k, samples[k]))
+        ok = np.all(np.abs(memory) <= _DIVERGED, axis=1)  # false for NaN
+        if not ok.all() and not allow:
+            k = int(np.argmin(ok))
+            raise HgoError(
+                f"the estimate diverged at sample {k} (t = {time[k]:g} s): choose a smaller step "
+                "or gain, another method, or allow_unstable=True to look at it"
+            )
+        index = self._gain_index()
+        constant = self.gain if index is None else None
+        gain = (
+            None
+            if index is None and constant is None
+            else (memory[:, index] if index is not None else np.full(count, constant))
+        )
+        return RunResult(
+            time=time,
+            x_hat=memory[:, : self.n],
+            auxiliary=memory[:, self.n :],
+            innovation=track["innovation"],
+            missing=track["status"] == 1,
+            gain=gain,
+            y=samples,
+            memory=memory,
+        )
+
+    def step_limit(self) -> StepLimit:
+        """The largest stable step of this law under its discretisation, computed."""
+        return step_limit(self.spec)
+
+    def _check_dt(self, dt: float, allow_unstable: bool) -> None:
+        check_step(self.spec, dt, allow_unstable=allow_unstable)
+
+    def __repr__(self) -> str:
+        inside = ", ".join(f"{k}={v!r}" for k, v in self.spec.items() if k != "kind")
+        return f"{type(self).__name__}({inside})"
+
+
+# --- the laws ---------------------------------------------------------------------------------
+
+
+class StandardObserver(Observer):
+    """Standard high-gain observer of order n, any gain law.
+
+    x_hat' = A x_hat + f_hat(x_hat, u, t) + diag(r, ..., r^n) K (y - x_hat_1)
+
+    Sanfelice and Praly (5)-(7); with a constant gain Astolfi et al. (2) and, with f_hat = 0, Lee,
+    Choi and Khalil (39), (42).
+
+    Parameters
+    ----------
+    n : int
+        Order, 1 to 12.
+    gain : float, ConstantGain, AdaptiveGain or DeadZoneGain
+        High gain ell [1/s] or the law that moves it.
+    epsilon : float, optional
+        1/ell [s], in place of `gain`.
+    poles : n numbers, optional
+        Roots of s^n + k_1 s^(n-1) + ... + k_n, before scaling by ell. Default: equidistant in
+        [-2, -1].
+    k : n numbers, optional
+        The coefficients themselves, in place of `poles`.
+    model : Model, optional
+        What is known of the system. Default: nothing, phi = 0.
+    method : str
+        Discretisation, one of `METHODS`.
+    allow_unstable : bool
+        Let `step` and `run` use a step beyond the stability limit.
+
+    Raises
+    ------
+    HgoError
+        Poles that are not Hurwitz or lack a conjugate; an order, gain or model out of range.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        gain: Gain | None = None,
+        *,
+        epsilon: float | None = None,
+        poles: Poles | None = None,
+        k: npt.ArrayLike | None = None,
+        model: Model | None = None,
+        method: str = "euler",
+        allow_unstable: bool = False,
+    ) -> None:
+        n = _order(n)
+        spec = {
+            "kind": "standard",
+            "n": n,
+            "k": _coefficients(n, poles, k),
+            "gain": _gain(gain, epsilon),
+            "model": _model(model, n),
+            "method": _method(method),
+        }
+        super().__init__(spec, allow_unstable=allow_unstable)
+
+
+class LowPowerObserver(Observer):
+    """Low-power observer of order n: no coefficient above ell^2. Astolfi et al. (5).
+
+    Parameters
+    ----------
+    n, gain, epsilon, model, method, allow_unstable
+        As in `StandardObserver`. The model must be of phase-variable form.
+    poles : 2 n - 1 numbers, optional
+        Eigenvalues of M_n. Default: 2 n - 2 equidistant ones in [-2, -1], and -2; for n = 5 the
+        paper's coefficients.
+    alpha, beta : n and n - 1 numbers, optional
+        The coefficients themselves, in place of `poles`.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        gain: Gain | None = None,
+        *,
+        epsilon: float | None = None,
+        poles: Poles | None = None,
+        alpha: npt.ArrayLike | None = None,
+        beta: npt.ArrayLike | None = None,
+        model: Model | None = None,
+        method: str = "euler",
+        allow_unstable: bool = False,
+    ) -> None:
+        n = _order(n)
+        a, b = _low_power_coefficients(n, poles, alpha, beta)
+        spec = {
+            "kind": "low-power",
+            "n": n,
+            "alpha": a,
+            "beta": b,
+            "gain": _gain(gain, epsilon),
+            "model": _model(model, n),
+            "method": _method(method),
+        }
+        super().__init__(spec, allow_unstable=allow_unstable)
+
+
+class PeakingFreeObserver(Observer):
+    """Low-power peaking-free observer of order n. Astolfi et al. (11).
+
+    Parameters
+    ----------
+    n, gain, epsilon, poles, alpha, beta, model, method, allow_unstable
+        As in `LowPowerObserver`.
+    saturation : float or n - 1 numbers
+        Levels r_2 ... r_n >= max |x_i| (10).
+    clip : "hard" or "smooth"
+        Hard clip at +-r (what the paper's tables use), or the C1 saturation of its text, bounded
+        by r + 1.
+
+    Raises
+    ------
+    HgoError
+        A saturation level below the model's own bound of |x_i|.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        gain: Gain | None = None,
+        *,
+        saturation: npt.ArrayLike,
+        clip: str = "hard",
+        epsilon: float | None = None,
+        poles: Poles | None = None,
+        alpha: npt.ArrayLike | None = None,
+        beta: npt.ArrayLike | None = None,
+        model: Model | None = None,
+        method: str = "euler",
+        allow_unstable: bool = False,
+    ) -> None:
+        n = _order(n)
+        a, b = _low_power_coefficients(n, poles, alpha, beta)
+        spec = {
+            "kind": "peaking-free",
+            "n": n,
+            "alpha": a,
+            "beta": b,
+            "gain": _gain(gain, epsilon),
+            "model": _model(model, n),
+            "method": _method(method),
+            "saturation": _saturation(saturation, n, model),
+            "clip": _choice("clip", clip, ("hard", "smooth")),
+        }
+        super().__init__(spec, allow_unstable=allow_unstable)
+
+
+class _Copies(Observer):
+    """What the collection and the modified observer share."""
+
+    def __init__(
+        self,
+        kind: str,
+        gain: AdaptiveGain,
+        k: npt.ArrayLike,
+        k_bar: npt.ArrayLike,
+        copies: int,
+        model: Model | None,
+        method: str,
+        allow_unstable: bool,
+    ) -> None:
+        check(
+            isinstance(gain, AdaptiveGain),
+            "gain",
+            gain,
+            "an AdaptiveGain",
+            "the collection is defined for law (6) only",
+        )
+        spec = {
+            "kind": kind,
+            "n": 2,
+            "k": _vector(k, "k", 2).tolist(),
+            "k_bar": _vector(k_bar, "k_bar", 2).tolist(),
+            "copies": check_integer(copies, "copies", least=2, most=5),
+            "gain": gain.spec,
+            "model": _model(model, 2),
+            "method": _method(method),
+        }
+        self.copies = copies
+        super().__init__(spec, allow_unstable=allow_unstable)
+
+    def _starts(self, x_hat0: npt.ArrayLike, r0: npt.ArrayLike) -> Array:
+        """Flat memory [x_hat_1, r_1, x_hat_2, r_2, ...] of starts that differ."""
+        starts = np.asarray(x_hat0, dtype=float)
+        shape = (self.copies, self.n)
+        if starts.shape != shape or not np.all(np.isfinite(starts)):
+            raise HgoError(
+                f"x_hat0 of shape {starts.shape}: must be finite and of shape {shape}; one row a "
+                "copy"
+            )
+        gains = np.broadcast_to(np.asarray(r0, dtype=float), (self.copies,))
+        for value in gains:
+            _initial_gain(value)
+        rows = np.column_stack([starts, gains])
+        if len(np.unique(rows, axis=0)) < self.copies:
+            raise HgoError(
+                "x_hat0 has identical rows: copies with identical starts never separate; "
+                "spread them"
+            )
+        return rows.ravel()
+
+
+class RepelledCollection(_Copies):
+    """A collection of observers that repel each other. Sanfelice and Praly (23), (24).
+
+    The estimate is the first copy's; `nominal_gain` is the mean of the gains r_i.
+
+    Parameters
+    ----------
+    gain : AdaptiveGain
+    k, k_bar : two numbers each
+        Coefficients, and repulsion gains mu P^-1 (1, 0)' (`hgo_rs.design.repulsion_gains`).
+    copies : int
+        2 to 5.
+    model, method, allow_unstable
+        As in `StandardObserver`.
+    """
+
+    def __init__(
+        self,
+        gain: AdaptiveGain,
+        *,
+        k: npt.ArrayLike,
+        k_bar: npt.ArrayLike,
+        copies: int = 3,
+        model: Model | None = None,
+        method: str = "rk4",
+        allow_unstable: bool = False,
+    ) -> None:
+        super().__init__("collection", gain, k, k_bar, copies, model, method, allow_unstable)
+
+    def spread(self, x_hat0: npt.ArrayLike, r0: npt.ArrayLike = 1.0) -> Array:
+        """A memory from starts (copies, 2) that differ, and initial gains r >= 1."""
+        return self._starts(x_hat0, r0)
+
+    def nominal_gain(self, memory: npt.ArrayLike) -> Array:
+        """r_bar = mean r_i (24) of memories (..., m)."""
+        values = np.asarray(memory, dtype=float)
+        return np.asarray(values[..., self.n :: self.n + 1].mean(axis=-1))
+
+
+class ModifiedObserver(_Copies):
+    """The observer with gain r r_bar, r_bar from a collection beside it. Sanfelice and Praly (25).
+
+    Parameters as in `RepelledCollection`.
+    """
+
+    def __init__(
+        self,
+        gain: AdaptiveGain,
+        *,
+        k: npt.ArrayLike,
+        k_bar: npt.ArrayLike,
+        copies: int = 3,
+        model: Model | None = None,
+        method: str = "rk4",
+        allow_unstable: bool = False,
+    ) -> None:
+        super().__init__("modified", gain, k, k_bar, copies, model, method, allow_unstable)
+
+    def spread(
+        self,
+        x_hat0: npt.ArrayLike,
+        copies_x_hat0: npt.ArrayLike,
+        r0: float = 1.0,
+        copies_r0: npt.ArrayLike = 1.0,
+    ) -> Array:
+        """A memory from the main observer's start (2,) and the copies' starts (copies, 2)."""
+        main = [*_vector(x_hat0, "x_hat0", self.n), _initial_gain(r0)]
+        return np.concatenate([main, self._starts(copies_x_hat0, copies_r0)])
+
+
+class SampledDataObserver(Observer):
+    """Sampled-data observer on an Euler-Maruyama model. Fu, Kang and Li (5).
+
+    x_hat(k+1) = x_hat(k) + T f(x_hat(k)) + K_T(x_hat(k), y(k))
+
+    Parameters
+    ----------
+    model : VanDerPol
+    gain : "derived" or "printed"
+        l1 = (5 + mu) T, which gives the error matrix the constant spectrum {-2, -3}; or the
+        paper's (5 - mu) T. mu = epsilon (1 - y^2).
+    """
+
+    def __init__(
+        self,
+        model: VanDerPol | None = None,
+        *,
+        gain: str = "derived",
+        allow_unstable: bool = False,
+    ) -> None:
+        known = VanDerPol() if model is None else model
+        choice = _choice("gain", gain, ("derived", "printed"))
+        spec = {"kind": "sampled-data", "model": known.spec, "gain": choice}
+        super().__init__(spec, allow_unstable=allow_unstable)
+
+
+class ReducedOrderObserver(Observer):
+    """High-gain reduced-order observer for sampled data. Katayama (8), (22).
+
+    Estimates the velocity z (3,) of a ship from samples of its position and heading y (N, 3) and
+    its inputs u (N, 2). It filters: the estimate at k uses y(k).
+
+    Parameters
+    ----------
+    epsilon : float
+        Small parameter > 0 [s]; stable for dt < 2 epsilon/max h_bar (A5).
+    h_bar : three numbers in (0, 1)
+    model : Ship, optional
+    """
+
+    def __init__(
+        self,
+        epsilon: float,
+        *,
+        h_bar: npt.ArrayLike = (0.1, 0.2, 0.2),
+        model: Ship | None = None,
+        allow_unstable: bool = False,
+    ) -> None:
+        spec = {
+            "kind": "reduced-order",
+            "model": (Ship() if model is None else model).spec,
+            "h_bar": _vector(h_bar, "h_bar", 3).tolist(),
+            "epsilon": check_number(epsilon, "epsilon", above=0.0),
+        }
+        super().__init__(spec, allow_unstable=allow_unstable)
+
+
+# --- checks -----------------------------------------------------------------------------------
+
+
+def _order(n: Any) -> int:
+    return check_integer(n, "n", least=1, most=12)
+
+
+def _initial_gain(value: Any) -> float:
+    return check_number(value, "r0", least=1.0, remedy="law (6) lives on r >= 1; start at 1")
+
+
+def _choice(parameter: str, value: Any, allowed: Sequence[str]) -> str:
+    check(value in allowed, parameter, value, f"one of {', '.join(allowed)}", "choose one of them")
+    return str(value)
+
+
+def _method(method: str) -> str:
+    return _choice("method", method, METHODS)
+
+
+def _vector(values: npt.ArrayLike, parameter: str, length: int) -> Array:
+    vector = np.asarray(values, dtype=float)
+    if vector.shape != (length,):
+        raise HgoError(f"{parameter} of shape {vector.shape}: must have {length} entries")
+    check(np.all(np.isfinite(vector)), parameter, values, "finite", "leave out NaN and infinity")
+    return vector.copy()
+
+
+def _pairs(poles: Poles, count: int, law: str) -> list[tuple[float, float]]:
+    values = np.asarray(poles, dtype=complex).reshape(-1)
+    if len(values) != count:
+        raise HgoError(f"poles: {len(values)} given; {law} needs {count}")
+    return [(float(p.real), float(p.imag)) for p in values]
+
+
+def _coefficients(n: int, poles: Poles | None, k: npt.ArrayLike | None) -> list[float]:
+    if k is not None:
+        check(poles is None, "k", k, "given without poles", "give poles or k")
+        return [float(v) for v in _vector(k, "k", n)]
+    given = np.linspace(-1.0, -2.0, n) if poles is None else poles
+    return list(_core.coefficients_from_poles(_pairs(given, n, f"an observer of order {n}")))
+
+
+def _low_power_coefficients(
+    n: int, poles: Poles | None, alpha: npt.ArrayLike | None, beta: npt.ArrayLike | None
+) -> tuple[list[float], list[float]]:
+    if (alpha is None) != (beta is None) or (alpha is not None and poles is not None):
+        raise HgoError("alpha and beta: must be given together and without poles")
+    if alpha is not None and beta is not None:
+        return _vector(alpha, "alpha", n).tolist(), _vector(beta, "beta", n - 1).tolist()
+    given = np.append(np.linspace(-1.0, -2.0, 2 * n - 2), -2.0) if poles is None else poles
+    pairs = _pairs(given, 2 * n - 1, f"a low-power observer of order {n}")
+    return _core.low_power_coefficients_from_poles(pairs)
+
+
+def _gain(gain: Gain | None, epsilon: float | None) -> dict[str, Any]:
+    if (gain is None) == (epsilon is None):
+        raise HgoError("gain: give either gain [1/s] or epsilon = 1/gain [s]")
+    if epsilon is not None:
+        return ConstantGain.from_epsilon(epsilon).spec
+    if isinstance(gain, (ConstantGain, AdaptiveGain, DeadZoneGain)):
+        return gain.spec
+    return ConstantGain(check_number(gain, "gain", above=0.0)).spec
+
+
+def _model(model: Model | None, n: int) -> dict[str, Any]:
+    known = Unknown() if model is None else model
+    check(isinstance(known, Model), "model", model, "a Model", "see hgo_rs.models")
+    fits = known.order in (None, n) and not isinstance(known, Ship)
+    order = "another form" if known.order is None else f"order {known.order}"
+    check(fits, "model", model, f"of order {n}", f"it has {order}")
+    return known.spec
+
+
+def _saturation(levels: npt.ArrayLike, n: int, model: Model | None) -> list[float]:
+    values = np.asarray(levels, dtype=float)
+    if values.ndim == 0:
+        values = np.full(n - 1, float(values))
+    values = _vector(values, "saturation", n - 1)
+    bounds = (None if model is None else model.bounds) or (0.0,) * n
+    for i, (value, bound) in enumerate(zip(values, bounds[1:], strict=False), start=2):
+        least = f">= {bound:g}, the model's own bound of |x_{i}|" if bound else "> 0"
+        check(
+            value > 0.0 and value >= bound,
+            f"saturation r_{i}",
+            float(value),
+            least,
+            "Astolfi et al. (10); choose a larger level",
+        )
+    return [float(v) for v in values]
+
+
+def _samples(y: npt.ArrayLike, n_y: int) -> Array:
+    """Samples (N, n_y), NaN where missing."""
+    values = np.asarray(y, dtype=float)
+    if values.ndim == 1 and n_y == 1:
+        values = values[:, np.newaxis]
+    if values.ndim != 2 or values.shape[1] != n_y or len(values) == 0:
+        wanted = "(N,)" if n_y == 1 else f"(N, {n_y})"
+        raise HgoError(f"y of shape {values.shape}: must be {wanted} with N >= 1")
+    _check_samples(values, n_y, "y")
+    return np.ascontiguousarray(values)
+
+
+def _check_samples(values: Array, channels: int, name: str) -> None:
+    if values.shape[-1] != channels:
+        raise HgoError(f"{name} has {values.shape[-1]} entries: must have {channels}")
+    infinite = np.isinf(values).any(axis=1)
+    if infinite.any():
+        k = int(np.argmax(infinite))
+        raise HgoError(
+            f"{name} at sample {k} is infinite: must be finite; mark a missing sample as NaN"
+        )
+
+
+def _times(t_or_dt: npt.ArrayLike, count: int) -> Array:
+    """Sample times (N,) from times or a period."""
+    given = np.asarray(t_or_dt, dtype=float)
+    if given.ndim == 0:
+        return np.arange(count) * check_number(float(given), "dt", above=0.0)
+    if given.shape != (count,):
+        raise HgoError(f"t of shape {given.shape}: must be ({count},), one time a sample")
+    bad = ~np.isfinite(given)
+    if bad.any():
+        raise HgoError(f"t at sample {int(np.argmax(bad))} is not finite: every sample needs one")
+    backward = np.diff(given) <= 0.0
+    if backward.any():
+        k = int(np.argmax(backward)) + 1
+        raise HgoError(
+            f"t at sample {k} is {given[k]:.9g} s after {given[k - 1]:.9g} s: time must increase; "
+            "sort the record or drop repeated samples"
+        )
+    return np.ascontiguousarray(given)
+
+
+def _inputs(u: npt.ArrayLike | None, count: int, n_u: int) -> Array:
+    """Inputs (N, n_u)."""
+    if n_u == 0:
+        if u is not None and np.size(u) > 0:
+            raise HgoError(
+                "u is given, but this observer's model has no input: give it one, for example "
+                "model=InputGain(b0)"
+            )
+        return np.empty((count, 0))
+    if u is None:
+        raise HgoError(f"u is missing: this observer's model has {n_u} known input(s)")
+    values = np.asarray(u, dtype=float)
+    if values.size == count * n_u and values.ndim <= 2:
+        values = values.reshape(count, n_u)
+    if values.shape != (count, n_u):
+        raise HgoError(f"u of shape {values.shape}: must be ({count}, {n_u})")
+    bad = ~np.isfinite(values).all(axis=1)
+    if bad.any():
+        raise HgoError(f"u at sample {int(np.argmax(bad))} is not finite: every sample needs one")
+    return np.ascontiguousarray(values)
+
+
+def _undefined(k: int, sample: Array) -> str:
+    return (
+        f"the model has no value at sample {k} (y = {np.round(sample, 6).tolist()}): a ship at "
+        "rest has no course angle, z_1 = 0 makes atan(0/0) (Katayama, assumption A1); start the "
+        "record where the ship moves"
+    )

@@ -1,0 +1,178 @@
+"""What a call returns: named arrays, with a picture and tables at hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs.errors import HgoError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Gap", "RunResult", "SimulationResult"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A run of missing samples: first index, number, duration until the next sample [s]."""
+
+    start: int
+    length: int
+    duration: float
+
+
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """An observer's run over a record of N samples.
+
+    Attributes
+    ----------
+    time : (N,) [s]
+    x_hat : (N, n)
+        Estimates.
+    auxiliary : (N, m - n)
+        The rest of the memory: auxiliary states eta, gains r.
+    innovation : (N, n_y)
+        y - y_hat before the sample was used; NaN where it was missing.
+    missing : (N,) bool
+        Samples that were missing and predicted over.
+    gain : (N,) or None
+        ell, or r where it moves.
+    y : (N, n_y)
+        The samples.
+    memory : (N, m)
+        The whole memory.
+    """
+
+    time: Array
+    x_hat: Array
+    auxiliary: Array
+    innovation: Array
+    missing: npt.NDArray[np.bool_]
+    gain: Array | None
+    y: Array
+    memory: Array
+
+    @property
+    def gaps(self) -> list[Gap]:
+        """Every run of missing samples."""
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.missing, [False]])))
+        out = []
+        for start, stop in zip(edges[::2], edges[1::2], strict=True):
+            end = self.time[min(stop, len(self.time) - 1)]
+            out.append(Gap(int(start), int(stop - start), float(end - self.time[start])))
+        return out
+
+    def plot(self, figure: Figure | None = None) -> Figure:
+        """Draw estimates, innovation and gain. Needs the extra `plot`."""
+        from hgo_rs.plotting import estimate_figure
+
+        single = self.y.shape[1] == 1
+        return estimate_figure(
+            self.time,
+            self.x_hat,
+            y=self.y[:, 0] if single else None,
+            innovation=self.innovation[:, 0] if single else None,
+            missing=self.missing,
+            gain=self.gain,
+            figure=figure,
+        )
+
+    def columns(self) -> dict[str, Array]:
+        """Every signal as a named column (N,)."""
+        out = {"time": self.time}
+        out |= {f"x_hat{i + 1}": column for i, column in enumerate(self.x_hat.T)}
+        out |= {f"innovation{i + 1}": column for i, column in enumerate(self.innovation.T)}
+        if self.gain is not None:
+            out["gain"] = self.gain
+        out["missing"] = self.missing.astype(float)
+        return out
+
+    def to_dataframe(self) -> Any:
+        """A pandas DataFrame indexed by time. Needs the extra `data`."""
+        import pandas as pd
+
+        return pd.DataFrame(self.columns()).set_index("time")
+
+    def to_xarray(self) -> Any:
+        """An xarray Dataset over time. Needs the extra `xarray`."""
+        import xarray as xr
+
+        columns = self.columns()
+        time = columns.pop("time")
+        data = {name: ("time", values) for name, values in columns.items()}
+        return xr.Dataset(data, coords={"time": time})
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationResult:
+    """An experiment with R runs, W windows, S signals and F kept frames.
+
+    Signals are the errors x_hat - x (n of them), then the rest of the observer's memory.
+
+    Attributes
+    ----------
+    mean, rms, max : (R, W, S)
+        Mean, root mean square and largest magnitude of each signal in each window.
+    peak : (R, m)
+        Largest magnitude of each memory entry.
+    settling_time : (R,) [s]
+        Last time at which ||x_hat - x|| >= settle; NaN if `settle` was not given.
+    diverged_at : (R,) int
+        First step at which a state was not finite or beyond 1e12, -1 if none. Such a run stops
+        there and its metrics cover the steps before.
+    final_x, final_memory : (R, ·)
+    time : (F,) [s];  x : (R, F, nx);  memory : (R, F, m);  y : (R, F, n_y)
+        Kept frames, None without `every`.
+    spec : dict
+        The experiment as plain data.
+    """
+
+    mean: Array
+    rms: Array
+    max: Array
+    peak: Array
+    settling_time: Array
+    diverged_at: npt.NDArray[np.int64]
+    final_x: Array
+    final_memory: Array
+    time: Array | None
+    x: Array | None
+    memory: Array | None
+    y: Array | None
+    histogram: dict[str, Array] | None
+    n: int
+    spec: dict[str, Any]
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of each signal in each window, (R, W, S)."""
+        return np.asarray(np.sqrt(np.maximum(self.rms**2 - self.mean**2, 0.0)))
+
+    @property
+    def x_hat(self) -> Array | None:
+        """Estimates at the kept frames, (R, F, n)."""
+        return None if self.memory is None else self.memory[..., : self.n]
+
+    def quantile(self, q: float) -> float:
+        """Quantile of ||x_hat - x||^2 over all runs in the histogram's window (to about 1 %)."""
+        if self.histogram is None:
+            raise HgoError("quantile: simulate was called without histogram=(from, to)")
+        counts = np.cumsum(self.histogram["counts"])
+        edges = self.histogram["edges"]
+        return float(np.interp(q, counts / counts[-1], edges[1:]))
+
+    def plot(self, figure: Figure | None = None, run: int = 0) -> Figure:
+        """Draw one run: states and estimates. Needs `every` and the extra `plot`."""
+        from hgo_rs.plotting import estimate_figure
+
+        if self.time is None or self.x is None or self.x_hat is None:
+            raise HgoError("plot: simulate was called without every=, so no frame was kept")
+        truth = self.x[run][:, -self.n :] if self.x.shape[-1] != self.n else self.x[run]
+        return estimate_figure(self.time, self.x_hat[run], x=truth, figure=figure)
