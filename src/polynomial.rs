@@ -63,9 +63,9 @@ impl<T: Scalar> Ascending<T> {
             c[i] = carry;
         }
         carry = T::ZERO;
-        for i in 0..joint.min(self.degree) {
-            carry = (self.c[i] - carry) / a;
-            c[i] = carry;
+        for (slot, value) in c.iter_mut().zip(self.c).take(joint.min(self.degree)) {
+            carry = (value - carry) / a;
+            *slot = carry;
         }
         Self { c, degree }
     }

@@ -709,7 +709,8 @@ def _times(t_or_dt: npt.ArrayLike, count: int) -> Array:
     """Sample times (N,) from times or a period."""
     given = np.asarray(t_or_dt, dtype=float)
     if given.ndim == 0:
-        return np.arange(count) * check_number(float(given), "dt", above=0.0)
+        period = check_number(float(given), "dt", above=0.0)
+        return np.arange(count, dtype=np.float64) * period
     if given.shape != (count,):
         raise HgoError(f"t of shape {given.shape}: must be ({count},), one time a sample")
     bad = ~np.isfinite(given)

@@ -635,6 +635,6 @@ fn sized(name: &str, object: &Bound<'_, PyAny>, len: usize) -> PyResult<Vec<f64>
 
 /// A matrix of `rows` rows.
 pub fn matrix(py: Python<'_>, values: Vec<f64>, rows: usize) -> PyResult<Bound<'_, PyArray2<f64>>> {
-    let columns = if rows == 0 { 0 } else { values.len() / rows };
+    let columns = values.len().checked_div(rows).unwrap_or(0);
     values.into_pyarray(py).reshape([rows, columns])
 }

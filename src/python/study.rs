@@ -64,7 +64,10 @@ pub fn interruptible<R: Send>(
                 Err(mpsc::RecvTimeoutError::Timeout)
             ) {
                 if signal.is_ok() {
-                    signal = Python::attach(|py| py.check_signals());
+                    #[allow(clippy::redundant_closure_for_method_calls)]
+                    // its lifetime does not unify
+                    let checked = Python::attach(|py| py.check_signals());
+                    signal = checked;
                     if signal.is_err() {
                         stop.0.store(true, Ordering::Relaxed);
                     }
@@ -584,7 +587,7 @@ impl StudyResult {
                     values.extend_from_slice(of(run));
                     values.resize(values.len() + full - of(run).len(), f64::NAN);
                 }
-                let width = if frames == 0 { 0 } else { full / frames };
+                let width = full.checked_div(frames).unwrap_or(0);
                 out.set_item(key, values.into_pyarray(py).reshape([rows, frames, width])?)?;
             }
         }

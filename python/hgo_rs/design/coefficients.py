@@ -145,8 +145,8 @@ def low_power_coefficients(
 
     Any Hurwitz polynomial of degree 2n-1, n = 2 ... 12.  Any real root may become -alpha_n, and
     each gives another set: with ``poles`` it is the fastest, with ``polynomial`` the one that
-    bisection meets.  The paper's alpha = 3, 3, 3, 3, 2 belong to eight poles equidistant in [-2, -1] and one
-    more at -2.  Source: Astolfi et al., Lemma 1.
+    bisection meets.  The paper's alpha = 3, 3, 3, 3, 2 belong to eight poles equidistant in
+    [-2, -1] and one more at -2.  Source: Astolfi et al., Lemma 1.
     """
     check(
         (poles is None) != (polynomial is None),
