@@ -1,4 +1,26 @@
-//! High-gain observers of the literature, one definition each.
+#![doc = include_str!("../README.md")]
+//!
+//! # Notation
+//!
+//! | symbol | name here | meaning |
+//! |---|---|---|
+//! | ℓ, 1/ε, r | `ell`, `epsilon`, `r` | the high gain in 1/s; r where a law moves it |
+//! | n | `N` | order: number of estimated states |
+//! | x, x̂ | `x`, `x_hat` | state and estimate |
+//! | y, ŷ = x̂₁ | `y` | measured output and its estimate |
+//! | e = y − x̂₁ | `innovation` | what a sample tells |
+//! | kᵢ, K | `k` | injection coefficients of the standard law |
+//! | αᵢ, βᵢ, ηᵢ | `alpha`, `beta`, `eta` | coefficients and auxiliary states of the low-power law |
+//! | φ, f̂ | `phi`, `f_hat` | what the observer knows of the system |
+//! | T, a(k) | `dt` | length of a step in s |
+//! | z | `z` | an observer's memory: x̂ and whatever else it moves |
+//!
+//! # Floors
+//!
+//! A file uses strictly lower floors only: `scalar`, `error`, `memory`, `polynomial` (0); `gain`,
+//! `schedule`, `model`, `integrate`, `observer`, `noise`, `metrics` (1); `models`, `observers` (2);
+//! `simulate`, `covariance` (3); the Python module (4). Up to floor 3 nothing names `std`, `alloc`
+//! or Python, nothing allocates and nothing panics.
 #![cfg_attr(not(feature = "std"), no_std)]
 
 #[cfg(not(any(feature = "std", feature = "libm")))]
@@ -23,5 +45,26 @@ pub mod schedule;
 pub mod simulate;
 
 pub use error::DesignError;
+pub use nalgebra;
 pub use observer::{Observer, Status, Timing};
 pub use scalar::Scalar;
+
+/// What most programs need: `use hgo_rs::prelude::*;`
+pub mod prelude {
+    pub use crate::error::DesignError;
+    pub use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain};
+    pub use crate::integrate::Integrator;
+    pub use crate::memory::Memory;
+    pub use crate::model::{InputGain, Model, PhaseVariable, Plant, Unknown, last, no_input};
+    pub use crate::observer::{
+        Discretisation, Discretised, Euler, Hold, Observer, RungeKutta, StaggeredEuler, Status,
+    };
+    pub use crate::observers::{
+        HardClip, LowPower, LowPowerObserver, ModifiedObserver, NoSaturation, PeakingFreeObserver,
+        ReducedOrderObserver, RepelledCollection, SampledDataObserver, SmoothSaturation,
+        StandardObserver,
+    };
+    pub use crate::polynomial::{coefficients_from_poles, low_power_coefficients_from_poles};
+    pub use crate::scalar::Scalar;
+    pub use crate::schedule::{FixedStep, Schedule, StochasticApproximation};
+}

@@ -117,4 +117,25 @@ impl<'a> LogHistogram<'a> {
             *count += 1;
         }
     }
+
+    /// The value below which a fraction q of what was taken lies, interpolated within its bin on
+    /// the logarithmic scale; NaN before the first value.
+    pub fn quantile(&self, q: f64) -> f64 {
+        let total: u64 = self.counts.iter().sum();
+        if total == 0 {
+            return f64::NAN;
+        }
+        let wanted = q.clip(0.0, 1.0) * total as f64;
+        let mut below = 0.0;
+        for (j, count) in self.counts.iter().enumerate() {
+            let count = *count as f64;
+            if below + count >= wanted && count > 0.0 {
+                let part = (wanted - below) / count;
+                let octaves = (j as f64 + part) / Self::PER_OCTAVE as f64;
+                return Scalar::powf(2.0, Self::LOWEST + octaves);
+            }
+            below += count;
+        }
+        Self::edge(self.counts.len())
+    }
 }

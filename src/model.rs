@@ -63,6 +63,12 @@ impl<T: Scalar, const N: usize> PhaseVariable<T, N, 1> for InputGain<T> {
     }
 }
 
+/// The input of a system that has none.
+#[inline(always)]
+pub fn no_input<T: Scalar>() -> SVector<T, 0> {
+    SVector::from_array_storage(nalgebra::ArrayStorage([[]]))
+}
+
 /// A system to be observed: dx = a(t, x, u) dt + b(x) dW, y = h(x), with one Wiener process W.
 ///
 /// A plant without process noise leaves the last five methods as they are.

@@ -402,6 +402,12 @@ class _Numbers(click.ParamType):
 @click.option("--time", "time_column", metavar="COL", help="Time column, s.")
 @click.option("--output", metavar="COL", required=True, help="Measured output.")
 @click.option("--input", "input_column", metavar="COL", help="Known input.")
+@click.option(
+    "--input-gain",
+    type=float,
+    metavar="B0",
+    help="n-th derivative of the output for one unit of input (with --input; default 1).",
+)
 @click.option("--observer", metavar="NAME", required=True, help=f"One of {', '.join(OBSERVERS)}.")
 @click.option("--order", type=int, required=True, help="Number of states.")
 @click.option("--gain", type=float, required=True, help="The gain L (ell), 1/s.")
@@ -425,6 +431,7 @@ def estimate_command(
     time_column: str | None,
     output: str,
     input_column: str | None,
+    input_gain: float | None,
     observer: str,
     order: int,
     gain: float,
@@ -446,6 +453,8 @@ def estimate_command(
       hgo estimate axis.csv --time t --output q --observer low-power --order 3 --gain 60
     """
     out = out if out is not None else Path(f"{log.stem}.estimates.csv")
+    if input_gain is not None and input_column is None:
+        raise HgoError("--input-gain has no meaning without --input: name the input's column")
     check_writable_format(out)
     draw = _can_draw(figure)
     figure = figure if figure is not None else out.with_suffix(".png")
@@ -459,6 +468,7 @@ def estimate_command(
             "poles": poles,
             "method": method,
             "saturation": saturation,
+            "model": None if input_column is None else _input_model(input_gain),
             "allow_unstable": allow_unstable or None,
         },
     )
@@ -505,6 +515,13 @@ def _check_writable(path: Path, log: Path) -> None:
             path.unlink()
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def _input_model(input_gain: float | None) -> Any:
+    """A chain of integrators driven by the recorded input."""
+    from hgo_rs.models import InputGain
+
+    return InputGain(1.0 if input_gain is None else input_gain)
 
 
 def _build_observer(name: str, arguments: dict[str, Any]) -> Any:

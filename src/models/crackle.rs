@@ -6,7 +6,7 @@
 
 use crate::Scalar;
 use crate::error::{DesignError, positive};
-use crate::model::{Model, PhaseVariable, Plant, last};
+use crate::model::{Model, PhaseVariable, Plant, last, no_input};
 use nalgebra::{SVector, Vector5};
 
 /// Plant (20) and the bound of its observer's `φ_s`.
@@ -68,6 +68,6 @@ impl<T: Scalar> Plant<T> for Crackle<T> {
     }
     #[inline(always)]
     fn control(&self, _: &Vector5<T>, _: T) -> SVector<T, 0> {
-        SVector::from_element(T::ZERO)
+        no_input()
     }
 }

@@ -1,7 +1,7 @@
 //! The plant of Lee, Choi and Khalil (38): ẋ₁ = x₂, ẋ₂ = −x₁/(1 + x₁²) − x₂, y = x₁.
 
 use crate::Scalar;
-use crate::model::{Model, PhaseVariable, Plant, last};
+use crate::model::{Model, PhaseVariable, Plant, last, no_input};
 use nalgebra::{SVector, Vector2};
 
 /// Plant (38).
@@ -40,6 +40,6 @@ impl<T: Scalar> Plant<T> for Lee {
     }
     #[inline(always)]
     fn control(&self, _: &Vector2<T>, _: T) -> SVector<T, 0> {
-        SVector::from_element(T::ZERO)
+        no_input()
     }
 }

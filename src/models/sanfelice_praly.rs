@@ -4,7 +4,7 @@
 
 use crate::Scalar;
 use crate::error::{DesignError, finite};
-use crate::model::{Model, Plant};
+use crate::model::{Model, Plant, no_input};
 use nalgebra::{SVector, Vector2};
 
 /// Plant (19) with the known ν₁ and the unknown ν₂.
@@ -49,6 +49,6 @@ impl<T: Scalar> Plant<T> for SanfelicePraly<T> {
     }
     #[inline(always)]
     fn control(&self, _: &Vector2<T>, _: T) -> SVector<T, 0> {
-        SVector::from_element(T::ZERO)
+        no_input()
     }
 }

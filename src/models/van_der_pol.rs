@@ -6,7 +6,9 @@
 
 use crate::Scalar;
 use crate::error::{DesignError, finite};
-use crate::model::{Model, PhaseVariable, Plant, SampledModel, StochasticIntegrator, last};
+use crate::model::{
+    Model, PhaseVariable, Plant, SampledModel, StochasticIntegrator, last, no_input,
+};
 use nalgebra::{SVector, Vector2};
 
 /// Where the process noise enters.
@@ -84,7 +86,7 @@ impl<T: Scalar> Plant<T> for VanDerPol<T> {
     }
     #[inline(always)]
     fn control(&self, _: &Vector2<T>, _: T) -> SVector<T, 0> {
-        SVector::from_element(T::ZERO)
+        no_input()
     }
     #[inline(always)]
     fn supports(&self, scheme: StochasticIntegrator) -> bool {

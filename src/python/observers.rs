@@ -8,7 +8,7 @@ use crate::dispatch_order;
 use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
 use crate::integrate::Integrator;
 use crate::memory::Memory;
-use crate::model::{InputGain, Model, PhaseVariable, last};
+use crate::model::{InputGain, Model, PhaseVariable, last, no_input};
 use crate::models::{Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, VanDerPol};
 use crate::observer::{
     Discretisation, Discretised, Hold, Observer as CoreObserver, RungeKutta, Status, Timing,
@@ -40,14 +40,11 @@ fn head<const K: usize, const N: usize>(x: &SVector<f64, N>) -> SVector<f64, K> 
     SVector::from_fn(|i, _| if i < N { x[i] } else { 0.0 })
 }
 
-/// No inputs.
-const NO_INPUT: SVector<f64, 0> = SVector::from_array_storage(nalgebra::ArrayStorage([[]]));
-
 impl<const N: usize> Model<f64, N, 1> for AnyModel {
     #[inline(always)]
     fn f_hat(&self, t: f64, x: &SVector<f64, N>, u: &SVector<f64, 1>) -> SVector<f64, N> {
         match self {
-            Self::SanfelicePraly(model) => head(&model.f_hat(t, &head(x), &NO_INPUT)),
+            Self::SanfelicePraly(model) => head(&model.f_hat(t, &head(x), &no_input())),
             _ => last(self.phi(t, x, u)),
         }
     }
@@ -59,9 +56,9 @@ impl<const N: usize> PhaseVariable<f64, N, 1> for AnyModel {
         match self {
             Self::Unknown | Self::SanfelicePraly(_) => 0.0,
             Self::Input(model) => model.phi(t, x, u),
-            Self::Lee(model) => model.phi(t, &head(x), &NO_INPUT),
-            Self::VanDerPol(model) => model.phi(t, &head(x), &NO_INPUT),
-            Self::Crackle(model) => model.phi(t, &head(x), &NO_INPUT),
+            Self::Lee(model) => model.phi(t, &head(x), &no_input()),
+            Self::VanDerPol(model) => model.phi(t, &head(x), &no_input()),
+            Self::Crackle(model) => model.phi(t, &head(x), &no_input()),
         }
     }
 }

@@ -22,11 +22,10 @@ use crate::schedule::{FixedStep, Schedule, StochasticApproximation};
 use crate::simulate::{Experiment, Finish, Probe, RunMetrics, Sample, coupled_paths as couple};
 use nalgebra::{SVector, Vector2};
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
-use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::time::Duration;
 
@@ -77,7 +76,7 @@ pub fn interruptible<R: Send>(
         })
     });
     signal?;
-    result.unwrap_or_else(|_| Err(PyKeyboardInterrupt::new_err("the computation was stopped")))
+    result.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 /// A schedule chosen at run time.
@@ -399,10 +398,13 @@ impl Plan {
             seed: self.seed,
         };
         experiment(0).check()?;
+        // Whole numbers: the sum does not depend on the order in which runs end.
+        let bins = if self.histogram.is_some() { LogHistogram::BINS } else { 0 };
+        let pooled: Vec<AtomicU64> = (0..bins).map(|_| AtomicU64::new(0)).collect();
         let one = |run: usize| -> RunResult {
             let mut moments = vec![Moments::default(); self.windows.len() * signals];
             let mut peak = vec![0.0; peaks];
-            let mut counts = vec![0; if self.histogram.is_some() { LogHistogram::BINS } else { 0 }];
+            let mut counts = vec![0; bins];
             let mut watch = Watch {
                 metrics: RunMetrics {
                     windows: &self.windows,
@@ -428,7 +430,6 @@ impl Plan {
             let mut result = RunResult {
                 moments,
                 peak,
-                counts,
                 settling_time,
                 frames,
                 final_x: vec![0.0; P::State::LEN],
@@ -438,10 +439,14 @@ impl Plan {
             };
             end.x.write(&mut result.final_x);
             end.z.write(&mut result.final_memory);
+            for (sum, count) in pooled.iter().zip(counts) {
+                sum.fetch_add(count, Ordering::Relaxed);
+            }
             result
         };
         let runs: Vec<RunResult> = (0..self.runs).into_par_iter().map(one).collect();
-        Ok(StudyResult { runs, signals })
+        let counts = pooled.into_iter().map(AtomicU64::into_inner).collect();
+        Ok(StudyResult { runs, signals, counts })
     }
 }
 
@@ -510,7 +515,6 @@ impl Probe<f64> for Watch<'_> {
 struct RunResult {
     moments: Vec<Moments<f64>>,
     peak: Vec<f64>,
-    counts: Vec<u64>,
     settling_time: f64,
     frames: Frames,
     final_x: Vec<f64>,
@@ -523,6 +527,7 @@ struct RunResult {
 pub struct StudyResult {
     runs: Vec<RunResult>,
     signals: usize,
+    counts: Vec<u64>,
 }
 
 #[allow(clippy::cast_possible_wrap)]
@@ -558,12 +563,8 @@ impl StudyResult {
             self.runs.iter().map(|r| index_or_minus_one(r.undefined_at)).collect();
         out.set_item("undefined_at", undefined.into_pyarray(py))?;
         if plan.histogram.is_some() {
-            let mut counts = vec![0_i64; LogHistogram::BINS];
-            for run in &self.runs {
-                for (sum, count) in counts.iter_mut().zip(&run.counts) {
-                    *sum += i64::try_from(*count).unwrap_or(i64::MAX);
-                }
-            }
+            let counts: Vec<i64> =
+                self.counts.iter().map(|c| i64::try_from(*c).unwrap_or(i64::MAX)).collect();
             let edges: Vec<f64> = (0..=LogHistogram::BINS).map(LogHistogram::edge).collect();
             let histogram = PyDict::new(py);
             histogram.set_item("edges", edges.into_pyarray(py))?;

@@ -415,7 +415,9 @@ class _Sampled:
         controlled = plant.n_u > 0
         u: Array | None = None
         missing: NDArray[np.bool_] | None = None
-        masks = ~np.isfinite(v).all(axis=1) if may_miss else None
+        masks: NDArray[np.bool_] | None = None
+        if may_miss:
+            masks = np.logical_not(np.isfinite(v).all(axis=1))
         if plant.n_y == 1:
             v = v[:, 0]
         for j in range(count):
