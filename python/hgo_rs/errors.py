@@ -9,11 +9,16 @@ import math
 import operator
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 __all__ = [
     "DesignError",
     "HgoError",
     "MissingExtraError",
     "check",
+    "check_array",
+    "check_choice",
     "check_integer",
     "check_number",
     "explain",
@@ -33,8 +38,8 @@ class MissingExtraError(HgoError, ImportError):
 
 
 def _show(value: object) -> str:
-    """``repr(value)``, cut to a readable length."""
-    text = repr(value)
+    """``repr(value)`` on one line, cut to a readable length."""
+    text = " ".join(repr(value).split())
     return text if len(text) <= 120 else text[:117] + "..."
 
 
@@ -75,9 +80,13 @@ def check_number(
     limits += [f"<= {most:g}"] if most is not None else []
     allowed = " and ".join(limits)
     try:
+        if isinstance(value, (str, bytes)):
+            raise TypeError
         number = float(value)
     except (TypeError, ValueError):
         raise error(explain(parameter, value, f"a number, {allowed}", "give a number")) from None
+    except OverflowError:  # an integer beyond the floats
+        number = math.inf
     inside = (
         math.isfinite(number)
         and (above is None or number > above)
@@ -107,3 +116,26 @@ def check_integer(
     inside = not isinstance(value, bool) and number >= least and (most is None or number <= most)
     check(inside, parameter, value, allowed, remedy, error)
     return number
+
+
+def check_choice(parameter: str, value: Any, allowed: tuple[str, ...]) -> str:
+    """``value`` if it is one of ``allowed``."""
+    known = isinstance(value, str) and value in allowed
+    check(known, parameter, value, f"one of {', '.join(allowed)}", "choose one of them")
+    return str(value)
+
+
+def check_array(value: Any, parameter: str) -> npt.NDArray[np.float64]:
+    """``value`` as a new array of floats, of any shape; None and masked entries become NaN."""
+    try:
+        given = np.asanyarray(value)
+        if given.dtype.kind not in "biufO":
+            raise TypeError
+        with np.errstate(over="ignore"):
+            if isinstance(given, np.ma.MaskedArray):
+                return np.asarray(given.astype(np.float64).filled(np.nan))
+            return np.array(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise HgoError(
+            explain(parameter, value, "an array of numbers", "give NaN where a sample is missing")
+        ) from None

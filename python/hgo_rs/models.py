@@ -9,7 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from hgo_rs.errors import check, check_number
+import numpy as np
+
+from hgo_rs.errors import check, check_array, check_number
 
 __all__ = ["Crackle", "InputGain", "Lee", "Model", "SanfelicePraly", "Ship", "Unknown", "VanDerPol"]
 
@@ -109,7 +111,9 @@ class SanfelicePraly(Model):
 
     @property
     def equilibrium(self) -> tuple[float, float]:
-        """The state (-nu2/nu1, 0) at which the paper's example rests."""
+        """The state (-nu2/nu1, 0) at which the paper's example rests; nu1 must not be 0."""
+        remedy = "with nu1 = 0 every x2 = -nu2 is at rest"
+        check(self.nu1, "nu1", self.nu1, "different from 0", remedy)
         return (-self.nu2 / self.nu1, 0.0)
 
 
@@ -126,7 +130,7 @@ class VanDerPol(Model):
 
     def __post_init__(self) -> None:
         check_number(self.epsilon, "epsilon")
-        check_number(self.sigma, "sigma")
+        check_number(self.sigma, "sigma", least=0.0)
 
     @property
     def spec(self) -> dict[str, Any]:
@@ -194,9 +198,9 @@ class Ship(Model):
 
     def __post_init__(self) -> None:
         check_number(self.delta, "delta", least=-0.5, most=0.5)
-        check(len(self.w) == 3, "w", self.w, "three numbers", "give one disturbance for each z_i")
-        for value in self.w:
-            check_number(value, "w")
+        w = check_array(self.w, "w")
+        fits = w.shape == (3,) and np.isfinite(w).all()
+        check(fits, "w", self.w, "three finite numbers", "give one disturbance for each z_i")
 
     @property
     def spec(self) -> dict[str, Any]:

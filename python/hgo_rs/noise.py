@@ -6,13 +6,13 @@ A draw is held for `hold` seconds (default: one step); `sines` are added in cont
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from hgo_rs.errors import HgoError, check, check_integer, check_number
+from hgo_rs.errors import HgoError, check, check_array, check_integer, check_number
 
 __all__ = ["Noise", "NormalNoise", "RecordedNoise", "Sines", "UniformNoise", "filtered_noise"]
 
@@ -31,8 +31,8 @@ class Noise:
         Sines added to the draw.
     """
 
-    hold: float | None = None
-    sines: Sequence[Sine] = ()
+    hold: float | None = field(default=None, kw_only=True)
+    sines: Sequence[Sine] = field(default=(), kw_only=True)
 
     def draw(self) -> dict[str, Any]:
         """The drawn part as a spec."""
@@ -44,18 +44,22 @@ class Noise:
         Raises
         ------
         HgoError
-            `hold` is not a whole number of steps.
+            A parameter out of range; `hold` is not a whole number of steps.
         """
         out = self.draw()
         if self.hold is not None:
             hold = check_number(self.hold, "hold", above=0.0)
-            steps = round(hold / dt)
+            steps = round(min(hold / dt, 1e15))
             whole = steps >= 1 and abs(steps * dt - hold) <= 1e-9 * hold
             remedy = "choose dt so that it divides hold"
             check(whole, "hold", hold, f"a whole number of steps of dt = {dt:g} s", remedy)
             out["hold"] = steps
-        if self.sines:
-            out["sines"] = [[float(v) for v in sine] for sine in self.sines]
+        sines = check_array(self.sines, "sines")
+        if sines.size:
+            fits = sines.ndim == 2 and sines.shape[1] == 3 and np.isfinite(sines).all()
+            rows = "rows of three finite numbers"
+            check(fits, "sines", self.sines, rows, "give (amplitude, omega [rad/s], phase) each")
+            out["sines"] = sines.tolist()
         return out
 
 
@@ -97,11 +101,11 @@ class RecordedNoise(Noise):
     values: npt.ArrayLike = ()
 
     def draw(self) -> dict[str, Any]:
-        values = np.asarray(self.values, dtype=float)
+        values = check_array(self.values, "values")
         if values.ndim not in (1, 2) or not np.all(np.isfinite(values)):
             raise HgoError(
                 f"values of shape {values.shape}: must be finite and of shape (steps + 1,) or "
-                "(runs, steps + 1)"
+                "(runs, steps + 1); give one value a sample"
             )
         return {"kind": "samples", "values": values}
 
@@ -149,7 +153,11 @@ def filtered_noise(
     samples = check_integer(samples, "samples", least=1)
     dt = check_number(dt, "dt", above=0.0)
     order = check_integer(order, "order", least=1, most=12)
+    seed = check_integer(seed, "seed", least=0, most=2**64 - 1)
+    run = check_integer(run, "run", least=0, most=2**64 - 1)
     nyquist = np.pi / dt
+    pair = isinstance(band, Sequence) and not isinstance(band, str) and len(band) == 2
+    check(pair, "band", band, "a pair (low, high) in rad/s", "None leaves a side open")
     edges = [check_number(w, "band", above=0.0, below=nyquist) for w in band if w is not None]
     check(edges, "band", band, "a pair with at least one frequency", "give low, high or both")
     check(edges == sorted(set(edges)), "band", band, "increasing", "give low < high")

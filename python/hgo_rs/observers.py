@@ -14,7 +14,15 @@ import numpy.typing as npt
 
 from hgo_rs import _core
 from hgo_rs.design.discretisation import StepLimit, check_step, step_limit
-from hgo_rs.errors import HgoError, check, check_integer, check_number, explain
+from hgo_rs.errors import (
+    HgoError,
+    check,
+    check_array,
+    check_choice,
+    check_integer,
+    check_number,
+    explain,
+)
 from hgo_rs.gains import AdaptiveGain, ConstantGain, DeadZoneGain
 from hgo_rs.models import Model, Ship, Unknown, VanDerPol
 from hgo_rs.results import RunResult
@@ -40,7 +48,9 @@ METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-sh
 `rk4` and `bogacki-shampine` hold the measurement over a step, `rk4-innovation-held` the innovation.
 """
 
+_TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
 _DIVERGED = 1e12
+"""An estimate beyond this many times what the samples and the gain's powers explain diverged."""
 
 
 class Observer:
@@ -93,6 +103,21 @@ class Observer:
             return 2 * self.n - 1
         return self.n
 
+    def _check_start(self, memory: Array) -> None:
+        """Refuse memories (..., m) from which the law cannot start."""
+        index = self._gain_index()
+        if index is not None:
+            _initial_gain(float(np.min(memory[..., index])))
+
+    def _bound(self, start: Array, samples: Array) -> float:
+        """The largest magnitude of a memory that did not diverge."""
+        law = self.spec.get("gain")
+        ell = law["ell"] if isinstance(law, dict) and "ell" in law else 1.0
+        given = max(1.0, float(np.max(np.abs(start))), float(np.nanmax(np.abs(samples), initial=0)))
+        with np.errstate(over="ignore"):  # start-up peaks reach ell^(n-1), Astolfi et al.
+            lift = np.power(max(1.0, ell), self.n)
+            return float(min(_DIVERGED * given * lift, np.finfo(np.float64).max))
+
     def initial_memory(
         self, x_hat0: npt.ArrayLike | None = None, *, r0: float | None = None
     ) -> Array:
@@ -121,10 +146,30 @@ class Observer:
             memory[index] = _initial_gain(r0)
         return memory
 
-    def reset(self, x_hat0: npt.ArrayLike | None = None, *, r0: float | None = None) -> None:
-        """Start again at time 0, see `initial_memory`."""
-        self.memory = self.initial_memory(x_hat0, r0=r0)
+    def reset(
+        self,
+        x_hat0: npt.ArrayLike | None = None,
+        *,
+        r0: float | None = None,
+        memory0: npt.ArrayLike | None = None,
+    ) -> None:
+        """Start again at time 0, see `initial_memory`; or from the whole memory."""
+        self.memory = self._start(x_hat0, r0, memory0)
         self._time = 0.0
+
+    def _start(
+        self,
+        x_hat0: npt.ArrayLike | None,
+        r0: float | None,
+        memory0: npt.ArrayLike | None,
+    ) -> Array:
+        if memory0 is None:
+            return self.initial_memory(x_hat0, r0=r0)
+        alone = x_hat0 is None and r0 is None
+        check(alone, "memory0", memory0, "given alone", "give memory0, or x_hat0 and r0")
+        start = _vector(memory0, "memory0", len(self.memory))
+        self._check_start(start)
+        return start
 
     # --- use ----------------------------------------------------------------------------------
 
@@ -147,15 +192,24 @@ class Observer:
         ------
         HgoError
             An infinite sample, an input that is not finite, dt not positive or at or above the
-            stability limit (`allow_unstable=True` in the constructor to study it).
+            stability limit (`allow_unstable=True` in the constructor to study it); an estimate
+            that would diverge: the sample is not taken.
         """
-        if dt != self._checked_dt:
+        if not isinstance(dt, float) or dt != self._checked_dt:
+            dt = check_number(dt, "dt", above=0.0)
             self._check_dt(dt, self.allow_unstable)
             self._checked_dt = dt
-        sample = np.array(np.nan if y is None else y, dtype=float).reshape(-1)
-        _check_samples(sample.reshape(1, -1), self.n_y, "y")
+        sample = np.full(self.n_y, np.nan) if y is None else check_array(y, "y").reshape(-1)
+        _check_samples(sample.reshape(1, -1), self.n_y)
         told = _inputs(u, 1, self.n_u)
-        self.memory, status = self._core.step(self.memory, sample, told, self._time, dt)
+        if self._time == 0.0:
+            self._check_start(self.memory)
+        memory, status = self._core.step(self.memory, sample, told, self._time, dt)
+        if not self.allow_unstable and not np.all(
+            np.abs(memory) <= self._bound(self.memory, sample)
+        ):
+            raise HgoError(f"the estimate would diverge at t = {self._time:g} s: {_TAMER}")
+        self.memory = memory
         self._time += dt
         if status == 2:
             raise HgoError(_undefined(0, sample))
@@ -202,30 +256,19 @@ class Observer:
         time = _times(t_or_dt, count)
         told = _inputs(u, count, self.n_u)
         if count > 1:
-            self._check_dt(float(np.max(np.diff(time))), allow)
-        if memory0 is None:
-            start = self.initial_memory(x_hat0, r0=r0)
-        else:
-            check(
-                x_hat0 is None and r0 is None,
-                "memory0",
-                memory0,
-                "given alone",
-                "give memory0, or x_hat0 and r0",
-            )
-            start = _vector(memory0, "memory0", len(self.memory))
+            with np.errstate(over="ignore"):
+                self._check_dt(float(np.max(np.diff(time))), allow)
+        start = self._start(x_hat0, r0, memory0)
+        self._check_start(start)
         track = self._core.run(time, samples, told, start)
         memory = track["memory"]
         if np.any(track["status"] == 2):
             k = int(np.argmax(track["status"] == 2))
             raise HgoError(_undefined(k, samples[k]))
-        ok = np.all(np.abs(memory) <= _DIVERGED, axis=1)  # false for NaN
+        ok = np.all(np.abs(memory) <= self._bound(start, samples), axis=1)  # false for NaN
         if not ok.all() and not allow:
             k = int(np.argmin(ok))
-            raise HgoError(
-                f"the estimate diverged at sample {k} (t = {time[k]:g} s): choose a smaller step "
-                "or gain, another method, or allow_unstable=True to look at it"
-            )
+            raise HgoError(f"the estimate diverged at sample {k} (t = {time[k]:g} s): {_TAMER}")
         index = self._gain_index()
         constant = self.gain if index is None else None
         gain = (
@@ -322,7 +365,9 @@ class LowPowerObserver(Observer):
 
     Parameters
     ----------
-    n, gain, epsilon, model, method, allow_unstable
+    n : int
+        Order, 2 to 12.
+    gain, epsilon, model, method, allow_unstable
         As in `StandardObserver`. The model must be of phase-variable form.
     poles : 2 n - 1 numbers, optional
         Eigenvalues of M_n. Default: 2 n - 2 equidistant ones in [-2, -1], and -2; for n = 5 the
@@ -344,7 +389,7 @@ class LowPowerObserver(Observer):
         method: str = "euler",
         allow_unstable: bool = False,
     ) -> None:
-        n = _order(n)
+        n = _order(n, least=2)
         a, b = _low_power_coefficients(n, poles, alpha, beta)
         spec = {
             "kind": "low-power",
@@ -392,7 +437,7 @@ class PeakingFreeObserver(Observer):
         method: str = "euler",
         allow_unstable: bool = False,
     ) -> None:
-        n = _order(n)
+        n = _order(n, least=2)
         a, b = _low_power_coefficients(n, poles, alpha, beta)
         spec = {
             "kind": "peaking-free",
@@ -403,7 +448,7 @@ class PeakingFreeObserver(Observer):
             "model": _model(model, n),
             "method": _method(method),
             "saturation": _saturation(saturation, n, model),
-            "clip": _choice("clip", clip, ("hard", "smooth")),
+            "clip": check_choice("clip", clip, ("hard", "smooth")),
         }
         super().__init__(spec, allow_unstable=allow_unstable)
 
@@ -444,23 +489,38 @@ class _Copies(Observer):
 
     def _starts(self, x_hat0: npt.ArrayLike, r0: npt.ArrayLike) -> Array:
         """Flat memory [x_hat_1, r_1, x_hat_2, r_2, ...] of starts that differ."""
-        starts = np.asarray(x_hat0, dtype=float)
+        starts, gains = check_array(x_hat0, "x_hat0"), check_array(r0, "r0")
         shape = (self.copies, self.n)
         if starts.shape != shape or not np.all(np.isfinite(starts)):
             raise HgoError(
                 f"x_hat0 of shape {starts.shape}: must be finite and of shape {shape}; one row a "
                 "copy"
             )
-        gains = np.broadcast_to(np.asarray(r0, dtype=float), (self.copies,))
-        for value in gains:
-            _initial_gain(value)
-        rows = np.column_stack([starts, gains])
-        if len(np.unique(rows, axis=0)) < self.copies:
-            raise HgoError(
-                "x_hat0 has identical rows: copies with identical starts never separate; "
-                "spread them"
+        fits = gains.shape in ((), (self.copies,))
+        check(fits, "r0", r0, f"one number, or {self.copies}", "give one a copy")
+        for value in gains.flat:
+            _initial_gain(float(value))
+        rows = np.column_stack([starts, np.broadcast_to(gains, (self.copies,))]).ravel()
+        self._check_apart(rows)
+        return np.asarray(rows)
+
+    def _check_start(self, memory: Array) -> None:
+        """Every r_i >= 1, and copies that start apart."""
+        for value in np.ravel(memory[..., self.n :: self.n + 1]):
+            _initial_gain(float(value))
+        self._check_apart(memory)
+
+    def _check_apart(self, memory: Array) -> None:
+        width = self.n + 1
+        rows = memory.reshape(-1, memory.shape[-1])[:, -self.copies * width :]
+        for starts in rows.reshape(-1, self.copies, width):
+            check(
+                len(np.unique(starts, axis=0)) == self.copies,
+                "starts of the copies",
+                starts.tolist(),
+                "different from one another",
+                "identical copies never separate; spread them with spread(...)",
             )
-        return rows.ravel()
 
 
 class RepelledCollection(_Copies):
@@ -498,7 +558,9 @@ class RepelledCollection(_Copies):
 
     def nominal_gain(self, memory: npt.ArrayLike) -> Array:
         """r_bar = mean r_i (24) of memories (..., m)."""
-        values = np.asarray(memory, dtype=float)
+        values = check_array(memory, "memory")
+        fits = values.shape[-1:] == self.memory.shape
+        check(fits, "memory", memory, f"of shape (..., {len(self.memory)})", "give memories")
         return np.asarray(values[..., self.n :: self.n + 1].mean(axis=-1))
 
 
@@ -554,7 +616,10 @@ class SampledDataObserver(Observer):
         allow_unstable: bool = False,
     ) -> None:
         known = VanDerPol() if model is None else model
-        choice = _choice("gain", gain, ("derived", "printed"))
+        check(
+            isinstance(known, VanDerPol), "model", model, "a VanDerPol", "leave it out, or give one"
+        )
+        choice = check_choice("gain", gain, ("derived", "printed"))
         spec = {"kind": "sampled-data", "model": known.spec, "gain": choice}
         super().__init__(spec, allow_unstable=allow_unstable)
 
@@ -581,9 +646,11 @@ class ReducedOrderObserver(Observer):
         model: Ship | None = None,
         allow_unstable: bool = False,
     ) -> None:
+        known = Ship() if model is None else model
+        check(isinstance(known, Ship), "model", model, "a Ship", "leave it out, or give one")
         spec = {
             "kind": "reduced-order",
-            "model": (Ship() if model is None else model).spec,
+            "model": known.spec,
             "h_bar": _vector(h_bar, "h_bar", 3).tolist(),
             "epsilon": check_number(epsilon, "epsilon", above=0.0),
         }
@@ -593,44 +660,57 @@ class ReducedOrderObserver(Observer):
 # --- checks -----------------------------------------------------------------------------------
 
 
-def _order(n: Any) -> int:
-    return check_integer(n, "n", least=1, most=12)
+def _order(n: Any, least: int = 1) -> int:
+    remedy = "choose an integer in this range" + ("; StandardObserver takes 1" if least > 1 else "")
+    return check_integer(n, "n", least=least, most=12, remedy=remedy)
 
 
 def _initial_gain(value: Any) -> float:
     return check_number(value, "r0", least=1.0, remedy="law (6) lives on r >= 1; start at 1")
 
 
-def _choice(parameter: str, value: Any, allowed: Sequence[str]) -> str:
-    check(value in allowed, parameter, value, f"one of {', '.join(allowed)}", "choose one of them")
-    return str(value)
-
-
 def _method(method: str) -> str:
-    return _choice("method", method, METHODS)
+    return check_choice("method", method, METHODS)
 
 
 def _vector(values: npt.ArrayLike, parameter: str, length: int) -> Array:
-    vector = np.asarray(values, dtype=float)
+    vector = check_array(values, parameter)
     if vector.shape != (length,):
         raise HgoError(f"{parameter} of shape {vector.shape}: must have {length} entries")
     check(np.all(np.isfinite(vector)), parameter, values, "finite", "leave out NaN and infinity")
-    return vector.copy()
+    return vector
 
 
 def _pairs(poles: Poles, count: int, law: str) -> list[tuple[float, float]]:
-    values = np.asarray(poles, dtype=complex).reshape(-1)
+    try:
+        values = np.asarray(poles, dtype=complex).reshape(-1)
+    except (TypeError, ValueError, OverflowError):
+        raise HgoError(explain("poles", poles, "complex numbers", f"give {count}")) from None
     if len(values) != count:
         raise HgoError(f"poles: {len(values)} given; {law} needs {count}")
+    for p in values:
+        stable = np.isfinite(p) and p.real < 0.0
+        remedy = "place it in the open left half plane"
+        check(stable, "poles", complex(p), "finite with a negative real part", remedy)
+        paired = np.sum(values == p) == np.sum(values == p.conjugate())
+        remedy = "give both, or real poles"
+        check(paired, "poles", complex(p), "accompanied by its complex conjugate", remedy)
     return [(float(p.real), float(p.imag)) for p in values]
 
 
 def _coefficients(n: int, poles: Poles | None, k: npt.ArrayLike | None) -> list[float]:
     if k is not None:
         check(poles is None, "k", k, "given without poles", "give poles or k")
-        return [float(v) for v in _vector(k, "k", n)]
+        return _hurwitz(_vector(k, "k", n).tolist())
     given = np.linspace(-1.0, -2.0, n) if poles is None else poles
-    return list(_core.coefficients_from_poles(_pairs(given, n, f"an observer of order {n}")))
+    pairs = _pairs(given, n, f"an observer of order {n}")
+    return _hurwitz(_core.coefficients_from_poles(pairs))
+
+
+def _hurwitz(k: list[float]) -> list[float]:
+    allowed = "such that s^n + k_1 s^(n-1) + ... + k_n has all roots in the left half plane"
+    check(_core.is_hurwitz(k), "k", k, allowed, "give poles in its place")
+    return k
 
 
 def _low_power_coefficients(
@@ -665,7 +745,7 @@ def _model(model: Model | None, n: int) -> dict[str, Any]:
 
 
 def _saturation(levels: npt.ArrayLike, n: int, model: Model | None) -> list[float]:
-    values = np.asarray(levels, dtype=float)
+    values = check_array(levels, "saturation")
     if values.ndim == 0:
         values = np.full(n - 1, float(values))
     values = _vector(values, "saturation", n - 1)
@@ -684,33 +764,34 @@ def _saturation(levels: npt.ArrayLike, n: int, model: Model | None) -> list[floa
 
 def _samples(y: npt.ArrayLike, n_y: int) -> Array:
     """Samples (N, n_y), NaN where missing."""
-    values = np.asarray(y, dtype=float)
+    if isinstance(y, (list, tuple)) and n_y > 1:
+        y = [[np.nan] * n_y if row is None else row for row in y]
+    values = check_array(y, "y")
     if values.ndim == 1 and n_y == 1:
         values = values[:, np.newaxis]
     if values.ndim != 2 or values.shape[1] != n_y or len(values) == 0:
         wanted = "(N,)" if n_y == 1 else f"(N, {n_y})"
         raise HgoError(f"y of shape {values.shape}: must be {wanted} with N >= 1")
-    _check_samples(values, n_y, "y")
+    _check_samples(values, n_y)
     return np.ascontiguousarray(values)
 
 
-def _check_samples(values: Array, channels: int, name: str) -> None:
+def _check_samples(values: Array, channels: int) -> None:
     if values.shape[-1] != channels:
-        raise HgoError(f"{name} has {values.shape[-1]} entries: must have {channels}")
+        raise HgoError(f"y has {values.shape[-1]} entries: must have {channels}")
     infinite = np.isinf(values).any(axis=1)
     if infinite.any():
         k = int(np.argmax(infinite))
-        raise HgoError(
-            f"{name} at sample {k} is infinite: must be finite; mark a missing sample as NaN"
-        )
+        raise HgoError(f"y at sample {k} is infinite: must be finite; mark a missing sample as NaN")
 
 
 def _times(t_or_dt: npt.ArrayLike, count: int) -> Array:
     """Sample times (N,) from times or a period."""
-    given = np.asarray(t_or_dt, dtype=float)
+    given = check_array(t_or_dt, "t_or_dt")
     if given.ndim == 0:
         period = check_number(float(given), "dt", above=0.0)
-        return np.arange(count, dtype=np.float64) * period
+        with np.errstate(over="ignore"):
+            return np.arange(count, dtype=np.float64) * period
     if given.shape != (count,):
         raise HgoError(f"t of shape {given.shape}: must be ({count},), one time a sample")
     bad = ~np.isfinite(given)
@@ -737,8 +818,8 @@ def _inputs(u: npt.ArrayLike | None, count: int, n_u: int) -> Array:
         return np.empty((count, 0))
     if u is None:
         raise HgoError(f"u is missing: this observer's model has {n_u} known input(s)")
-    values = np.asarray(u, dtype=float)
-    if values.size == count * n_u and values.ndim <= 2:
+    values = check_array(u, "u")
+    if values.ndim < 2 and values.size == count * n_u and 1 in (count, n_u):
         values = values.reshape(count, n_u)
     if values.shape != (count, n_u):
         raise HgoError(f"u of shape {values.shape}: must be ({count}, {n_u})")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from hgo_rs.errors import HgoError
+from hgo_rs.errors import HgoError, MissingExtraError, check_integer, check_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,14 +96,20 @@ class RunResult:
 
     def to_dataframe(self) -> Any:
         """A pandas DataFrame indexed by time. Needs the extra `data`."""
-        import pandas as pd
-
+        try:
+            import pandas as pd
+        except ImportError as error:
+            raise MissingExtraError("a table needs pandas: pip install 'hgo_rs[data]'") from error
         return pd.DataFrame(self.columns()).set_index("time")
 
     def to_xarray(self) -> Any:
         """An xarray Dataset over time. Needs the extra `xarray`."""
-        import xarray as xr
-
+        try:
+            import xarray as xr
+        except ImportError as error:
+            raise MissingExtraError(
+                "a Dataset needs xarray: pip install 'hgo_rs[xarray]'"
+            ) from error
         columns = self.columns()
         time = columns.pop("time")
         data = {name: ("time", values) for name, values in columns.items()}
@@ -127,6 +133,9 @@ class SimulationResult:
     diverged_at : (R,) int
         First step at which a state was not finite or beyond 1e12, -1 if none. Such a run stops
         there and its metrics cover the steps before.
+    undefined_at : (R,) int
+        First step at which the observer's model had no value and the estimate was held (a ship at
+        rest), -1 if none.
     final_x, final_memory : (R, ·)
     time : (F,) [s];  x : (R, F, nx);  memory : (R, F, m);  y : (R, F, n_y)
         Kept frames, None without `every`.
@@ -140,6 +149,7 @@ class SimulationResult:
     peak: Array
     settling_time: Array
     diverged_at: npt.NDArray[np.int64]
+    undefined_at: npt.NDArray[np.int64]
     final_x: Array
     final_memory: Array
     time: Array | None
@@ -162,9 +172,12 @@ class SimulationResult:
 
     def quantile(self, q: float) -> float:
         """Quantile of ||x_hat - x||^2 over all runs in the histogram's window (to about 1 %)."""
+        q = check_number(q, "q", least=0.0, most=1.0)
         if self.histogram is None:
             raise HgoError("quantile: simulate was called without histogram=(from, to)")
         counts = np.cumsum(self.histogram["counts"])
+        if counts[-1] == 0:
+            raise HgoError("quantile: every run diverged before the histogram's window")
         edges = self.histogram["edges"]
         return float(np.interp(q, counts / counts[-1], edges[1:]))
 
@@ -174,5 +187,6 @@ class SimulationResult:
 
         if self.time is None or self.x is None or self.x_hat is None:
             raise HgoError("plot: simulate was called without every=, so no frame was kept")
+        run = check_integer(run, "run", least=0, most=len(self.x) - 1)
         truth = self.x[run][:, -self.n :] if self.x.shape[-1] != self.n else self.x[run]
         return estimate_figure(self.time, self.x_hat[run], x=truth, figure=figure)

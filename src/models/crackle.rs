@@ -6,7 +6,7 @@
 
 use crate::Scalar;
 use crate::error::{DesignError, positive};
-use crate::model::{Model, PhaseVariable, Plant, last, no_input};
+use crate::model::{Model, PhaseVariable, Plant, last};
 use nalgebra::{SVector, Vector5};
 
 /// Plant (20) and the bound of its observer's `φ_s`.
@@ -51,23 +51,9 @@ impl<T: Scalar> Model<T, 5> for Crackle<T> {
 }
 
 impl<T: Scalar> Plant<T> for Crackle<T> {
-    type State = Vector5<T>;
-    type Input = SVector<T, 0>;
-    type Output = T;
+    first_state_measured!(5);
     #[inline(always)]
     fn drift(&self, _: T, x: &Vector5<T>, _: &SVector<T, 0>) -> Vector5<T> {
         Vector5::new(x[1], x[2], x[3], x[4], Self::crackle(x))
-    }
-    #[inline(always)]
-    fn output(&self, x: &Vector5<T>) -> T {
-        x[0]
-    }
-    #[inline(always)]
-    fn truth<'a>(&self, x: &'a Vector5<T>) -> &'a [T] {
-        x.as_slice()
-    }
-    #[inline(always)]
-    fn control(&self, _: &Vector5<T>, _: T) -> SVector<T, 0> {
-        no_input()
     }
 }

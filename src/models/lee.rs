@@ -1,7 +1,7 @@
 //! The plant of Lee, Choi and Khalil (38): ẋ₁ = x₂, ẋ₂ = −x₁/(1 + x₁²) − x₂, y = x₁.
 
 use crate::Scalar;
-use crate::model::{Model, PhaseVariable, Plant, last, no_input};
+use crate::model::{Model, PhaseVariable, Plant, last};
 use nalgebra::{SVector, Vector2};
 
 /// Plant (38).
@@ -23,23 +23,9 @@ impl<T: Scalar> Model<T, 2> for Lee {
 }
 
 impl<T: Scalar> Plant<T> for Lee {
-    type State = Vector2<T>;
-    type Input = SVector<T, 0>;
-    type Output = T;
+    first_state_measured!(2);
     #[inline(always)]
     fn drift(&self, t: T, x: &Vector2<T>, u: &SVector<T, 0>) -> Vector2<T> {
         Vector2::new(x.y, self.phi(t, x, u))
-    }
-    #[inline(always)]
-    fn output(&self, x: &Vector2<T>) -> T {
-        x.x
-    }
-    #[inline(always)]
-    fn truth<'a>(&self, x: &'a Vector2<T>) -> &'a [T] {
-        x.as_slice()
-    }
-    #[inline(always)]
-    fn control(&self, _: &Vector2<T>, _: T) -> SVector<T, 0> {
-        no_input()
     }
 }

@@ -1,5 +1,27 @@
 //! Floor 2. The papers' plants, one file each, and what their observers know of them.
 
+/// What every plant with y = x₁, no input and all states asked for says the same way, inside its
+/// `impl Plant`: $n is its order.
+macro_rules! first_state_measured {
+    ($n:literal) => {
+        type State = nalgebra::SVector<T, $n>;
+        type Input = nalgebra::SVector<T, 0>;
+        type Output = T;
+        #[inline(always)]
+        fn output(&self, x: &Self::State) -> T {
+            x.x
+        }
+        #[inline(always)]
+        fn truth<'a>(&self, x: &'a Self::State) -> &'a [T] {
+            x.as_slice()
+        }
+        #[inline(always)]
+        fn control(&self, _: &Self::State, _: T) -> Self::Input {
+            crate::model::no_input()
+        }
+    };
+}
+
 mod crackle;
 mod lee;
 mod sanfelice_praly;

@@ -4,7 +4,7 @@
 
 use crate::Scalar;
 use crate::error::{DesignError, finite};
-use crate::model::{Model, Plant, no_input};
+use crate::model::{Model, Plant};
 use nalgebra::{SVector, Vector2};
 
 /// Plant (19) with the known ν₁ and the unknown ν₂.
@@ -32,23 +32,9 @@ impl<T: Scalar> Model<T, 2> for SanfelicePraly<T> {
 }
 
 impl<T: Scalar> Plant<T> for SanfelicePraly<T> {
-    type State = Vector2<T>;
-    type Input = SVector<T, 0>;
-    type Output = T;
+    first_state_measured!(2);
     #[inline(always)]
     fn drift(&self, _: T, x: &Vector2<T>, _: &SVector<T, 0>) -> Vector2<T> {
         Vector2::new(x.y + self.nu1 * x.x + self.nu2, T::ZERO)
-    }
-    #[inline(always)]
-    fn output(&self, x: &Vector2<T>) -> T {
-        x.x
-    }
-    #[inline(always)]
-    fn truth<'a>(&self, x: &'a Vector2<T>) -> &'a [T] {
-        x.as_slice()
-    }
-    #[inline(always)]
-    fn control(&self, _: &Vector2<T>, _: T) -> SVector<T, 0> {
-        no_input()
     }
 }

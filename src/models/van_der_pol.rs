@@ -6,9 +6,7 @@
 
 use crate::Scalar;
 use crate::error::{DesignError, finite};
-use crate::model::{
-    Model, PhaseVariable, Plant, SampledModel, StochasticIntegrator, last, no_input,
-};
+use crate::model::{Model, PhaseVariable, Plant, SampledModel, StochasticIntegrator, last};
 use nalgebra::{SVector, Vector2};
 
 /// Where the process noise enters.
@@ -69,24 +67,10 @@ impl<T: Scalar> Model<T, 2> for VanDerPol<T> {
 }
 
 impl<T: Scalar> Plant<T> for VanDerPol<T> {
-    type State = Vector2<T>;
-    type Input = SVector<T, 0>;
-    type Output = T;
+    first_state_measured!(2);
     #[inline(always)]
     fn drift(&self, t: T, x: &Vector2<T>, u: &SVector<T, 0>) -> Vector2<T> {
         Vector2::new(x.y, self.phi(t, x, u))
-    }
-    #[inline(always)]
-    fn output(&self, x: &Vector2<T>) -> T {
-        x.x
-    }
-    #[inline(always)]
-    fn truth<'a>(&self, x: &'a Vector2<T>) -> &'a [T] {
-        x.as_slice()
-    }
-    #[inline(always)]
-    fn control(&self, _: &Vector2<T>, _: T) -> SVector<T, 0> {
-        no_input()
     }
     #[inline(always)]
     fn supports(&self, scheme: StochasticIntegrator) -> bool {

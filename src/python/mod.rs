@@ -4,9 +4,12 @@
 
 mod design;
 mod errors;
+mod functions;
+mod interrupt;
 mod observers;
 mod spec;
 mod study;
+mod systems;
 
 use pyo3::prelude::*;
 
@@ -19,7 +22,7 @@ mod _core {
         low_power_coefficients_from_poles, low_power_polynomial,
     };
     #[pymodule_export]
-    use super::observers::Observer;
+    use super::functions::{coupled_paths, filtered, mean_covariance, random, simulate};
     #[pymodule_export]
-    use super::study::{coupled_paths, filtered, mean_covariance, random, simulate};
+    use super::observers::Observer;
 }

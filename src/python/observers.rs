@@ -2,14 +2,15 @@
 
 use super::design::order_refused;
 use super::errors::refused;
-use super::spec::{Spec, numbers};
-use super::study::{self, Plan, StopFlag, StudyResult};
+use super::interrupt::{StopFlag, interruptible};
+use super::spec::{Spec, matrix, numbers};
+use super::study::{self, Plan, StudyResult};
+use super::systems::{AnyModel, read_ship, read_van_der_pol};
 use crate::dispatch_order;
 use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
 use crate::integrate::Integrator;
 use crate::memory::Memory;
-use crate::model::{InputGain, Model, PhaseVariable, last, no_input};
-use crate::models::{Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, VanDerPol};
+use crate::models::Correction;
 use crate::observer::{
     Discretisation, Discretised, Hold, Observer as CoreObserver, RungeKutta, Status, Timing,
 };
@@ -18,115 +19,9 @@ use crate::observers::{
     SampledDataObserver, Saturation, SmoothSaturation, StandardObserver,
 };
 use nalgebra::SVector;
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
+use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-
-/// The model that an observer knows, chosen at run time; its order was checked against the
-/// observer's when it was built.
-#[derive(Clone, Copy)]
-pub enum AnyModel {
-    Unknown,
-    Input(InputGain<f64>),
-    Lee(Lee),
-    SanfelicePraly(SanfelicePraly<f64>),
-    VanDerPol(VanDerPol<f64>),
-    Crackle(Crackle<f64>),
-}
-
-/// The first K entries of x̂.
-#[inline(always)]
-fn head<const K: usize, const N: usize>(x: &SVector<f64, N>) -> SVector<f64, K> {
-    SVector::from_fn(|i, _| if i < N { x[i] } else { 0.0 })
-}
-
-impl<const N: usize> Model<f64, N, 1> for AnyModel {
-    #[inline(always)]
-    fn f_hat(&self, t: f64, x: &SVector<f64, N>, u: &SVector<f64, 1>) -> SVector<f64, N> {
-        match self {
-            Self::SanfelicePraly(model) => head(&model.f_hat(t, &head(x), &no_input())),
-            _ => last(self.phi(t, x, u)),
-        }
-    }
-}
-
-impl<const N: usize> PhaseVariable<f64, N, 1> for AnyModel {
-    #[inline(always)]
-    fn phi(&self, t: f64, x: &SVector<f64, N>, u: &SVector<f64, 1>) -> f64 {
-        match self {
-            Self::Unknown | Self::SanfelicePraly(_) => 0.0,
-            Self::Input(model) => model.phi(t, x, u),
-            Self::Lee(model) => model.phi(t, &head(x), &no_input()),
-            Self::VanDerPol(model) => model.phi(t, &head(x), &no_input()),
-            Self::Crackle(model) => model.phi(t, &head(x), &no_input()),
-        }
-    }
-}
-
-impl AnyModel {
-    fn read(spec: &Spec<'_>) -> PyResult<Self> {
-        let kind = spec.text("kind")?;
-        Ok(match kind.as_str() {
-            "none" => {
-                spec.only(&["kind"])?;
-                Self::Unknown
-            }
-            "input" => {
-                spec.only(&["kind", "b0"])?;
-                Self::Input(InputGain { b0: crate::error::finite("b0", spec.f64("b0")?)? })
-            }
-            "lee" => Self::Lee(read_lee(spec)?),
-            "sanfelice-praly" => Self::SanfelicePraly(read_sanfelice_praly(spec)?),
-            "van-der-pol" => Self::VanDerPol(read_van_der_pol(spec, Correction::Derived)?),
-            "crackle" => Self::Crackle(read_crackle(spec)?),
-            other => {
-                let known = ["none", "input", "lee", "sanfelice-praly", "van-der-pol", "crackle"];
-                return Err(spec.unknown("kind", other, &known));
-            }
-        })
-    }
-
-    /// Order of the system, if the model fits one order only.
-    fn order(&self) -> Option<usize> {
-        match self {
-            Self::Unknown | Self::Input(_) => None,
-            Self::Lee(_) | Self::SanfelicePraly(_) | Self::VanDerPol(_) => Some(2),
-            Self::Crackle(_) => Some(5),
-        }
-    }
-}
-
-pub fn read_lee(spec: &Spec<'_>) -> PyResult<Lee> {
-    spec.only(&["kind"])?;
-    Ok(Lee)
-}
-
-pub fn read_sanfelice_praly(spec: &Spec<'_>) -> PyResult<SanfelicePraly<f64>> {
-    spec.only(&["kind", "nu1", "nu2"])?;
-    Ok(SanfelicePraly::new(spec.f64("nu1")?, spec.f64_or("nu2", 0.1)?)?)
-}
-
-pub fn read_van_der_pol(spec: &Spec<'_>, correction: Correction) -> PyResult<VanDerPol<f64>> {
-    spec.only(&["kind", "epsilon", "sigma", "multiplicative"])?;
-    let diffusion = if spec.flag_or("multiplicative", false)? {
-        Diffusion::Multiplicative
-    } else {
-        Diffusion::Additive
-    };
-    let (epsilon, sigma) = (spec.f64_or("epsilon", 0.8)?, spec.f64_or("sigma", 0.5)?);
-    Ok(VanDerPol::new(epsilon, sigma, diffusion, correction)?)
-}
-
-pub fn read_crackle(spec: &Spec<'_>) -> PyResult<Crackle<f64>> {
-    spec.only(&["kind", "phi_max"])?;
-    Ok(Crackle::new(spec.f64_or("phi_max", 3.0)?)?)
-}
-
-pub fn read_ship(spec: &Spec<'_>) -> PyResult<Ship<f64>> {
-    spec.only(&["kind", "delta", "w"])?;
-    let w = if spec.get("w")?.is_some() { spec.vector::<3>("w", 3)? } else { [0.0; 3] };
-    Ok(Ship::new(spec.f64_or("delta", 0.0)?, w)?)
-}
 
 /// The adaptive and the dead-zone law behind one memory r.
 #[derive(Clone, Copy)]
@@ -611,7 +506,7 @@ impl Observer {
         let u = sized("u", u, samples * self.inner.n_u())?;
         let memory0 = sized("memory0", memory0, self.memory_len())?;
         let record = Record { t, y, u };
-        let track = study::interruptible(py, |stop| Ok(self.inner.run(&record, &memory0, stop)))?;
+        let track = interruptible(py, |stop| Ok(self.inner.run(&record, &memory0, stop)))?;
         let out = PyDict::new(py);
         out.set_item("memory", matrix(py, track.memory, samples)?)?;
         out.set_item("innovation", matrix(py, track.innovation, samples)?)?;
@@ -628,10 +523,4 @@ fn sized(name: &str, object: &Bound<'_, PyAny>, len: usize) -> PyResult<Vec<f64>
         return Err(refused(&message));
     }
     Ok(given.values)
-}
-
-/// A matrix of `rows` rows.
-pub fn matrix(py: Python<'_>, values: Vec<f64>, rows: usize) -> PyResult<Bound<'_, PyArray2<f64>>> {
-    let columns = values.len().checked_div(rows).unwrap_or(0);
-    values.into_pyarray(py).reshape([rows, columns])
 }

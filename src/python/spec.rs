@@ -1,7 +1,7 @@
-//! Reading specs: dicts whose keys, types and shapes are checked one by one.
+//! Specs in, arrays out: dicts whose keys, types and shapes are checked one by one.
 
 use super::errors::refused;
-use numpy::{PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -153,4 +153,10 @@ pub fn numbers(object: &Bound<'_, PyAny>) -> PyResult<Numbers> {
     let array: PyReadonlyArrayDyn<'_, f64> = array.extract()?;
     // ascontiguousarray makes a scalar an array of one entry
     Ok(Numbers { shape: array.shape().to_vec(), values: array.to_vec()? })
+}
+
+/// A matrix of `rows` rows.
+pub fn matrix(py: Python<'_>, values: Vec<f64>, rows: usize) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let columns = values.len().checked_div(rows).unwrap_or(0);
+    values.into_pyarray(py).reshape([rows, columns])
 }

@@ -1,83 +1,28 @@
 //! Experiments with many runs: threads, interruption, results as arrays.
 
 use super::errors::refused;
-use super::observers::{
-    AnyObserver, build, matrix, read_crackle, read_lee, read_sanfelice_praly, read_ship,
-    read_van_der_pol,
-};
-use super::spec::{Spec, numbers};
-use crate::covariance::ErrorCovariance;
-use crate::gain::ConstantGain;
+use super::interrupt::StopFlag;
+use super::spec::{Spec, matrix};
+use super::systems::AnyPlant;
 use crate::integrate::{Integrator, PlantScheme};
 use crate::memory::Memory;
 use crate::metrics::{LogHistogram, Moments, SettlingTime, Window};
-use crate::model::{Plant, StochasticIntegrator, Unknown};
-use crate::models::{Correction, Crackle, Lee, SanfelicePraly, Ship, VanDerPol};
-use crate::noise::{Channel, Draw, Noise, SecondOrderSections, Sine, Stream};
-use crate::observer::{
-    ContinuousLaw, Discretisation, Discretised, Euler, Hold, Measurement, RungeKutta,
-};
-use crate::observers::{ReducedOrderObserver, SampledDataObserver, StandardObserver};
+use crate::model::{Plant, StochasticIntegrator};
+use crate::models::{Ship, VanDerPol};
+use crate::noise::{Draw, Noise, Sine};
+use crate::observer::{ContinuousLaw, Discretisation, Discretised, Hold, Measurement, RungeKutta};
+use crate::observers::{ReducedOrderObserver, SampledDataObserver};
 use crate::schedule::{FixedStep, Schedule, StochasticApproximation};
-use crate::simulate::{Experiment, Finish, Probe, RunMetrics, Sample, coupled_paths as couple};
+use crate::simulate::{Experiment, Finish, Probe, RunMetrics, Sample};
 use nalgebra::{SVector, Vector2};
-use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
+use numpy::{IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc;
-use std::time::Duration;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 pub const NO_PLANT: &str = "this observer's order fits none of the plants: simulate takes \
     observers of order 2 (lee, sanfelice-praly, van-der-pol), 5 (crackle) or the ship's";
-
-/// Set when the user interrupts.
-pub struct StopFlag(AtomicBool);
-
-impl StopFlag {
-    #[inline(always)]
-    pub fn is_set(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
-    }
-}
-
-/// Run `work` without the interpreter lock; Ctrl-C stops it.
-pub fn interruptible<R: Send>(
-    py: Python<'_>,
-    work: impl FnOnce(&StopFlag) -> PyResult<R> + Send,
-) -> PyResult<R> {
-    let stop = StopFlag(AtomicBool::new(false));
-    let (result, signal) = py.detach(|| {
-        std::thread::scope(|scope| {
-            let (done, finished) = mpsc::channel::<()>();
-            let stop = &stop;
-            let worker = scope.spawn(move || {
-                let result = work(stop);
-                drop(done);
-                result
-            });
-            let mut signal = Ok(());
-            while matches!(
-                finished.recv_timeout(Duration::from_millis(50)),
-                Err(mpsc::RecvTimeoutError::Timeout)
-            ) {
-                if signal.is_ok() {
-                    #[allow(clippy::redundant_closure_for_method_calls)]
-                    // its lifetime does not unify
-                    let checked = Python::attach(|py| py.check_signals());
-                    signal = checked;
-                    if signal.is_err() {
-                        stop.0.store(true, Ordering::Relaxed);
-                    }
-                }
-            }
-            (worker.join(), signal)
-        })
-    });
-    signal?;
-    result.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-}
 
 /// A schedule chosen at run time.
 #[derive(Clone, Copy)]
@@ -125,41 +70,6 @@ impl AnySchedule {
     }
 }
 
-/// The papers' plants.
-#[derive(Clone, Copy)]
-pub enum AnyPlant {
-    Lee(Lee),
-    SanfelicePraly(SanfelicePraly<f64>),
-    VanDerPol(VanDerPol<f64>),
-    Crackle(Crackle<f64>),
-    Ship(Ship<f64>),
-}
-
-impl AnyPlant {
-    fn read(spec: &Spec<'_>) -> PyResult<Self> {
-        let kind = spec.text("kind")?;
-        Ok(match kind.as_str() {
-            "lee" => Self::Lee(read_lee(spec)?),
-            "sanfelice-praly" => Self::SanfelicePraly(read_sanfelice_praly(spec)?),
-            "van-der-pol" => Self::VanDerPol(read_van_der_pol(spec, Correction::Derived)?),
-            "crackle" => Self::Crackle(read_crackle(spec)?),
-            "ship" => Self::Ship(read_ship(spec)?),
-            other => {
-                let known = ["lee", "sanfelice-praly", "van-der-pol", "crackle", "ship"];
-                return Err(spec.unknown("kind", other, &known));
-            }
-        })
-    }
-
-    fn len(&self) -> usize {
-        match self {
-            Self::Lee(_) | Self::SanfelicePraly(_) | Self::VanDerPol(_) => 2,
-            Self::Crackle(_) => 5,
-            Self::Ship(_) => 6,
-        }
-    }
-}
-
 enum DrawKind {
     None,
     Uniform(f64, f64),
@@ -170,25 +80,25 @@ enum DrawKind {
 
 /// An experiment as it was asked for.
 pub struct Plan {
-    plant: AnyPlant,
+    pub plant: AnyPlant,
     joint: bool,
-    plant_scheme: PlantScheme,
-    substeps: u32,
-    schedule: AnySchedule,
-    plant_schedule: Option<AnySchedule>,
+    pub plant_scheme: PlantScheme,
+    pub substeps: u32,
+    pub schedule: AnySchedule,
+    pub plant_schedule: Option<AnySchedule>,
     draw: DrawKind,
     hold: u64,
     sines: Vec<Sine<f64>>,
-    steps: u64,
+    pub steps: u64,
     runs: usize,
     seed: u64,
     first_run: u64,
-    windows: Vec<Window>,
+    pub windows: Vec<Window>,
     settle: Option<f64>,
     histogram: Option<Window>,
     every: u64,
-    x0: Vec<f64>,
-    memory0: Vec<f64>,
+    pub x0: Vec<f64>,
+    pub memory0: Vec<f64>,
     memory_len: usize,
 }
 
@@ -228,7 +138,7 @@ impl Plan {
         "every",
     ];
 
-    fn read(spec: &Spec<'_>, observer: &dyn AnyObserver) -> PyResult<Self> {
+    pub fn read(spec: &Spec<'_>, memory_len: usize) -> PyResult<Self> {
         spec.only(&Self::KEYS)?;
         let plant = AnyPlant::read(&spec.sub("plant")?)?;
         let mode = spec.text_or("mode", "sampled")?;
@@ -265,7 +175,6 @@ impl Plan {
             None => None,
             Some(_) => Some(crate::error::positive("settle", spec.f64("settle")?)?),
         };
-        let memory_len = observer.initial().len();
         let memory0 = spec.rows("memory0", memory_len, runs)?;
         Ok(Self {
             plant,
@@ -362,11 +271,6 @@ impl Plan {
         Noise { draw, hold: self.hold, sines: &self.sines }
     }
 
-    /// Row `run` of a table that has one row for all runs or one a run.
-    fn row(table: &[f64], columns: usize, run: usize) -> &[f64] {
-        if table.len() == columns { table } else { &table[run * columns..(run + 1) * columns] }
-    }
-
     /// All runs of the experiment with `plant`; `go` performs one.
     fn execute<P, Z>(
         &self,
@@ -420,8 +324,8 @@ impl Plan {
                 frames: Frames::default(),
                 stop,
             };
-            let x0 = P::State::read(Self::row(&self.x0, P::State::LEN, run));
-            let z0 = Z::read(Self::row(&self.memory0, Z::LEN, run));
+            let x0 = P::State::read(row(&self.x0, P::State::LEN, run));
+            let z0 = Z::read(row(&self.memory0, Z::LEN, run));
             let index = self.first_run.wrapping_add(run as u64);
             let end = go(&experiment(run), index, x0, z0, &mut watch);
             let settling_time =
@@ -450,10 +354,19 @@ impl Plan {
     }
 }
 
+/// Row `run` of a table that has one row for all runs or one a run.
+pub fn row(table: &[f64], columns: usize, run: usize) -> &[f64] {
+    if table.len() == columns { table } else { &table[run * columns..(run + 1) * columns] }
+}
+
 const PLANT_METHODS: [&str; 7] =
     ["euler", "rk4", "bogacki-shampine", "held", "euler-maruyama", "milstein", "taylor-1.5"];
 
-fn stochastic(method: &str) -> Option<StochasticIntegrator> {
+/// The schemes for plants with process noise.
+pub const STOCHASTIC_METHODS: [&str; 3] = ["euler-maruyama", "milstein", "taylor-1.5"];
+
+/// A stochastic scheme by name.
+pub fn stochastic(method: &str) -> Option<StochasticIntegrator> {
     match method {
         "euler-maruyama" => Some(StochasticIntegrator::EulerMaruyama),
         "milstein" => Some(StochasticIntegrator::Milstein),
@@ -536,7 +449,8 @@ fn index_or_minus_one(index: Option<u64>) -> i64 {
 }
 
 impl StudyResult {
-    fn into_dict<'py>(self, py: Python<'py>, plan: &Plan) -> PyResult<Bound<'py, PyDict>> {
+    /// As a dict of arrays.
+    pub fn into_dict<'py>(self, py: Python<'py>, plan: &Plan) -> PyResult<Bound<'py, PyDict>> {
         let out = PyDict::new(py);
         let shape = [self.runs.len(), plan.windows.len(), self.signals];
         let set = |key: &str, of: fn(&Moments<f64>) -> f64| -> PyResult<()> {
@@ -685,187 +599,4 @@ pub fn of_reduced_order(
     plan.execute(plant, 3, 3, stop, |experiment, run, x0, z0, watch| {
         experiment.sampled(observer, |u: &Vector2<f64>| *u, run, x0, z0, watch)
     })
-}
-
-/// Run an experiment described by a spec.
-#[pyfunction]
-pub fn simulate<'py>(py: Python<'py>, spec: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
-    let spec = Spec::new(spec, "simulation")?;
-    let observer = build(&spec.sub("observer")?)?;
-    let plan = Plan::read(&spec, observer.as_ref())?;
-    let result = interruptible(py, |stop| observer.study(&plan, stop))?;
-    result.into_dict(py, &plan)
-}
-
-/// Coarse and fine paths of a stochastic plant on the same Brownian motion.
-#[pyfunction]
-pub fn coupled_paths<'py>(
-    py: Python<'py>,
-    spec: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let spec = Spec::new(spec, "coupled paths")?;
-    spec.only(&["plant", "x0", "t_end", "coarse", "fine", "method", "runs", "seed", "first_run"])?;
-    let AnyPlant::VanDerPol(plant) = AnyPlant::read(&spec.sub("plant")?)? else {
-        return Err(refused("plant must have process noise: choose van-der-pol"));
-    };
-    let runs = spec.count("runs")?;
-    let x0 = spec.rows("x0", 2, runs)?;
-    let t_end = crate::error::positive("t_end", spec.f64("t_end")?)?;
-    let count = |key: &str| -> PyResult<u32> {
-        let value = spec.whole(key)?;
-        u32::try_from(value)
-            .ok()
-            .filter(|n| *n >= 1)
-            .ok_or_else(|| refused(&format!("{key} = {value} is not allowed: 1 to 4294967295")))
-    };
-    let (coarse, fine) = (count("coarse")?, count("fine")?);
-    let method = spec.text("method")?;
-    let scheme = stochastic(&method)
-        .filter(|scheme| Plant::<f64>::supports(&plant, *scheme))
-        .ok_or_else(|| spec.unknown("method", &method, &PLANT_METHODS[4..]))?;
-    let finest = if Plant::<f64>::supports(&plant, StochasticIntegrator::Taylor15) {
-        StochasticIntegrator::Taylor15
-    } else {
-        StochasticIntegrator::Milstein
-    };
-    let (seed, first) = (spec.whole_or("seed", 0)?, spec.whole_or("first_run", 0)?);
-    let pairs = interruptible(py, |stop| {
-        Ok((0..runs)
-            .into_par_iter()
-            .map(|run| {
-                let start = Vector2::read(Plan::row(&x0, 2, run));
-                if stop.is_set() {
-                    return (start, start);
-                }
-                let mut stream = Stream::new(seed, first + run as u64, Channel::Process);
-                couple(&plant, scheme, finest, start, t_end, (coarse, fine), &mut stream)
-            })
-            .collect::<Vec<(Vector2<f64>, Vector2<f64>)>>())
-    })?;
-    let out = PyDict::new(py);
-    let coarse_end = pairs.iter().flat_map(|(a, _)| [a.x, a.y]).collect();
-    let fine_end = pairs.iter().flat_map(|(_, b)| [b.x, b.y]).collect();
-    out.set_item("coarse", matrix(py, coarse_end, runs)?)?;
-    out.set_item("fine", matrix(py, fine_end, runs)?)?;
-    Ok(out)
-}
-
-/// Exact RMS error of a linear standard observer of order 2 under forward Euler and white noise.
-///
-/// The spec is that of [`simulate`] with `variance` in place of the noise.
-#[pyfunction]
-pub fn mean_covariance<'py>(
-    py: Python<'py>,
-    spec: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyDict>> {
-    const N: usize = 2;
-    let spec = Spec::new(spec, "covariance")?;
-    let observer_spec = spec.sub("observer")?;
-    let (k, gain) = (observer_spec.vector::<N>("k", N)?, observer_spec.sub("gain")?);
-    let linear = observer_spec.text("kind")? == "standard"
-        && gain.text("law")? == "constant"
-        && observer_spec.sub("model")?.text("kind")? == "none"
-        && observer_spec.text_or("method", "euler")? == "euler";
-    if !linear {
-        return Err(refused(
-            "observer must be linear: kind standard, constant gain, model none, method euler",
-        ));
-    }
-    let ell = gain.f64("ell")?;
-    let variance = crate::error::positive("variance", spec.f64("variance")?)?;
-    let observer = build(&observer_spec)?;
-    let plan = Plan::read(&spec, observer.as_ref())?;
-    let AnyPlant::Lee(plant) = plan.plant else {
-        return Err(refused("plant must be without process noise: choose lee"));
-    };
-    let law: StandardObserver<f64, _, _, N, 0> =
-        StandardObserver::new(k, ConstantGain::new(ell)?, Unknown)?;
-    let (moments, covariance) = interruptible(py, |_| {
-        let mut moments = vec![Moments::default(); plan.windows.len() * N];
-        let experiment = Experiment {
-            plant,
-            plant_scheme: plan.plant_scheme,
-            substeps: plan.substeps,
-            schedule: plan.schedule,
-            plant_schedule: plan.plant_schedule,
-            noise: Noise { draw: Draw::None, hold: 1, sines: &[] },
-            steps: plan.steps,
-            seed: 0,
-        };
-        experiment.check()?;
-        let mut probe = ErrorCovariance {
-            schedule: plan.schedule,
-            injection: [k[0] * ell, k[1] * ell * ell],
-            variance,
-            windows: &plan.windows,
-            moments: &mut moments,
-            covariance: nalgebra::SMatrix::zeros(),
-        };
-        let (x0, z0) = (Memory::read(&plan.x0), Memory::read(&plan.memory0));
-        let observer = Discretised { law, scheme: Euler };
-        experiment.sampled(&observer, |u| *u, 0, x0, z0, &mut probe);
-        let covariance = probe.covariance;
-        Ok((moments, covariance))
-    })?;
-    let out = PyDict::new(py);
-    let rms: Vec<f64> = moments.iter().map(Moments::rms).collect();
-    out.set_item("rms", matrix(py, rms, plan.windows.len())?)?;
-    out.set_item("final_covariance", matrix(py, covariance.as_slice().to_vec(), N)?)?;
-    Ok(out)
-}
-
-/// `count` raw values of a stream: "bits", "uniform" or "normal".
-#[pyfunction]
-#[pyo3(signature = (kind, count, seed, run=0, channel=0))]
-pub fn random<'py>(
-    py: Python<'py>,
-    kind: &str,
-    count: usize,
-    seed: u64,
-    run: u64,
-    channel: u64,
-) -> PyResult<Bound<'py, PyAny>> {
-    let channel = match channel {
-        0 => Channel::Measurement,
-        1 => Channel::Process,
-        other => return Err(refused(&format!("channel = {other} is not allowed: 0 or 1"))),
-    };
-    let mut stream = Stream::new(seed, run, channel);
-    let mut values = |of: fn(&mut Stream) -> f64| -> Bound<'py, PyArray1<f64>> {
-        (0..count).map(|_| of(&mut stream)).collect::<Vec<_>>().into_pyarray(py)
-    };
-    match kind {
-        "uniform" => Ok(values(Stream::uniform).into_any()),
-        "normal" => Ok(values(Stream::normal).into_any()),
-        "bits" => {
-            let bits: Vec<u64> = (0..count).map(|_| stream.next_u64()).collect();
-            Ok(bits.into_pyarray(py).into_any())
-        }
-        other => Err(refused(&format!("kind = {other:?} is not known; bits, uniform or normal"))),
-    }
-}
-
-/// A sequence coloured by second-order sections (rows b0, b1, b2, a0 = 1, a1, a2, as SciPy's).
-#[pyfunction]
-pub fn filtered<'py>(
-    py: Python<'py>,
-    values: &Bound<'py, PyAny>,
-    sections: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyArray1<f64>>> {
-    let mut signal = numbers(values)?.values;
-    let rows = numbers(sections)?;
-    if rows.shape.get(1) != Some(&6) {
-        let message = format!("sections have shape {:?}; they must be (S, 6)", rows.shape);
-        return Err(refused(&message));
-    }
-    for row in rows.values.chunks_exact(6) {
-        if (row[3] - 1.0).abs() > 0.0 {
-            return Err(refused("sections must have a0 = 1 in column 3"));
-        }
-        let mut section = SecondOrderSections::new([[row[0], row[1], row[2], row[4], row[5]]]);
-        for value in &mut signal {
-            *value = section.filter(*value);
-        }
-    }
-    Ok(signal.into_pyarray(py))
 }

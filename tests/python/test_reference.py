@@ -15,15 +15,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
+from scipy.integrate import simpson, solve_ivp
+from scipy.linalg import expm, solve_discrete_lyapunov
+
 from hgo_rs import reference
 from hgo_rs.reference import Observer, coupled_paths, mean_covariance, polynomial, simulate
-from hgo_rs.reference import simulate as run_study
 from hgo_rs.reference.integrate import brownian
 from hgo_rs.reference.noise import Streams, mix
 from hgo_rs.reference.observers import law_from
-from scipy import stats
-from scipy.integrate import solve_ivp
-from scipy.linalg import expm, solve_discrete_lyapunov
 
 Spec = dict[str, Any]
 
@@ -34,6 +34,8 @@ VAN_DER_POL = {"kind": "van-der-pol", "epsilon": 0.8, "sigma": 0.5}
 ADAPTIVE = {"law": "adaptive", "p1": 10.0, "p2": 0.0025, "b": 0.183}
 K5 = [7.5, 22.1875, 32.34375, 23.21875, 6.5625]
 ALPHA, BETA = polynomial.low_power_coefficients_from_poles([*np.linspace(-1.0, -2.0, 8), -2.0])
+# The paper's tables were computed with the four digits that it prints.
+PRINTED_BETA = np.array([8.5714, 3.2122, 1.4267, 0.5347])
 METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine")
 
 
@@ -275,12 +277,14 @@ def crackle_phi(x: Any) -> float:
     return float(0.2 * (x[0] ** 2 - 1.0) - x[1] - x[2] - 4.0 * x[3] - x[4])
 
 
-def peaking_free_rate(memory: Any, y: float, ell: float, r: float) -> np.ndarray:
+def peaking_free_rate(
+    memory: Any, y: float, ell: float, r: float, phi_max: float = 3.0
+) -> np.ndarray:
     """Astolfi et al. (11) written out, for n = 5."""
     x, eta = memory[:5], memory[5:]
     s = np.clip(eta, -r, r)
     e = np.array([y - x[0], *(s - x[1:])])
-    phi = np.clip(crackle_phi(x), -3.0, 3.0)
+    phi = np.clip(crackle_phi(x), -phi_max, phi_max)
     x_rate = np.array([*eta, phi]) + ALPHA * ell * e
     eta_rate = np.array([*s[1:], phi]) + BETA * ell**2 * e[:4]
     return np.concatenate((x_rate, eta_rate))
@@ -295,16 +299,16 @@ def test_order_of_the_joint_integration(method: str, expected: int) -> None:
     def rate(t: float, s: Any) -> np.ndarray:
         y = s[0] + wave[0] * np.sin(wave[1] * t + wave[2])
         plant = [*s[1:5], crackle_phi(s)]
-        return np.concatenate((plant, peaking_free_rate(s[5:], y, 2.0, 1e6)))
+        return np.concatenate((plant, peaking_free_rate(s[5:], y, 2.0, 1e6, 1e6)))
 
     start = [-0.8, 0.0, 0.0, 0.0, 0.0]
     memory0 = [0.5, 0.2, -0.1, 0.1, 0.2, 0.0, 0.1, 0.0, -0.2]
     exact = integrated(rate, 1.0, [*start, *memory0])
     errors = []
-    for steps in (50, 100, 200):
+    for steps in (16, 32, 64):
         spec = {
             "plant": CRACKLE,
-            "observer": low_power(2.0, CRACKLE, method),
+            "observer": low_power(2.0, CRACKLE | {"phi_max": 1e6}, method),  # smooth
             "mode": "joint",
             "steps": steps,
             "schedule": fixed(1.0 / steps),
@@ -358,7 +362,7 @@ def test_innovation_held_freezes_the_output_error_only() -> None:
     ell, y = 3.0, 0.7
     memory0 = np.array([0.2, -0.1, 0.3, 0.1, -0.2, 0.1, 0.0, 0.2, -0.3])
     e1 = y - memory0[0]
-    dt = 0.02
+    dt = 0.001
 
     def rate(_: float, z: Any) -> np.ndarray:
         return peaking_free_rate(z, z[0] + e1, ell, 3.0)
@@ -367,9 +371,9 @@ def test_innovation_held_freezes_the_output_error_only() -> None:
     spec = low_power(ell, CRACKLE, "rk4-innovation-held", "peaking-free")
     stepped, status = Observer(spec).step(memory0, y, None, 0.0, dt)
     assert status == 0
-    np.testing.assert_allclose(stepped, exact, atol=1e-8)
+    np.testing.assert_allclose(stepped, exact, atol=1e-10)
     held = low_power(ell, CRACKLE, "rk4", "peaking-free")
-    assert np.abs(Observer(held).step(memory0, y, None, 0.0, dt)[0] - exact).max() > 1e-3
+    assert np.abs(Observer(held).step(memory0, y, None, 0.0, dt)[0] - exact).max() > 1e-6
 
 
 def test_staggered_euler_moves_each_state_by_the_new_one_below() -> None:
@@ -639,7 +643,7 @@ def test_identity_of_the_adaptive_law() -> None:
     span = h * steps
 
     def mean(values: np.ndarray) -> float:
-        return float(np.trapezoid(values, dx=h) / span)
+        return float(simpson(values, dx=h) / span)
 
     change = (r[-1] ** (2 * b) - r[0] ** (2 * b)) / (2 * b * p1 * span)
     assert mean(e**2) == pytest.approx(p2 * (1.0 - mean(r ** -(5.0 - 2.0 * b))) + change, rel=1e-6)
@@ -916,21 +920,24 @@ def peak_study(observer: Spec, memory0: np.ndarray, dt: float, t_end: float) -> 
     }
 
 
+def peaking_free(ell: float, method: str) -> Spec:
+    return low_power(ell, CRACKLE, method, "peaking-free") | {"beta": PRINTED_BETA}
+
+
 def test_table_1_at_the_papers_step() -> None:
     """l = 70, all 512 vertices, Bogacki-Shampine at 1 ms: the printed digits."""
-    observer = low_power(70.0, CRACKLE, "bogacki-shampine", "peaking-free")
-    out = simulate(peak_study(observer, vertices(9), 1e-3, 1.5))
+    out = simulate(peak_study(peaking_free(70.0, "bogacki-shampine"), vertices(9), 1e-3, 1.5))
     peak = out["peak"].max(axis=0)
     np.testing.assert_allclose(peak[:5], [3.0, 4.03, 3.59, 3.29, 3.02], atol=5.1e-3)
-    np.testing.assert_allclose(peak[5:], [421.98, 312.22, 159.90, 68.35], atol=1e-2)
+    np.testing.assert_allclose(peak[5:], [421.98, 312.22, 159.90, 68.35], atol=5.1e-3)
     assert out["settling_time"].max() == pytest.approx(0.471, abs=1e-9)
 
 
 def test_table_1_converged() -> None:
-    observer = low_power(70.0, CRACKLE, "rk4", "peaking-free")
-    peak = simulate(peak_study(observer, vertices(9), 2e-4, 0.2))["peak"].max(axis=0)
-    np.testing.assert_allclose(peak[1:5], [4.0277, 3.5912, 3.2857, 3.0203], atol=1e-4)
-    np.testing.assert_allclose(peak[5:], [422.20, 312.58, 159.883, 68.357], rtol=1e-4)
+    """A second scheme with steps 20 times smaller."""
+    peak = simulate(peak_study(peaking_free(70.0, "rk4"), vertices(9), 5e-5, 0.12))["peak"]
+    exact = [4.0277, 3.5912, 3.2857, 3.0203, 422.20, 312.58, 159.883, 68.357]
+    np.testing.assert_allclose(peak.max(axis=0)[1:], exact, rtol=2e-5)
 
 
 def test_table_2_at_the_papers_step() -> None:
@@ -975,12 +982,15 @@ def step_limit(spec: Spec) -> float:
         (standard(K5, constant(1.0), method="euler"), 1.000),
         (standard(K5, constant(1.0), method="rk4"), 1.392),
         (standard(K5, constant(1.0), method="rk4-innovation-held"), 0.273),
-        (low_power(1.0, method="euler"), 0.979),
-        (low_power(1.0, method="rk4"), 1.369),
+        (low_power(1.0, method="euler"), 1.000),
+        (low_power(1.0, method="euler") | {"beta": PRINTED_BETA}, 0.979),
+        (low_power(1.0, method="rk4"), 1.392),
+        (low_power(1.0, method="rk4") | {"beta": PRINTED_BETA}, 1.369),
         (low_power(1.0, method="rk4-innovation-held"), 0.636),
     ],
 )
 def test_step_limits(spec: Spec, expected: float) -> None:
+    """Four printed digits of beta destroy the real poles, and cost 2 % of the step."""
     limit = step_limit(spec)
     assert limit == pytest.approx(expected, rel=0.01)
     study = {
@@ -1024,14 +1034,17 @@ def noisy_study(**more: Any) -> Spec:
         "runs": 4,
         "seed": 6,
         "windows": [[10, 300], [300, 701]],
-        "settle": 0.4,
+        "settle": 2.0,
         "histogram": [100, 600],
         "every": 1,
     } | more
 
 
 def test_metrics_are_those_of_the_trajectory() -> None:
-    out = simulate(noisy_study())
+    before = simulate(noisy_study())
+    distance = np.sqrt(((before["memory"][..., :2] - before["x"]) ** 2).sum(axis=2))
+    settle = 0.8 * float(distance.max(axis=1).min())  # every run crosses it
+    out = simulate(noisy_study(settle=settle))
     x, memory, t = out["x"], out["memory"], out["t"]
     np.testing.assert_allclose(t, 0.01 * np.arange(701), rtol=1e-15)
     signals = np.concatenate((memory[..., :2] - x, memory[..., 2:]), axis=2)
@@ -1041,11 +1054,9 @@ def test_metrics_are_those_of_the_trajectory() -> None:
         np.testing.assert_allclose(out["rms"][:, i], np.sqrt((part**2).mean(axis=1)), rtol=1e-12)
         np.testing.assert_array_equal(out["max"][:, i], np.abs(part).max(axis=1))
     np.testing.assert_array_equal(out["peak"], np.abs(memory).max(axis=1))
-    distance = np.sqrt((signals[..., :2] ** 2).sum(axis=2))
-    for run in range(4):
-        late = np.flatnonzero(distance[run] >= 0.4)
-        assert 0 < late[-1] < 700
-        assert out["settling_time"][run] == t[late[-1]]
+    last = np.array([np.flatnonzero(d >= settle)[-1] for d in distance])
+    assert len(set(last)) > 1
+    np.testing.assert_array_equal(out["settling_time"], t[last])
     edges = out["histogram"]["edges"]
     np.testing.assert_allclose(edges, 2.0 ** (-40.0 + np.arange(2049) / 32.0), rtol=1e-15)
     counts, _ = np.histogram(distance[:, 100:600] ** 2, bins=edges)
@@ -1075,7 +1086,7 @@ def test_the_loop_written_out() -> None:
 
 
 def test_blocks_leave_no_seam(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = sys.modules[run_study.__module__]
+    module = sys.modules[simulate.__module__]
     whole = simulate(noisy_study())
     monkeypatch.setattr(module, "_BLOCK_STEPS", 64)
     monkeypatch.setattr(module, "_BLOCK_FLOATS", 1)

@@ -1,0 +1,389 @@
+//! The floors of the house, read from the sources: who may import whom, and what the core may name.
+//!
+//! A file says its floor in its head (`//! Floor n.`); a file without one lies on the floor of its
+//! folder's `mod.rs`. Floors 0 to 3 are the core (no heap, no std, no Python); floor 4 is Python.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// Imports between files of one floor, each with its reason. A file imports strictly lower floors
+/// only; what stands here is an exception and the list is exact: an entry that no file needs any
+/// more fails the test as well.
+const SAME_FLOOR: &[(&str, &str, &str)] = &[
+    ("error", "scalar", "a refused value is widened to f64"),
+    ("memory", "scalar", "a memory is a number of scalars"),
+    ("polynomial", "error", "a polynomial may be refused"),
+    ("polynomial", "scalar", "coefficients are scalars"),
+    ("integrate", "model", "stochastic schemes take a plant's drift and diffusion"),
+    ("observer", "integrate", "a Runge-Kutta observer takes an integrator"),
+    ("covariance", "simulate", "the covariance is a probe on a run"),
+    ("observers/collection", "observers/standard", "a copy is a standard observer"),
+    ("observers/low_power", "observers/peaking_free", "the saturation stands in (11)"),
+    ("observers/peaking_free", "observers/low_power", "(11) is (5) with a saturation"),
+];
+
+/// The exception that runs both ways.
+const MUTUAL: (&str, &str) = ("observers/peaking_free", "observers/low_power");
+
+/// One source file: its module, the text of its `//!` head, and its code without comments and
+/// string literals.
+struct Source {
+    module: String,
+    head: String,
+    code: String,
+    floor: u32,
+}
+
+fn source_folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
+}
+
+fn rust_files(folder: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            files.extend(rust_files(&path));
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            files.push(path);
+        }
+    }
+    files.sort();
+    files
+}
+
+/// Code without comments and without the contents of string literals.
+fn code_only(text: &str) -> String {
+    let mut code = String::new();
+    let mut rest = text.chars().peekable();
+    while let Some(c) = rest.next() {
+        match (c, rest.peek()) {
+            ('/', Some('/')) => while rest.next_if(|c| *c != '\n').is_some() {},
+            ('/', Some('*')) => {
+                let mut last = ' ';
+                for c in rest.by_ref() {
+                    if last == '*' && c == '/' {
+                        break;
+                    }
+                    last = c;
+                }
+            }
+            ('"', _) => {
+                code.push('"');
+                while let Some(c) = rest.next() {
+                    match c {
+                        '\\' => drop(rest.next()),
+                        '"' => break,
+                        _ => {}
+                    }
+                }
+                code.push('"');
+            }
+            _ => code.push(c),
+        }
+    }
+    code
+}
+
+fn head(text: &str) -> String {
+    let lines = text.lines().take_while(|line| line.starts_with("//!"));
+    lines.map(|line| line.trim_start_matches("//!").trim()).collect::<Vec<_>>().join(" ")
+}
+
+fn stated_floor(head: &str) -> Option<u32> {
+    head.strip_prefix("Floor ")?.split('.').next()?.parse().ok()
+}
+
+/// Every file but lib.rs, which only names the others.
+fn sources() -> Vec<Source> {
+    let root = source_folder();
+    let mut texts = BTreeMap::new();
+    for path in rust_files(&root) {
+        let name = path.strip_prefix(&root).unwrap().with_extension("");
+        let name = name.to_str().unwrap().replace('\\', "/");
+        let module = name.strip_suffix("/mod").unwrap_or(&name).to_owned();
+        texts.insert(module, std::fs::read_to_string(&path).unwrap());
+    }
+    texts.remove("lib");
+    let floor_of = |module: &str| {
+        let own = stated_floor(&head(&texts[module]));
+        let folder = module.rsplit_once('/').map(|(folder, _)| folder);
+        let inherited = folder.and_then(|folder| stated_floor(&head(&texts[folder])));
+        own.or(inherited).unwrap_or_else(|| panic!("src/{module}.rs states no floor"))
+    };
+    let build = |(module, text): (&String, &String)| Source {
+        module: module.clone(),
+        head: head(text),
+        code: code_only(text),
+        floor: floor_of(module),
+    };
+    texts.iter().map(build).collect()
+}
+
+/// The paths of a `use` tree: `a::{b, c::d}` gives a::b and a::c::d.
+fn expand(tree: &str, prefix: &str, paths: &mut Vec<String>) {
+    let Some((start, inner)) = tree.split_once('{') else {
+        paths.push(format!("{prefix}{}", tree.split(" as ").next().unwrap().trim()));
+        return;
+    };
+    let inner = &inner[..inner.rfind('}').expect("a closed brace")];
+    let prefix = format!("{prefix}{}", start.trim());
+    let (mut depth, mut from) = (0, 0);
+    for (i, c) in inner.char_indices().chain([(inner.len(), ',')]) {
+        match c {
+            '{' => depth += 1,
+            '}' => depth -= 1,
+            ',' if depth == 0 => {
+                if !inner[from..i].trim().is_empty() {
+                    expand(inner[from..i].trim(), &prefix, paths);
+                }
+                from = i + 1;
+            }
+            _ => {}
+        }
+    }
+}
+
+fn word(text: &str) -> &str {
+    let end = text.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(text.len());
+    &text[..end]
+}
+
+fn is_word_start(code: &str, at: usize) -> bool {
+    !code[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_' || c == ':')
+}
+
+/// Every path that starts with `crate::` or `super::`, from `use` trees and from expressions.
+fn paths(code: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    for (at, _) in code.match_indices("use ").filter(|(at, _)| is_word_start(code, *at)) {
+        let tree = &code[at + 4..];
+        expand(tree[..tree.find(';').unwrap_or(0)].trim(), "", &mut found);
+    }
+    for start in ["crate::", "super::"] {
+        for (at, _) in code.match_indices(start).filter(|(at, _)| is_word_start(code, *at)) {
+            let mut path = start.trim_end_matches(':').to_owned();
+            let mut rest = &code[at + start.len()..];
+            while !word(rest).is_empty() {
+                path = format!("{path}::{}", word(rest));
+                rest = rest[word(rest).len()..].strip_prefix("::").unwrap_or("");
+            }
+            found.push(path);
+        }
+    }
+    found.retain(|path| path.starts_with("crate::") || path.starts_with("super::"));
+    found
+}
+
+/// Names that a file re-exports: name → module within it.
+fn reexports(code: &str) -> BTreeMap<String, String> {
+    let mut names = BTreeMap::new();
+    for (at, _) in code.match_indices("pub use ") {
+        let tree = &code[at + 8..];
+        let mut paths = Vec::new();
+        expand(&tree[..tree.find(';').unwrap()], "", &mut paths);
+        for path in paths {
+            if let Some((module, name)) = path.rsplit_once("::") {
+                names.insert(name.to_owned(), module.trim_start_matches("crate::").to_owned());
+            }
+        }
+    }
+    names
+}
+
+/// (importing module, imported module), without a file's own folder and children.
+fn imports(sources: &[Source]) -> BTreeSet<(String, String)> {
+    let modules: BTreeSet<&str> = sources.iter().map(|s| s.module.as_str()).collect();
+    let lib = std::fs::read_to_string(source_folder().join("lib.rs")).unwrap();
+    let mut exported = BTreeMap::from([(String::new(), reexports(&code_only(&lib)))]);
+    for source in sources {
+        exported.insert(source.module.clone(), reexports(&source.code));
+        // a macro made a path lies at the root
+        for (at, _) in source.code.match_indices("macro_rules! ") {
+            let name = word(&source.code[at + 13..]).to_owned();
+            exported.entry(String::new()).or_default().insert(name, source.module.clone());
+        }
+    }
+    let is_folder = |module: &str| modules.iter().any(|m| m.starts_with(&format!("{module}/")));
+    let mut edges = BTreeSet::new();
+    for source in sources {
+        let folder = match source.module.rsplit_once('/') {
+            _ if is_folder(&source.module) => source.module.clone(),
+            Some((folder, _)) => folder.to_owned(),
+            None => String::new(),
+        };
+        for path in paths(&source.code) {
+            let mut segments = path.split("::").collect::<Vec<_>>();
+            let start = segments.remove(0);
+            // `super` within an inline module means this file
+            let inline = start == "super" && !source.module.contains('/');
+            let mut target = match start {
+                "super" if inline => continue,
+                "super" => folder.clone(),
+                _ => String::new(),
+            };
+            for segment in segments {
+                let below = if target.is_empty() {
+                    segment.to_owned()
+                } else {
+                    format!("{target}/{segment}")
+                };
+                if modules.contains(below.as_str()) {
+                    target = below;
+                } else if let Some(module) = exported.get(&target).and_then(|e| e.get(segment)) {
+                    let inside = format!("{target}/{module}");
+                    target =
+                        if modules.contains(inside.as_str()) { inside } else { module.clone() };
+                    break;
+                } else {
+                    break;
+                }
+            }
+            assert!(modules.contains(target.as_str()), "{}: {path} -> {target}", source.module);
+            let own = target == source.module || folder == target;
+            if !own {
+                edges.insert((source.module.clone(), target));
+            }
+        }
+    }
+    edges
+}
+
+#[test]
+fn the_reader_reads_rust() {
+    let code = code_only("use crate::a::{b, c::{D, E}}; // crate::no\nlet x = \"crate::no\\\"\";");
+    let found = paths(&code);
+    for path in ["crate::a::b", "crate::a::c::D", "crate::a::c::E"] {
+        assert!(found.iter().any(|p| p == path), "{found:?}");
+    }
+    assert!(!found.iter().any(|p| p.contains("no")), "{found:?}");
+    let inline = paths("f(crate::error::require(1), super::x, not_crate::y)");
+    assert_eq!(inline, ["crate::error::require", "super::x"]);
+    let all = sources();
+    let edges = imports(&all);
+    let has = |from: &str, to: &str| edges.contains(&(from.to_owned(), to.to_owned()));
+    // one by `use`, one in an expression, one through a re-export of lib.rs
+    assert!(has("simulate", "schedule") && has("observers/low_power", "polynomial"));
+    assert!(has("gain", "scalar"));
+    assert!(all.len() > 25 && edges.len() > 60, "{} files, {} imports", all.len(), edges.len());
+}
+
+#[test]
+fn a_file_imports_strictly_lower_floors() {
+    let sources = sources();
+    let floor: BTreeMap<&str, u32> = sources.iter().map(|s| (s.module.as_str(), s.floor)).collect();
+    let mut allowed: BTreeSet<(&str, &str)> = SAME_FLOOR.iter().map(|(a, b, _)| (*a, *b)).collect();
+    let mut wrong = Vec::new();
+    let edges = imports(&sources);
+    for (from, to) in &edges {
+        let (above, below) = (floor[from.as_str()], floor[to.as_str()]);
+        let excepted = allowed.remove(&(from.as_str(), to.as_str()));
+        // Python's own files (floor 4) may use each other.
+        let fine = below < above || (above == below && (above == 4 || excepted));
+        if !fine || (excepted && below < above) {
+            wrong.push(format!("{from} (floor {above}) imports {to} (floor {below})"));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(allowed.is_empty(), "exceptions that nothing needs any more: {allowed:?}");
+}
+
+#[test]
+fn the_core_has_no_import_cycle() {
+    let sources = sources();
+    let core: BTreeSet<String> =
+        sources.iter().filter(|s| s.floor < 4).map(|s| s.module.clone()).collect();
+    let mut edges = imports(&sources);
+    edges.retain(|(from, to)| {
+        core.contains(from) && core.contains(to) && (from.as_str(), to.as_str()) != MUTUAL
+    });
+    // Take away files that import nothing that is left, until nothing is left.
+    let mut left = core;
+    loop {
+        let free: Vec<String> = left
+            .iter()
+            .filter(|m| !edges.iter().any(|(from, to)| from == *m && left.contains(to)))
+            .cloned()
+            .collect();
+        if free.is_empty() {
+            break;
+        }
+        left.retain(|module| !free.contains(module));
+    }
+    assert!(left.is_empty(), "a cycle runs through {left:?}");
+}
+
+/// Whether a path that starts with `name::`, or a macro or type of that name, stands in the code.
+fn names(code: &str, name: &str) -> bool {
+    code.match_indices(name).any(|(at, _)| is_word_start(code, at) && word(&code[at..]) == name)
+}
+
+/// The code without the items behind `#[cfg(feature = "std")]`; how many there were.
+fn without_std_items(code: &str) -> (String, usize) {
+    // string contents are gone: the attribute reads `#[cfg(feature = "")]`
+    let attribute = "#[cfg(feature = \"\")]";
+    let (mut kept, mut rest, mut items) = (String::new(), code, 0);
+    while let Some((before, gated)) = rest.split_once(attribute) {
+        kept.push_str(before);
+        items += 1;
+        let mut depth = 0;
+        let end = gated.char_indices().find(|(_, c)| {
+            depth += i32::from(*c == '{') - i32::from(*c == '}');
+            depth == 0 && (*c == '}' || *c == ';')
+        });
+        rest = end.map_or("", |(i, _)| &gated[i + 1..]);
+    }
+    kept.push_str(rest);
+    (kept, items)
+}
+
+#[test]
+fn the_core_names_neither_python_nor_std_nor_the_heap() {
+    let core: Vec<Source> = sources().into_iter().filter(|s| s.floor < 4).collect();
+    assert!(core.iter().any(|s| s.module == "simulate"));
+    let mut gated = Vec::new();
+    for Source { module, code, .. } in &core {
+        for name in ["pyo3", "numpy", "rayon", "unsafe", "Vec", "Box", "String", "Rc", "Arc"] {
+            assert!(!names(code, name), "src/{module}.rs names {name}");
+        }
+        let (code, items) = without_std_items(code);
+        if items > 0 {
+            gated.push(module.as_str());
+        }
+        for path in ["std::", "alloc::", "extern crate"] {
+            let hit = code.match_indices(path).any(|(at, _)| is_word_start(&code, at));
+            assert!(!hit, "src/{module}.rs names {path}");
+        }
+    }
+    assert_eq!(gated, ["scalar"], "the square root is the one thing that std gives");
+}
+
+#[test]
+fn the_core_writes_no_panic() {
+    for Source { module, code, floor, .. } in sources() {
+        if floor == 4 {
+            continue;
+        }
+        for call in [".unwrap()", ".expect(", "panic!(", "unreachable!(", "todo!(", "assert!("] {
+            assert!(!code.contains(call), "src/{module}.rs has {call}");
+        }
+    }
+}
+
+#[test]
+fn every_observer_and_plant_names_its_paper_and_equation() {
+    let papers =
+        ["Lee, Choi and Khalil", "Sanfelice and Praly", "Fu, Kang and Li", "Katayama", "Astolfi"];
+    let mut laws = 0;
+    for Source { module, head, .. } in sources() {
+        if !(module.starts_with("observers/") || module.starts_with("models/")) {
+            continue;
+        }
+        laws += 1;
+        assert!(papers.iter().any(|paper| head.contains(paper)), "src/{module}.rs names no paper");
+        let numbers = head.split('(').skip(1).filter_map(|s| s.split(')').next());
+        let equations = numbers.filter(|s| s.len() <= 3 && s.parse::<u32>().is_ok());
+        assert!(equations.count() > 0, "src/{module}.rs names no equation");
+    }
+    assert!(laws >= 11, "{laws}");
+}
