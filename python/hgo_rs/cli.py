@@ -22,6 +22,7 @@ import numpy as np
 from hgo_rs import plotting, scenarios
 from hgo_rs.data import Log, check_writable_format, read_log, write_table
 from hgo_rs.errors import HgoError, MissingExtraError
+from hgo_rs.record import rows_to_json
 from hgo_rs.report import counted, format_value
 from hgo_rs.reproduce import (
     OutputError,
@@ -29,7 +30,6 @@ from hgo_rs.reproduce import (
     Record,
     about_this_run,
     execute,
-    rows_to_json,
 )
 from hgo_rs.reproduce import run as run_scenarios
 from hgo_rs.scenarios.base import BACKENDS, Row

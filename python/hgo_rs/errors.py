@@ -132,9 +132,7 @@ def check_array(value: Any, parameter: str) -> npt.NDArray[np.float64]:
         if given.dtype.kind not in "biufO":
             raise TypeError
         with np.errstate(over="ignore"):
-            if isinstance(given, np.ma.MaskedArray):
-                return np.asarray(given.astype(np.float64).filled(np.nan))
-            return np.array(given, dtype=np.float64)
+            return np.array(np.ma.filled(given.astype(np.float64), np.nan))
     except (TypeError, ValueError, OverflowError):
         raise HgoError(
             explain(parameter, value, "an array of numbers", "give NaN where a sample is missing")

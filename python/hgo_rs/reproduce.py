@@ -7,7 +7,6 @@ goes, so that an interrupted run loses nothing that was finished.
 from __future__ import annotations
 
 import json
-import math
 import multiprocessing
 import os
 import platform
@@ -16,8 +15,7 @@ import signal
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +23,7 @@ import numpy as np
 
 from hgo_rs import plotting, report
 from hgo_rs.errors import HgoError
+from hgo_rs.record import Record
 from hgo_rs.scenarios import Context, Row, Scenario, find
 
 __all__ = ["OutputError", "OutputFolder", "Record", "execute", "run"]
@@ -32,64 +31,6 @@ __all__ = ["OutputError", "OutputFolder", "Record", "execute", "run"]
 
 class OutputError(HgoError):
     """A file or folder cannot be written."""
-
-
-@dataclass(frozen=True)
-class Record:
-    """What one scenario gave.
-
-    `elapsed_s` is the time of the computation, without drawing; `steps` counts the observer steps
-    behind it (results shared with an earlier scenario count there); `error` is the traceback of a
-    scenario that failed; `images` holds the figure as "png" and "svg".
-    """
-
-    id: str
-    title: str
-    paper: str
-    backend: str
-    seed: int
-    rows: tuple[Row, ...] = ()
-    elapsed_s: float = 0.0
-    steps: int = 0
-    error: str = ""
-    images: dict[str, bytes] = field(default_factory=dict, repr=False)
-
-    @property
-    def missed(self) -> int:
-        """Rows outside their tolerance."""
-        return sum(not r.ok for r in self.rows)
-
-    @property
-    def ok(self) -> bool:
-        """The scenario ran, and all of its rows (at least one) are within tolerance."""
-        return not self.error and bool(self.rows) and not self.missed
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-able; a number that JSON cannot write (nan, inf) becomes a string."""
-        return {
-            "id": self.id,
-            "title": self.title,
-            "paper": self.paper,
-            "backend": self.backend,
-            "seed": self.seed,
-            "ok": self.ok,
-            "rows": rows_to_json(self.rows),
-            "elapsed_s": self.elapsed_s,
-            "steps": self.steps,
-            "figures": [f"{self.id}.{kind}" for kind in self.images],
-            "error": self.error or None,
-        }
-
-
-def rows_to_json(rows: Iterable[Row]) -> list[dict[str, Any]]:
-    """Rows as JSON-able dicts."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, float) and not math.isfinite(value):
-            return str(value)
-        return value
-
-    return [{key: plain(value) for key, value in asdict(r).items()} for r in rows]
 
 
 def execute(scenario: Scenario, ctx: Context, *, figures: bool) -> Record:

@@ -26,7 +26,7 @@ use rayon::prelude::*;
 pub fn simulate<'py>(py: Python<'py>, spec: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
     let spec = Spec::new(spec, "simulation")?;
     let observer = build(&spec.sub("observer")?)?;
-    let plan = Plan::read(&spec, observer.initial().len())?;
+    let plan = Plan::read(&spec, observer.initial().len(), &[])?;
     let result = interruptible(py, |stop| observer.study(&plan, stop))?;
     result.into_dict(py, &plan)
 }
@@ -108,7 +108,7 @@ pub fn mean_covariance<'py>(
     let ell = gain.f64("ell")?;
     let variance = crate::error::positive("variance", spec.f64("variance")?)?;
     let observer = build(&observer_spec)?;
-    let plan = Plan::read(&spec, observer.initial().len())?;
+    let plan = Plan::read(&spec, observer.initial().len(), &["variance"])?;
     let AnyPlant::Lee(plant) = plan.plant else {
         return Err(refused("plant must be without process noise: choose lee"));
     };

@@ -116,8 +116,7 @@ fn window(values: &[f64], name: &str) -> PyResult<Window> {
 }
 
 impl Plan {
-    const KEYS: [&'static str; 19] = [
-        "variance",
+    const KEYS: [&'static str; 18] = [
         "plant",
         "observer",
         "mode",
@@ -138,8 +137,9 @@ impl Plan {
         "every",
     ];
 
-    pub fn read(spec: &Spec<'_>, memory_len: usize) -> PyResult<Self> {
-        spec.only(&Self::KEYS)?;
+    /// From a spec, for an observer of `memory_len` entries; `also` are keys that the caller reads.
+    pub fn read(spec: &Spec<'_>, memory_len: usize, also: &[&str]) -> PyResult<Self> {
+        spec.only(&[&Self::KEYS, also].concat())?;
         let plant = AnyPlant::read(&spec.sub("plant")?)?;
         let mode = spec.text_or("mode", "sampled")?;
         let joint = match mode.as_str() {

@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import signal, stats
 from scipy.integrate import simpson, solve_ivp
 from scipy.linalg import expm, solve_discrete_lyapunov
 
 from hgo_rs import reference
 from hgo_rs.reference import Observer, coupled_paths, mean_covariance, polynomial, simulate
 from hgo_rs.reference.integrate import brownian
-from hgo_rs.reference.noise import Streams, mix
+from hgo_rs.reference.noise import Streams, filtered, mix
 from hgo_rs.reference.observers import law_from
 
 Spec = dict[str, Any]
@@ -186,6 +186,15 @@ def test_brownian_increments_have_the_exact_covariance() -> None:
     measured = np.cov(dw.reshape(-1), dz.reshape(-1))
     exact = np.array([[h, h**2 / 2.0], [h**2 / 2.0, h**3 / 3.0]])
     np.testing.assert_allclose(measured, exact, rtol=0.02)
+
+
+def test_second_order_sections_filter_as_scipy_does() -> None:
+    sections = signal.butter(
+        6, [50.0, 200.0], "bandpass", fs=10_000.0 / (2.0 * np.pi), output="sos"
+    )
+    white = Streams(2, 3, 0).normal_pairs(500)[0].T
+    expected = signal.sosfilt(sections, white, axis=-1)
+    np.testing.assert_allclose(filtered(white, sections), expected, rtol=1e-9, atol=1e-12)
 
 
 # --- coefficients -----------------------------------------------------------------------------

@@ -169,6 +169,28 @@ class MeasurementNoise:
         return total
 
 
+def filtered(values: ArrayLike, sections: ArrayLike) -> Array:
+    """``values`` (..., N) coloured along the last axis by second-order sections, at rest before.
+
+    ``sections`` (S, 6), rows b0, b1, b2, a0 = 1, a1, a2 as SciPy's; transposed direct form II.
+    """
+    rows = np.asarray(sections, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != 6:
+        raise fail("sections", rows.shape, "of shape (S, 6)", "give second-order sections")
+    if not np.all(rows[:, 3] == 1.0):
+        raise fail("sections[:, 3]", rows[:, 3].tolist(), "1", "divide each row by its a0")
+    signal = np.array(values, dtype=np.float64)
+    for b0, b1, b2, _, a1, a2 in rows.tolist():
+        m1 = m2 = np.zeros(signal.shape[:-1])
+        for k in range(signal.shape[-1]):
+            given = signal[..., k].copy()
+            out = b0 * given + m1
+            m1 = b1 * given - a1 * out + m2
+            m2 = b2 * given - a2 * out
+            signal[..., k] = out
+    return signal
+
+
 def _samples(values: ArrayLike, steps: int, runs: int) -> Array:
     given = np.asarray(values, dtype=np.float64)
     if given.shape not in ((steps + 1,), (runs, steps + 1)):
@@ -192,4 +214,12 @@ class ProcessNoise:
         return self._streams.normal_pairs(count)
 
 
-__all__ = ["MEASUREMENT", "PROCESS", "MeasurementNoise", "ProcessNoise", "Streams", "mix"]
+__all__ = [
+    "MEASUREMENT",
+    "PROCESS",
+    "MeasurementNoise",
+    "ProcessNoise",
+    "Streams",
+    "filtered",
+    "mix",
+]
