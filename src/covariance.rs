@@ -28,9 +28,24 @@ pub struct ErrorCovariance<'a, T, S, const N: usize> {
     pub moments: &'a mut [Moments<T>],
     /// P at the last sample seen.
     pub covariance: SMatrix<T, N, N>,
+    /// Step from the last sample seen to the next.
+    last_dt: Option<T>,
 }
 
-impl<T: Scalar, S: Schedule<T>, const N: usize> ErrorCovariance<'_, T, S, N> {
+impl<'a, T: Scalar, S: Schedule<T>, const N: usize> ErrorCovariance<'a, T, S, N> {
+    /// From P(0) = 0, for the injection L and the variance σ² of the noise; `moments` has N entries
+    /// for each window.
+    pub fn new(
+        schedule: S,
+        injection: [T; N],
+        variance: T,
+        windows: &'a [Window],
+        moments: &'a mut [Moments<T>],
+    ) -> Self {
+        let covariance = SMatrix::from_element(T::ZERO);
+        Self { schedule, injection, variance, windows, moments, covariance, last_dt: None }
+    }
+
     /// P(k + 1) = M P(k) Mᵀ + dt² L Lᵀ σ².
     fn propagated(&self, dt: T) -> SMatrix<T, N, N> {
         // M X for M = I + dt(A − L C): row i gains dt·(row i+1 − Lᵢ·row 1)
@@ -51,6 +66,10 @@ impl<T: Scalar, S: Schedule<T>, const N: usize> Probe<T> for ErrorCovariance<'_,
         &mut self,
         sample: &Sample<'_, T, X, Z, Y>,
     ) {
+        if let Some(dt) = self.last_dt {
+            self.covariance = self.propagated(dt);
+        }
+        self.last_dt = Some(self.schedule.dt(sample.k));
         for (window, row) in self.windows.iter().zip(self.moments.chunks_exact_mut(N)) {
             if window.contains(sample.k) {
                 let errors = sample.estimate.iter().zip(sample.truth).map(|(e, x)| *e - *x);
@@ -59,6 +78,5 @@ impl<T: Scalar, S: Schedule<T>, const N: usize> Probe<T> for ErrorCovariance<'_,
                 }
             }
         }
-        self.covariance = self.propagated(self.schedule.dt(sample.k));
     }
 }

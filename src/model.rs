@@ -71,7 +71,7 @@ pub fn no_input<T: Scalar>() -> SVector<T, 0> {
 
 /// A system to be observed: dx = a(t, x, u) dt + b(x) dW, y = h(x), with one Wiener process W.
 ///
-/// A plant without process noise leaves the last five methods as they are.
+/// A plant without process noise leaves the last six methods as they are.
 pub trait Plant<T: Scalar>: Copy {
     /// State x.
     type State: Memory<T>;
@@ -87,6 +87,11 @@ pub trait Plant<T: Scalar>: Copy {
     fn truth<'a>(&self, x: &'a Self::State) -> &'a [T];
     /// Control input at a sampling instant, held over the period `dt`.
     fn control(&self, x: &Self::State, dt: T) -> Self::Input;
+    /// Whether there is process noise, so that a deterministic scheme would leave it out.
+    #[inline(always)]
+    fn has_process_noise(&self) -> bool {
+        false
+    }
     /// Whether the plant gives what this stochastic scheme needs.
     #[inline(always)]
     fn supports(&self, _: StochasticIntegrator) -> bool {

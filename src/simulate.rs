@@ -100,6 +100,12 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
             let supported = self.plant.supports(scheme);
             crate::error::require("plant_method (strong order)", value, supported, allowed)?;
         }
+        if let PlantScheme::Deterministic(_) = self.plant_scheme {
+            let allowed = "the plant has process noise, which a deterministic plant_method would \
+                           leave out: choose euler-maruyama, milstein or taylor-1.5, or sigma = 0";
+            let noisy = self.plant.has_process_noise();
+            crate::error::require("plant_method (strong order)", 0.0, !noisy, allowed)?;
+        }
         let substeps = f64::from(self.substeps);
         crate::error::require("substeps", substeps, self.substeps >= 1, "it must be at least 1")?;
         let hold = self.noise.hold as f64;

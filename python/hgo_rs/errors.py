@@ -125,7 +125,9 @@ def check_choice(parameter: str, value: Any, allowed: tuple[str, ...]) -> str:
     return str(value)
 
 
-def check_array(value: Any, parameter: str) -> npt.NDArray[np.float64]:
+def check_array(
+    value: Any, parameter: str, *, remedy: str = "give numbers"
+) -> npt.NDArray[np.float64]:
     """``value`` as a new array of floats, of any shape; None and masked entries become NaN."""
     try:
         given = np.asanyarray(value)
@@ -134,6 +136,4 @@ def check_array(value: Any, parameter: str) -> npt.NDArray[np.float64]:
         with np.errstate(over="ignore"):
             return np.array(np.ma.filled(given.astype(np.float64), np.nan))
     except (TypeError, ValueError, OverflowError):
-        raise HgoError(
-            explain(parameter, value, "an array of numbers", "give NaN where a sample is missing")
-        ) from None
+        raise HgoError(explain(parameter, value, "an array of numbers", remedy)) from None

@@ -49,6 +49,7 @@ METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-sh
 """
 
 _TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
+_MARK = "mark a missing sample as NaN"
 _DIVERGED = 1e12
 """An estimate beyond this many times what the samples and the gain's powers explain diverged."""
 
@@ -199,7 +200,8 @@ class Observer:
             dt = check_number(dt, "dt", above=0.0)
             self._check_dt(dt, self.allow_unstable)
             self._checked_dt = dt
-        sample = np.full(self.n_y, np.nan) if y is None else check_array(y, "y").reshape(-1)
+        missing = np.full(self.n_y, np.nan)
+        sample = missing if y is None else check_array(y, "y", remedy=_MARK).reshape(-1)
         _check_samples(sample.reshape(1, -1), self.n_y)
         told = _inputs(u, 1, self.n_u)
         if self._time == 0.0:
@@ -211,7 +213,7 @@ class Observer:
             raise HgoError(f"the estimate would diverge at t = {self._time:g} s: {_TAMER}")
         self.memory = memory
         self._time += dt
-        if status == 2:
+        if status == 2 and not np.isnan(sample).any():
             raise HgoError(_undefined(0, sample))
         return self.memory[: self.n].copy()
 
@@ -262,8 +264,10 @@ class Observer:
         self._check_start(start)
         track = self._core.run(time, samples, told, start)
         memory = track["memory"]
-        if np.any(track["status"] == 2):
-            k = int(np.argmax(track["status"] == 2))
+        missing = np.asarray(np.isnan(samples).any(axis=1))
+        undefined = (track["status"] == 2) & ~missing
+        if undefined.any():
+            k = int(np.argmax(undefined))
             raise HgoError(_undefined(k, samples[k]))
         ok = np.all(np.abs(memory) <= self._bound(start, samples), axis=1)  # false for NaN
         if not ok.all() and not allow:
@@ -281,7 +285,7 @@ class Observer:
             x_hat=memory[:, : self.n],
             auxiliary=memory[:, self.n :],
             innovation=track["innovation"],
-            missing=track["status"] == 1,
+            missing=missing,
             gain=gain,
             y=samples,
             memory=memory,
@@ -739,8 +743,10 @@ def _model(model: Model | None, n: int) -> dict[str, Any]:
     known = Unknown() if model is None else model
     check(isinstance(known, Model), "model", model, "a Model", "see hgo_rs.models")
     fits = known.order in (None, n) and not isinstance(known, Ship)
-    order = "another form" if known.order is None else f"order {known.order}"
-    check(fits, "model", model, f"of order {n}", f"it has {order}")
+    remedy = f"its order is {known.order}"
+    if isinstance(known, Ship):
+        remedy = "a ship is for ReducedOrderObserver"
+    check(fits, "model", model, f"of order {n}", remedy)
     return known.spec
 
 
@@ -766,7 +772,7 @@ def _samples(y: npt.ArrayLike, n_y: int) -> Array:
     """Samples (N, n_y), NaN where missing."""
     if isinstance(y, (list, tuple)) and n_y > 1:
         y = [[np.nan] * n_y if row is None else row for row in y]
-    values = check_array(y, "y")
+    values = check_array(y, "y", remedy=_MARK)
     if values.ndim == 1 and n_y == 1:
         values = values[:, np.newaxis]
     if values.ndim != 2 or values.shape[1] != n_y or len(values) == 0:
@@ -782,7 +788,7 @@ def _check_samples(values: Array, channels: int) -> None:
     infinite = np.isinf(values).any(axis=1)
     if infinite.any():
         k = int(np.argmax(infinite))
-        raise HgoError(f"y at sample {k} is infinite: must be finite; mark a missing sample as NaN")
+        raise HgoError(f"y at sample {k} is infinite: must be finite; {_MARK}")
 
 
 def _times(t_or_dt: npt.ArrayLike, count: int) -> Array:

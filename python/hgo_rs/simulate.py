@@ -12,7 +12,7 @@ from hgo_rs import _core
 from hgo_rs.design.discretisation import check_step
 from hgo_rs.errors import HgoError, check, check_array, check_choice, check_integer, check_number
 from hgo_rs.gains import FixedStep, StochasticApproximation
-from hgo_rs.models import Model, Ship
+from hgo_rs.models import Model, Ship, VanDerPol
 from hgo_rs.noise import Noise, RecordedNoise
 from hgo_rs.observers import Observer
 from hgo_rs.results import SimulationResult
@@ -32,7 +32,7 @@ PLANT_METHODS = (
 
 
 _LONGEST = 10**15
-"""Steps of the longest run: a second apiece for thirty million years."""
+"""Steps of the longest run."""
 _LARGEST = 2**30
 """Numbers in the largest result."""
 
@@ -49,7 +49,7 @@ def simulate(
     steps: int | None = None,
     memory0: npt.ArrayLike | None = None,
     mode: str = "sampled",
-    plant_method: str = "rk4",
+    plant_method: str | None = None,
     substeps: int = 1,
     noise: Noise | None = None,
     runs: int = 1,
@@ -84,7 +84,8 @@ def simulate(
         The observer steps on samples; or plant and observer are integrated as one differential
         equation by the observer's method.
     plant_method, substeps
-        One of `PLANT_METHODS`; equal substeps of the plant in each step.
+        One of `PLANT_METHODS` (default: rk4; with process noise taylor-1.5, milstein where it is
+        multiplicative); equal substeps of the plant in each step.
     noise : Noise, optional
         Measurement noise.
     runs : int
@@ -109,15 +110,11 @@ def simulate(
     HgoError
         A parameter outside its range, a plant and an observer that do not fit, an unstable step.
     """
-    check(isinstance(plant, Model), "plant", plant, "a Model", "see hgo_rs.models")
-    check(isinstance(observer, Observer), "observer", observer, "an Observer", "see hgo_rs")
-    order = 3 if isinstance(plant, Ship) else plant.order
-    check(
-        order is not None, "plant", plant, "a plant, not what is known of one", "see hgo_rs.models"
-    )
-    fits = observer.n == order and (observer.n_y == 3) == isinstance(plant, Ship)
-    check(fits, "observer", observer, f"one that fits the plant {plant!r}", "choose its order")
-    check_choice("mode", mode, ("sampled", "joint"))
+    n_y = _check_fit(plant, observer)
+    if check_choice("mode", mode, ("sampled", "joint")) == "joint":
+        method = observer.spec.get("method", "a recursion")
+        one, remedy = "euler, rk4 or bogacki-shampine in mode 'joint'", "or take mode 'sampled'"
+        check(method in ("euler", "rk4", "bogacki-shampine"), "method", method, one, remedy)
     check_choice("plant_method", plant_method, PLANT_METHODS)
     check_choice("backend", backend, ("rust", "numpy"))
     if (dt is None) == (schedule is None):
@@ -125,57 +122,39 @@ def simulate(
     clock = FixedStep(check_number(dt, "dt", above=0.0)) if schedule is None else schedule
     for name, given in (("schedule", clock), ("plant_schedule", plant_schedule)):
         known = given is None or isinstance(given, (FixedStep, StochasticApproximation))
-        check(known, name, given, "a FixedStep or StochasticApproximation", "or give dt")
+        check(known, name, given, "a FixedStep or StochasticApproximation", "see hgo_rs.gains")
     allowed = allow_unstable or observer.allow_unstable
     check_step(observer.spec, clock.longest, allow_unstable=allowed)
-    fixed = isinstance(clock, FixedStep)
+    period = clock.longest if isinstance(clock, FixedStep) else None
+
     if (t_end is None) == (steps is None):
         raise HgoError("steps: give either t_end [s] or steps")
     if t_end is not None:
+        fixed = period is not None
         check(fixed, "t_end", t_end, "used with fixed steps", "give steps for this schedule")
-        duration = check_number(t_end, "t_end", above=0.0, most=_LONGEST * clock.longest)
-        steps = max(1, round(duration / clock.longest))
+        ratio = check_number(t_end, "t_end", above=0.0) / clock.longest
+        check(ratio <= _LONGEST, "t_end", t_end, f"<= {_LONGEST:g} steps", "choose a shorter run")
+        steps = max(1, round(ratio))
     steps = check_integer(steps, "steps", least=1, most=_LONGEST)
     runs = check_integer(runs, "runs", least=1)
     every = check_integer(every, "every", least=0, most=_LONGEST)
 
-    def window(pair: Any, name: str) -> list[int]:
-        edges = check_array(pair, name)
-        if fixed:
-            edges = np.round(edges / clock.longest)
-        else:
-            edges = np.round(edges)
-        inside = edges.shape == (2,) and 0 <= edges[0] < edges[1] and edges[0] <= steps
-        allowed = "(from, to) with 0 <= from < to, from within the simulation"
-        check(inside, name, pair, allowed, "give a window of at least one step")
-        return [int(edge) for edge in np.minimum(edges, steps + 1)]
-
-    x0 = check_array(x0, "x0")
-    start = observer.initial_memory() if memory0 is None else check_array(memory0, "memory0")
-    for name, values, width in (
-        ("x0", x0, _width(plant)),
-        ("memory0", start, len(observer.memory)),
-    ):
-        if values.shape not in ((width,), (runs, width)) or not np.all(np.isfinite(values)):
-            raise HgoError(
-                f"{name} of shape {values.shape}: must be finite and of shape ({width},) or "
-                f"({runs}, {width}); give one start for all runs, or one a run"
-            )
+    nx, m = 6 if isinstance(plant, Ship) else observer.n, len(observer.memory)
+    x0 = _start(x0, "x0", nx, runs)
+    start = observer.initial_memory() if memory0 is None else _start(memory0, "memory0", m, runs)
     observer._check_start(start)
-    noise = Noise() if noise is None else noise
-    check(isinstance(noise, Noise), "noise", noise, "a Noise", "see hgo_rs.noise")
-    held = noise.spec(clock.longest)
-    check(fixed or noise.hold is None, "hold", noise.hold, "left out", "it needs fixed steps")
-    if isinstance(noise, RecordedNoise):
-        shape = np.shape(noise.values)
-        sizes = ((steps + 1,), (runs, steps + 1))
-        check(shape in sizes, "shape of values", shape, f"{sizes[0]} or {sizes[1]}", "one a sample")
-    windows = [] if windows is None else windows
-    check(
-        isinstance(windows, Sequence), "windows", windows, "a sequence of (from, to)", "give a list"
-    )
-    spans = [window(pair, "windows") for pair in windows]
-    _check_size(runs, 0 if every == 0 else steps // every + 1, len(spans), plant, observer)
+    if isinstance(plant, Ship) and np.any(x0[..., 3] == 0.0):
+        raise HgoError(
+            "x0: z_1 = 0 makes atan(0/0) in the ship's model (Katayama, assumption A1); start "
+            "with a surge speed that is not 0"
+        )
+    pairs = check_array(windows, "windows")
+    listed = pairs.size == 0 or (pairs.ndim == 2 and pairs.shape[1] == 2)
+    check(listed, "windows", windows, "pairs (from, to)", "give a list of them")
+    frames = 0 if every == 0 else steps // every + 1
+    kept = runs * (frames * (nx + m + n_y) + (3 * len(pairs) + 2) * m + nx)
+    remedy = f"as it is the result would hold {kept:.3g} numbers; fewer runs or a larger every"
+    check(kept <= _LARGEST, "runs", runs, f"such that {_LARGEST:.3g} numbers do", remedy)
     seed = int(rng.integers(2**63)) if isinstance(rng, np.random.Generator) else rng
     spec: dict[str, Any] = {
         "plant": plant.spec,
@@ -183,14 +162,14 @@ def simulate(
         "mode": mode,
         "steps": steps,
         "schedule": clock.spec,
-        "plant_method": plant_method,
-        "substeps": check_integer(substeps, "substeps", least=1),
+        "plant_method": _plant_method(plant) if plant_method is None else plant_method,
+        "substeps": check_integer(substeps, "substeps", least=1, most=2**32 - 1),
         "x0": x0,
         "memory0": start,
-        "noise": held,
+        "noise": _noise(noise, clock, steps, runs),
         "runs": runs,
         "seed": check_integer(seed, "rng", least=0, most=2**64 - 1),
-        "windows": spans,
+        "windows": [_window(pair, "windows", period, steps) for pair in pairs],
         "every": every,
     }
     if plant_schedule is not None:
@@ -198,12 +177,7 @@ def simulate(
     if settle is not None:
         spec["settle"] = check_number(settle, "settle", above=0.0)
     if histogram is not None:
-        spec["histogram"] = window(histogram, "histogram")
-    if isinstance(plant, Ship) and np.any(x0[..., 3] == 0.0):
-        raise HgoError(
-            "x0: z_1 = 0 makes atan(0/0) in the ship's model (Katayama, assumption A1); start "
-            "with a surge speed that is not 0"
-        )
+        spec["histogram"] = _window(check_array(histogram, "histogram"), "histogram", period, steps)
     if backend == "rust":
         out = _core.simulate(spec)
     else:
@@ -233,17 +207,52 @@ def simulate(
     )
 
 
-def _width(plant: Model) -> int:
-    """Number of states of a plant."""
-    return 6 if isinstance(plant, Ship) else int(plant.order or 0)
+def _check_fit(plant: Model, observer: Observer) -> int:
+    """Refuse an observer that does not fit the plant; its number of outputs."""
+    check(isinstance(plant, Model), "plant", plant, "a Model", "see hgo_rs.models")
+    check(isinstance(observer, Observer), "observer", observer, "an Observer", "see hgo_rs")
+    ship = isinstance(plant, Ship)
+    order, n_y = (3, 3) if ship else (plant.order, 1)
+    remedy = "it is what an observer knows of a plant"
+    check(order is not None, "plant", plant, "a system that moves by itself", remedy)
+    allowed = f"{order} for the plant {plant!r}"
+    check(observer.n == order, "n of the observer", observer.n, allowed, "choose another")
+    allowed = f"{n_y} for the plant {plant!r}"
+    check(observer.n_y == n_y, "n_y of the observer", observer.n_y, allowed, "choose another")
+    return n_y
 
 
-def _check_size(runs: int, frames: int, windows: int, plant: Model, observer: Observer) -> None:
-    """Refuse a result that no machine holds."""
-    m, nx = len(observer.memory), _width(plant)
-    numbers = runs * (frames * (nx + m + observer.n_y) + 3 * windows * m + 2 * m + nx + 3)
-    if numbers > _LARGEST:
-        raise HgoError(
-            f"runs = {runs}: with {frames} frames each the result would hold {numbers:.3g} "
-            f"numbers, must be <= {_LARGEST:.3g} (8 bytes each); take fewer runs or a larger every"
-        )
+def _start(values: npt.ArrayLike, name: str, width: int, runs: int) -> npt.NDArray[np.float64]:
+    """Starts (width,) or (runs, width)."""
+    start, shapes = check_array(values, name), ((width,), (runs, width))
+    allowed, remedy = f"{shapes[0]} or {shapes[1]}", "give one start for all runs, or one a run"
+    check(start.shape in shapes, f"shape of {name}", start.shape, allowed, remedy)
+    check(np.all(np.isfinite(start)), name, values, "finite", "leave out NaN and infinity")
+    return start
+
+
+def _noise(
+    noise: Noise | None, clock: FixedStep | StochasticApproximation, steps: int, runs: int
+) -> dict[str, Any]:
+    if noise is None:
+        return {"kind": "none"}
+    check(isinstance(noise, Noise), "noise", noise, "a Noise", "see hgo_rs.noise")
+    fixed = noise.hold is None or isinstance(clock, FixedStep)
+    check(fixed, "hold", noise.hold, "used with fixed steps", "leave it out for this schedule")
+    spec = noise.spec(clock.longest)
+    if isinstance(noise, RecordedNoise):
+        shape, shapes = spec["values"].shape, ((steps + 1,), (runs, steps + 1))
+        allowed = f"{shapes[0]} or {shapes[1]}"
+        check(shape in shapes, "shape of values", shape, allowed, "give one value a sample")
+    return spec
+
+
+def _window(
+    pair: npt.NDArray[np.float64], name: str, period: float | None, steps: int
+) -> list[int]:
+    """Step indices [from, to) of a window given in seconds, or in steps without a period."""
+    edges = np.round(pair if period is None else pair / period)
+    inside = edges.shape == (2,) and 0.0 <= edges[0] < edges[1] and edges[0] <= steps
+    allowed = "(from, to) with 0 <= from < to, beginning within the simulation"
+    check(inside, name, pair.tolist(), allowed, "give a window of at least one step")
+    return [int(edge) for edge in np.minimum(edges, steps + 1)]

@@ -73,6 +73,10 @@ impl<T: Scalar> Plant<T> for VanDerPol<T> {
         Vector2::new(x.y, self.phi(t, x, u))
     }
     #[inline(always)]
+    fn has_process_noise(&self) -> bool {
+        self.sigma != T::ZERO
+    }
+    #[inline(always)]
     fn supports(&self, scheme: StochasticIntegrator) -> bool {
         scheme != StochasticIntegrator::Taylor15 || self.diffusion == Diffusion::Additive
     }

@@ -127,14 +127,13 @@ pub fn mean_covariance<'py>(
             seed: 0,
         };
         experiment.check()?;
-        let mut probe = ErrorCovariance {
-            schedule: plan.schedule,
-            injection: [k[0] * ell, k[1] * ell * ell],
+        let mut probe = ErrorCovariance::new(
+            plan.schedule,
+            [k[0] * ell, k[1] * ell * ell],
             variance,
-            windows: &plan.windows,
-            moments: &mut moments,
-            covariance: nalgebra::SMatrix::zeros(),
-        };
+            &plan.windows,
+            &mut moments,
+        );
         let (x0, z0) = (Memory::read(&plan.x0), Memory::read(&plan.memory0));
         let observer = Discretised { law, scheme: Euler };
         experiment.sampled(&observer, |u| *u, 0, x0, z0, &mut probe);

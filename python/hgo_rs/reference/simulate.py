@@ -6,6 +6,7 @@ are taken block by block.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -72,6 +73,13 @@ class _Drive:
             if self.method == "taylor-1.5" and plant.multiplicative:
                 raise fail("plant_method", self.method, "for additive noise only", "use 'milstein'")
             self.process = ProcessNoise(runs=runs, seed=seed, first_run=first_run)
+        elif isinstance(plant, VanDerPol) and plant.sigma != 0.0 and self.method != "held":
+            raise fail(
+                "plant_method",
+                self.method,
+                "a stochastic scheme for a plant with process noise",
+                "use 'euler-maruyama', 'milstein' or 'taylor-1.5', or sigma = 0",
+            )
 
     def draw(self, steps: int) -> tuple[Array, Array] | None:
         """Normal pairs for ``steps`` samples, or None."""
@@ -232,7 +240,7 @@ class _Frames:
             kept[:, first : self.filled] = np.moveaxis(part, -1, 0)
 
     def result(self) -> dict[str, Array]:
-        """ "t" (frames,), "x", "memory" and "y" (runs, frames, .)."""
+        """Arrays "t" (frames,), "x", "memory" and "y" (runs, frames, .)."""
         names = ("x", "memory", "y")
         out = {
             name: np.ascontiguousarray(kept[:, : self.filled])
@@ -314,32 +322,28 @@ def simulate(spec: Spec) -> dict[str, Any]:
             t = schedule.times(k, t_next)
             t_next = float(t[-1])
             t = t[:-1]
-            dt = schedule.steps(k[:-1])
-            plant_dt = plant_schedule.steps(k[:-1]) if plant_schedule is not schedule else dt
             held = noise.block(start, stop)
-            v = held + np.reshape(noise.wave(t), (-1, 1, 1)) if noise.sines else held
-            xs = np.empty((stop - start, plant.n, runs))
-            memories = np.empty((stop - start, law.memory_len, runs))
-            x, memory = advance.block(
-                x,
-                memory,
-                t,
-                dt,
-                plant_dt,
-                held,
-                v,
-                xs,
-                memories,
-                noise.may_miss,
-                start,
-                stop == total,
+            part = _Block(
+                start=start,
+                last=stop == total,
+                t=t,
+                dt=schedule.steps(k[:-1]),
+                plant_dt=plant_schedule.steps(k[:-1]),
+                held=held,
+                v=held + np.reshape(noise.wave(t), (-1, 1, 1)) if noise.sines else held,
+                xs=np.empty((stop - start, plant.n, runs)),
+                memories=np.empty((stop - start, law.memory_len, runs)),
             )
+            if noise.may_miss:
+                part.missing = np.logical_not(np.isfinite(held).all(axis=1))
+            x, memory = advance.through(part, x, memory)
+            xs, memories = part.xs, part.memories
             length = _find_divergence(
                 start, xs, memories, diverged_at, final_x, final_memory, stop - start
             )
             metrics.update(start, t, memories[:, : law.n] - xs[:, target], memories, length)
             if frames is not None:
-                frames.update(start, t, [xs, memories, xs[:, : plant.n_y] + v], length)
+                frames.update(start, t, [xs, memories, xs[:, : plant.n_y] + part.v], length)
             if np.all(diverged_at >= 0):
                 break
     running = diverged_at < 0
@@ -383,6 +387,22 @@ def _find_divergence(
     return length
 
 
+@dataclass
+class _Block:
+    """Some consecutive samples of a study: what is known beforehand, and what is filled in."""
+
+    start: int  # step index of the first one
+    last: bool  # whether the study ends here
+    t: Array  # (steps,)
+    dt: Array  # of the observer
+    plant_dt: Array
+    held: Array  # drawn noise (steps, n_y, runs)
+    v: Array  # with the sines at t(k)
+    xs: Array  # to fill: (steps, n, runs)
+    memories: Array  # to fill: (steps, memory_len, runs)
+    missing: NDArray[np.bool_] | None = None  # (steps, runs)
+
+
 class _Sampled:
     """The observer sees y(k); the plant moves in between."""
 
@@ -391,35 +411,17 @@ class _Sampled:
         self.undefined_at = np.full(runs, -1, dtype=np.int64)
         self.normals_per_step = drive.substeps if drive.process is not None else 0
 
-    def block(
-        self,
-        x: Array,
-        memory: Array,
-        t: Array,
-        dt: Array,
-        plant_dt: Array,
-        held: Array,
-        v: Array,
-        xs: Array,
-        memories: Array,
-        may_miss: bool,
-        start: int,
-        last: bool,
-    ) -> tuple[Array, Array]:
-        """Steps through a block; the study's ``last`` sample is measured only."""
+    def through(self, part: _Block, x: Array, memory: Array) -> tuple[Array, Array]:
+        """Steps through a block; the study's last sample is measured only."""
         plant, law, drive = self.plant, self.law, self.drive
-        count = len(t)
+        count, last, xs, memories = len(part.t), part.last, part.xs, part.memories
         normals = drive.draw(count - last)
-        times, steps, plant_steps = t.tolist(), dt.tolist(), plant_dt.tolist()
+        times, steps, plant_steps = part.t.tolist(), part.dt.tolist(), part.plant_dt.tolist()
         output, advance, observe, filters = plant.output, drive.advance, law.step, law.filters
         controlled = plant.n_u > 0
         u: Array | None = None
         missing: NDArray[np.bool_] | None = None
-        masks: NDArray[np.bool_] | None = None
-        if may_miss:
-            masks = np.logical_not(np.isfinite(v).all(axis=1))
-        if plant.n_y == 1:
-            v = v[:, 0]
+        v = part.v[:, 0] if plant.n_y == 1 else part.v
         for j in range(count):
             xs[j] = x
             if not filters:
@@ -427,8 +429,8 @@ class _Sampled:
                 if last and j == count - 1:
                     break
             y = output(x) + v[j]
-            if masks is not None:
-                missing = masks[j]
+            if part.missing is not None:
+                missing = part.missing[j]
             if controlled:
                 u = plant.control(x, steps[j])
             before = memory
@@ -436,7 +438,7 @@ class _Sampled:
             if filters:
                 if np.all(memory[: law.n] == before[: law.n], axis=0).any():
                     held_at = law.undefined(before, y, missing) & (self.undefined_at < 0)
-                    self.undefined_at[held_at] = start + j
+                    self.undefined_at[held_at] = part.start + j
                 memories[j] = memory
                 if last and j == count - 1:
                     break
@@ -462,30 +464,16 @@ class _Joint:
         self.noise = noise
         self.scheme = integrate.DETERMINISTIC[law.method]
 
-    def block(
-        self,
-        x: Array,
-        memory: Array,
-        t: Array,
-        dt: Array,
-        plant_dt: Array,
-        held: Array,
-        v: Array,
-        xs: Array,
-        memories: Array,
-        may_miss: bool,
-        start: int,
-        last: bool,
-    ) -> tuple[Array, Array]:
-        """Steps through a block."""
+    def through(self, part: _Block, x: Array, memory: Array) -> tuple[Array, Array]:
+        """Steps through a block; the study's last sample is measured only."""
         plant, law, scheme, noise = self.plant, self.law, self.scheme, self.noise
         nx = plant.n
-        times, steps = t.tolist(), dt.tolist()
+        times, steps = part.t.tolist(), part.dt.tolist()
+        held = part.held[:, 0]
+        value = held[0]
         missing: NDArray[np.bool_] | None = None
         state = np.concatenate((x, memory))
         with_sines, still = bool(noise.sines), self.still
-        masks = ~np.isfinite(held[:, 0]) if may_miss else None
-        value = held[0, 0]
 
         def rate(time: float, s: Array) -> Array:
             x, memory = s[:nx], s[nx:]
@@ -497,14 +485,14 @@ class _Joint:
             out[nx:] = law.rate(memory, law.innovation(memory, y, missing))
             return out
 
-        for j in range(len(t)):
-            xs[j] = state[:nx]
-            memories[j] = state[nx:]
-            if last and j == len(t) - 1:
+        for j in range(len(times)):
+            part.xs[j] = state[:nx]
+            part.memories[j] = state[nx:]
+            if part.last and j == len(times) - 1:
                 break
-            value = held[j, 0]
-            if masks is not None:
-                missing = masks[j]
+            value = held[j]
+            if part.missing is not None:
+                missing = part.missing[j]
             state = scheme(rate, times[j], state, steps[j])
             if law.gain_rows:
                 law.clamp(state[nx:])

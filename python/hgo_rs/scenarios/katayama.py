@@ -245,8 +245,12 @@ def _closed_loop(ship: Ship, period: float, t_end: float) -> Array:
     z = []
     for _ in range(round(t_end / period)):
         u = ship.control(x, period)
+
+        def rate(_: float, state: Array, u: Array | None = u) -> Array:
+            return ship.drift(state, u)
+
         for _ in range(substeps):
-            x = integrate.rk4(lambda _, s, u=u: ship.drift(s, u), 0.0, x, PLANT_STEP)
+            x = integrate.rk4(rate, 0.0, x, PLANT_STEP)
         z.append(x[3:, 0])
     return np.array(z)
 
@@ -351,8 +355,10 @@ def limits(ctx: Context) -> Outcome:
         for run, T, colour in ((below, A5_STABLE, "blue"), (above, A5_UNSTABLE, "red")):
             e2 = np.maximum(np.abs(error(run)[:, 1]), 1e-18)
             left.semilogy(run["t"][::5], e2[::5], color=_INK[colour], label=f"T = {T:g} s")
-        left.set(title=f"Step limit at ε = {A5_EPSILON:g}", xlabel="time (s)", ylabel="|z2 − ẑ2|")
-        left.legend(loc="center left")
+        left.set(
+            title=f"Step limit at ε = {A5_EPSILON:g}", xlabel="time (s)", ylabel="|z₂ − ẑ₂| (m/s)"
+        )
+        left.legend(loc="upper left")
         styles = {0.1: "o--", 0.01: "s-"}
         for period, style in styles.items():
             epsilons = [eps for T, eps in RMS if period == T]
@@ -364,7 +370,7 @@ def limits(ctx: Context) -> Outcome:
                     style,
                     color=_INK[colour],
                     markersize=4,
-                    label=f"z{i + 1}, T = {period:g} s",
+                    label=f"z{_SUB[i]}, T = {period:g} s",
                 )
         right.set(title="RMS error over [5, 20) s, δ̄ = 0.5", xlabel="ε", ylabel="RMS z − ẑ")
         right.margins(x=0.05)
@@ -402,6 +408,7 @@ def _a1_rows(ctx: Context) -> list[Row]:
 # --- drawing ----------------------------------------------------------------------------------
 
 _INK = {"black": COLOURS["black"], "blue": COLOURS["blue"], "red": COLOURS["vermillion"]}
+_SUB = "₁₂₃"
 _NAMES = ("surge z₁ (m/s)", "sway z₂ (m/s)", "yaw rate z₃ (rad/s)")
 
 
@@ -419,6 +426,7 @@ def _lines(
     axes: Sequence[Any], run: dict[str, Any], values: Array, colour: str, style: str, label: str
 ) -> None:
     step = max(1, len(run["t"]) // 500)
+    width = 2.4 if label == "z" else 1.4  # the truth shows behind estimates that lie on it
     for i, ax in enumerate(axes):
         ax.plot(
             run["t"][::step],
@@ -426,7 +434,7 @@ def _lines(
             style,
             color=_INK[colour],
             label=label,
-            linewidth=1.4,
+            linewidth=width,
         )
 
 
@@ -437,7 +445,7 @@ def _finish(axes: Sequence[Any]) -> None:
 def _three_gains(ctx: Context, period: float, epsilons: Sequence[float], w: Sequence[float]) -> Any:
     """The drawing of figures 2 to 4: z black, z_hat black broken, blue, red."""
     runs = [ctx.simulate(spec(period, epsilon, 0.5, w)) for epsilon in epsilons]
-    wind = "" if not any(w) else ", w = (0.4, 0.2, 0.1)"
+    wind = ", with w" if any(w) else ""
 
     def draw(fig: Figure) -> None:
         axes = _panels(fig, f"T = {period:g} s, δ̄ = 0.5{wind}")
