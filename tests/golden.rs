@@ -622,7 +622,7 @@ mod sanfelice_praly {
     }
 
     #[test]
-    #[cfg_attr(debug_assertions, ignore = "19 million steps: run with --release")]
+    #[cfg_attr(debug_assertions, ignore = "9 million steps: run with --release")]
     fn tables_1_and_4_with_noise() {
         let start = (Vector2::new(1.0, 0.0), 1.0);
         let dead_zone = |nu1| {
@@ -634,17 +634,17 @@ mod sanfelice_praly {
         // mean e1, std e1, mean e2, std e2; tolerance of the two std
         let rows = [
             (
-                with_noise(dead_zone(1.9), 1.9, start, 3, 48),
+                with_noise(dead_zone(1.9), 1.9, start, 3, 16),
                 [-2.0e-2, 3.98e-3, 0.138, 1.39e-2],
                 0.03,
             ),
             (
-                with_noise(adaptive(1.9, 10.0, 0.0025), 1.9, start, 3, 48),
+                with_noise(adaptive(1.9, 10.0, 0.0025), 1.9, start, 3, 16),
                 [-2.0e-2, 6.61e-3, 0.138, 9.13e-3],
                 0.15,
             ),
             (
-                with_noise(dead_zone(2.22), 2.22, start, 3, 48),
+                with_noise(dead_zone(2.22), 2.22, start, 3, 16),
                 [-2.0e-2, 4.15e-3, 0.1445, 1.53e-2],
                 0.03,
             ),
@@ -653,7 +653,7 @@ mod sanfelice_praly {
                 [-2.0e-2, 2.75e-2, 0.1446, 4.32e-2],
                 0.15,
             ),
-            (with_noise(modified, 2.22, z0, 12, 48), [-2.0e-2, 6.03e-3, 0.1445, 9.83e-3], 0.15),
+            (with_noise(modified, 2.22, z0, 12, 16), [-2.0e-2, 6.03e-3, 0.1445, 9.83e-3], 0.15),
         ];
         for (ours, expected, tolerance) in rows {
             for i in [0, 2] {

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from hgo_rs import _core
 from hgo_rs.design.discretisation import StepLimit, check_step, step_limit
 from hgo_rs.errors import (
+    DesignError,
     HgoError,
     check,
     check_array,
@@ -257,14 +258,22 @@ class Observer:
         count = len(samples)
         time = _times(t_or_dt, count)
         told = _inputs(u, count, self.n_u)
-        if count > 1:
-            with np.errstate(over="ignore"):
-                self._check_dt(float(np.max(np.diff(time))), allow)
+        missing = np.asarray(np.isnan(samples).any(axis=1))
+        # a step over which nothing is corrected may be of any length
+        corrects = ~(missing[1:] if self._core.is_current else missing[:-1])
+        with np.errstate(over="ignore"):
+            steps = np.where(corrects, np.diff(time), 0.0)
+        if corrects.any():
+            k = int(np.argmax(steps))
+            try:
+                self._check_dt(float(steps[k]), allow)
+            except DesignError as error:
+                where = f"after sample {k} (t = {time[k]:g} s), " if np.ndim(t_or_dt) else ""
+                raise DesignError(f"{where}{error}") from None
         start = self._start(x_hat0, r0, memory0)
         self._check_start(start)
         track = self._core.run(time, samples, told, start)
         memory = track["memory"]
-        missing = np.asarray(np.isnan(samples).any(axis=1))
         undefined = (track["status"] == 2) & ~missing
         if undefined.any():
             k = int(np.argmax(undefined))

@@ -115,6 +115,8 @@ def simulate(
         method = observer.spec.get("method", "a recursion")
         one, remedy = "euler, rk4 or bogacki-shampine in mode 'joint'", "or take mode 'sampled'"
         check(method in ("euler", "rk4", "bogacki-shampine"), "method", method, one, remedy)
+    if plant_method is None:
+        plant_method = _plant_method(plant)
     check_choice("plant_method", plant_method, PLANT_METHODS)
     check_choice("backend", backend, ("rust", "numpy"))
     if (dt is None) == (schedule is None):
@@ -162,7 +164,7 @@ def simulate(
         "mode": mode,
         "steps": steps,
         "schedule": clock.spec,
-        "plant_method": _plant_method(plant) if plant_method is None else plant_method,
+        "plant_method": plant_method,
         "substeps": check_integer(substeps, "substeps", least=1, most=2**32 - 1),
         "x0": x0,
         "memory0": start,
@@ -205,6 +207,13 @@ def simulate(
         n=observer.n,
         spec=spec,
     )
+
+
+def _plant_method(plant: Model) -> str:
+    """The scheme of highest order for the plant."""
+    if isinstance(plant, VanDerPol) and plant.sigma != 0.0:
+        return "milstein" if plant.multiplicative else "taylor-1.5"
+    return "rk4"
 
 
 def _check_fit(plant: Model, observer: Observer) -> int:

@@ -158,7 +158,6 @@ NOTE_STEP = "the paper's step of 1 ms gives"
 NOTE_MISPRINT = "misprint: 3.30"
 NOTE_ONE = "the paper shows one realisation; ours is a mean"
 NOTE_LEFTOVER = "left over from the start, not noise: see the rows below"
-NOTE_HELD = "grows with x2(t): 75.1 x2, so the window matters"
 
 
 def printed(text: str) -> tuple[float, float]:
@@ -384,7 +383,7 @@ def _noise_table(ctx: Context, kind: str, number: int, table: Any) -> tuple[list
                 if sd is None:
                     sd = mean * spread[0] / printed(expected[0])[0]
                 tolerance = half + 3.0 * sd / math.sqrt(20)
-                note = NOTE_ONE
+                note = NOTE_ONE if abs(ours[i] / paper[i] - 1.0) > 0.05 else ""
             else:
                 tolerance = half + SINE_REL * mean
                 note = ""
@@ -636,8 +635,8 @@ def _ell_rows(ctx: Context, certificates: Any) -> list[Row]:
                 certificates.ell_star(lipschitz, p),
                 expected=expected,
                 abs=half,
-                paper=used,
-                note=f"sufficient only: the paper itself runs at ℓ = {used:g}",
+                paper=f"runs at {used:g}",
+                note="sufficient only, and useless as a selector: see the simulated figure",
             )
         )
         law = "peaking-free" if kind == "low-power" else kind
@@ -741,13 +740,12 @@ def _bounded(ctx: Context, kind: str, method: str, c: float) -> bool:
     return bool(run["diverged_at"][0] < 0)
 
 
-def _held_bias(method: str) -> float:
+def _held_bias() -> float:
     """Steady error of x5_hat for x2 = 1 under RK4 with y held, by linear algebra.
 
     One step is x_hat+ = R x_hat + S L y(k), the plant's x+ = Phi x: a constant error solves
     (I - R) e = (R + S L C - Phi) x.
     """
-    assert method == "rk4"
     h = HELD_C / HELD_ELL
     chain = np.diag(np.ones(N - 1), 1)
     injection = np.array(K) * HELD_ELL ** np.arange(1.0, N + 1.0)
@@ -794,6 +792,7 @@ def limits(ctx: Context) -> Outcome:
         )
     )
 
+    bias = abs(_held_bias())
     errors, held = {}, {}
     for method, expected in HELD_ERRORS.items():
         run = ctx.simulate(_held_spec(method))
@@ -805,7 +804,7 @@ def limits(ctx: Context) -> Outcome:
                 errors[method],
                 expected=expected,
                 rel=0.6,  # one digit, and the window is not told
-                note=NOTE_HELD if method == "rk4" else "",
+                note=f"{bias:.1f} |x2(t)|: the window matters" if method == "rk4" else "",
             )
         )
     run = held["rk4"]
@@ -814,7 +813,7 @@ def limits(ctx: Context) -> Outcome:
         row(
             "standard, RK4, y held: error of x̂5 over x2",
             errors["rk4"] / np.abs(run["x"][0, late, 1]).max(),
-            expected=abs(_held_bias("rk4")),
+            expected=bias,
             rel=0.01,
         )
     )
