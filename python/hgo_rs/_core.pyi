@@ -4,6 +4,20 @@ from typing import Any, Literal, final, overload
 import numpy as np
 import numpy.typing as npt
 
+__all__ = [
+    "Observer",
+    "coefficients_from_poles",
+    "coupled_paths",
+    "filtered",
+    "is_hurwitz",
+    "low_power_coefficients",
+    "low_power_coefficients_from_poles",
+    "low_power_polynomial",
+    "mean_covariance",
+    "random",
+    "simulate",
+]
+
 _Array = npt.NDArray[np.float64]
 _Pairs = list[tuple[float, float]]
 

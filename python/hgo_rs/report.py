@@ -8,7 +8,7 @@ by colour; it reads on a telephone and on paper, by day and by night.
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ from hgo_rs.scenarios.base import PAPERS, Row, format_number
 if TYPE_CHECKING:
     from hgo_rs.record import Record
 
-__all__ = ["build", "counted", "format_value"]
+__all__ = ["build", "counted", "format_value", "markdown", "markdown_row"]
 
 INLINE_SVG_LIMIT = 400_000
 """Bytes of SVG up to which a figure goes into the report as SVG; a heavier one goes in as PNG."""
@@ -30,6 +30,19 @@ def format_value(value: Any) -> str:
     if isinstance(value, float):
         return format_number(value).replace("-", "−")
     return str(value)
+
+
+def markdown(records: Iterable[Record]) -> str:
+    """Every row with a value in the paper, as a Markdown table."""
+    lines = ["| scenario | quantity | paper | here |", "|---|---|---|---|"]
+    lines += [markdown_row(r.id, row) for r in records for row in r.rows if row.paper is not None]
+    return "\n".join(lines) + "\n"
+
+
+def markdown_row(id: str, row: Row) -> str:
+    """One line of `markdown`."""
+    quantity = row.quantity.replace("|", "\\|")
+    return f"| {id} | {quantity} | {format_value(row.paper)} | {format_value(row.ours)} |"
 
 
 def build(records: Sequence[Record], about: Mapping[str, Any]) -> str:

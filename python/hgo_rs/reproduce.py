@@ -1,4 +1,4 @@
-"""Run scenarios and write what they yield: figures, `results.json` and `report.html`.
+"""Run scenarios and write what they yield: figures, `results.json`, `results.md` and `report.html`.
 
 `run` yields a `Record` a scenario, in this process or in several; `OutputFolder` writes as it
 goes, so that an interrupted run loses nothing that was finished.
@@ -145,7 +145,7 @@ def _work(tasks: Any, messages: Any, backend: str, seed: int, figures: bool) -> 
 
 
 class OutputFolder:
-    """A folder for figures, `results.json` and `report.html`.
+    """A folder for figures, `results.json`, `results.md` and `report.html`.
 
     Raises
     ------
@@ -171,7 +171,7 @@ class OutputFolder:
             self.write(f"{record.id}.{kind}", image)
 
     def write_results(self, records: Sequence[Record], about: dict[str, Any]) -> None:
-        """results.json: where and how it ran, totals, and every record."""
+        """results.json: where and how it ran, totals, every record. results.md: rows of papers."""
         rows = [r for record in records for r in record.rows]
         results = {
             **about,
@@ -183,6 +183,7 @@ class OutputFolder:
         }
         text = json.dumps(results, indent=1, ensure_ascii=False, allow_nan=False)
         self.write("results.json", text.encode())
+        self.write("results.md", report.markdown(records).encode())
 
     def write_report(self, records: Sequence[Record], about: dict[str, Any]) -> Path:
         """report.html: one file that needs no other. Returns its path."""

@@ -230,7 +230,10 @@ def test_reproduce_writes_results_figures_and_report(capsys, fakes, tmp_path):
         "lee-good.svg",
         "report.html",
         "results.json",
+        "results.md",
     ]
+    table = (out_dir / "results.md").read_text(encoding="utf-8")
+    assert table.startswith("| scenario | quantity | paper | here |\n|---|---|---|---|\n")
     results = json.loads((out_dir / "results.json").read_text())
     assert (results["ok"], results["rows"], results["missed"]) == (False, 4, 1)
     assert results["failed"] == ["fu-failing"]

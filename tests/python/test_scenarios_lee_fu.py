@@ -14,11 +14,6 @@ IDS = [id for id, scenario in load().items() if scenario.paper in ("lee", "fu")]
 
 
 @pytest.fixture(scope="module")
-def ctx() -> Context:
-    return Context("rust", seed=1)
-
-
-@pytest.fixture(scope="module")
 def outcomes(ctx: Context) -> dict[str, Outcome]:
     return {id: load()[id](ctx) for id in IDS}
 

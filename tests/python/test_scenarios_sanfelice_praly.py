@@ -23,12 +23,6 @@ METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-sh
 STEPS = 12_000
 
 
-@pytest.fixture(scope="module")
-def ctx() -> Context:
-    """One context, so that scenarios share their runs."""
-    return Context("rust", seed=1)
-
-
 def test_all_scenarios_are_registered_in_the_papers_order() -> None:
     assert [id for id in load() if id.startswith("sanfelice-praly")] == IDS
 
