@@ -8,7 +8,8 @@ use hgo_rs::prelude::*;
 fn main() -> Result<(), DesignError> {
     // Order 3 estimates position, velocity and acceleration; 2·3 − 1 = 5 poles, all at −1.
     let (alpha, beta) = low_power_coefficients_from_poles::<f64, 3, 5>([(-1.0, 0.0); 5])?;
-    let gain = ConstantGain::new(40.0)?; // 1/s: the poles of the error lie at −40
+    // In 1/s. A smaller gain lags behind the signal, a larger one amplifies its noise.
+    let gain = ConstantGain::new(80.0)?;
     let law = LowPowerObserver::new(alpha, beta, gain, Unknown, NoSaturation)?;
     let scheme = RungeKutta { integrator: Integrator::Rk4, hold: Hold::Innovation };
     let observer = Discretised { law, scheme };
@@ -23,7 +24,7 @@ fn main() -> Result<(), DesignError> {
         let (velocity, acceleration) =
             (omega * (omega * t).cos(), -omega * omega * (omega * t).sin());
         let estimate = observer.estimate(&z);
-        if k % 1_000 == 0 {
+        if k % 1_000 == 0 && k > 0 {
             println!(
                 "{t:5.1} {:9.4} {velocity:9.4} {:9.4} {acceleration:9.4}",
                 estimate[1], estimate[2]
