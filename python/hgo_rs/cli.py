@@ -537,6 +537,9 @@ def _build_observer(name: str, arguments: dict[str, Any]) -> Any:
         if key not in accepted:
             option = "--" + {"n": "order"}.get(key, key).replace("_", "-")
             raise HgoError(f"{option} has no meaning for --observer {name}")
+    for key, parameter in accepted.items():
+        if parameter.default is inspect.Parameter.empty and key not in given:
+            raise HgoError(f"--{key.replace('_', '-')} is needed for --observer {name}")
     return law(**given)
 
 

@@ -95,6 +95,15 @@ class Observer:
         law = self.spec.get("gain")
         return float(law["ell"]) if isinstance(law, dict) and "ell" in law else None
 
+    def gains(self, memory: npt.ArrayLike) -> Array | None:
+        """The gain that acts, for memories (..., m): ell, or r; None for laws without one."""
+        values = np.asarray(memory, dtype=float)
+        index = self._gain_index()
+        if index is not None:
+            return values[..., index].copy()
+        constant = self.gain
+        return None if constant is None else np.full(values.shape[:-1], constant)
+
     def _gain_index(self) -> int | None:
         """Where r stands in the memory."""
         law = self.spec.get("gain")
@@ -282,20 +291,13 @@ class Observer:
         if not ok.all() and not allow:
             k = int(np.argmin(ok))
             raise HgoError(f"the estimate diverged at sample {k} (t = {time[k]:g} s): {_TAMER}")
-        index = self._gain_index()
-        constant = self.gain if index is None else None
-        gain = (
-            None
-            if index is None and constant is None
-            else (memory[:, index] if index is not None else np.full(count, constant))
-        )
         return RunResult(
             time=time,
             x_hat=memory[:, : self.n],
             auxiliary=memory[:, self.n :],
             innovation=track["innovation"],
             missing=missing,
-            gain=gain,
+            gain=self.gains(memory),
             y=samples,
             memory=memory,
         )
@@ -536,6 +538,13 @@ class _Copies(Observer):
             )
 
 
+    def nominal_gain(self, memory: npt.ArrayLike) -> Array:
+        """r_bar = mean r_i (24) of the copies in memories (..., m)."""
+        width = self.n + 1
+        copies = np.asarray(memory, dtype=float)[..., -self.copies * width :]
+        return np.asarray(copies[..., self.n :: width].mean(axis=-1))
+
+
 class RepelledCollection(_Copies):
     """A collection of observers that repel each other. Sanfelice and Praly (23), (24).
 
@@ -569,13 +578,6 @@ class RepelledCollection(_Copies):
         """A memory from starts (copies, 2) that differ, and initial gains r >= 1."""
         return self._starts(x_hat0, r0)
 
-    def nominal_gain(self, memory: npt.ArrayLike) -> Array:
-        """r_bar = mean r_i (24) of memories (..., m)."""
-        values = check_array(memory, "memory")
-        fits = values.shape[-1:] == self.memory.shape
-        check(fits, "memory", memory, f"of shape (..., {len(self.memory)})", "give memories")
-        return np.asarray(values[..., self.n :: self.n + 1].mean(axis=-1))
-
 
 class ModifiedObserver(_Copies):
     """The observer with gain r r_bar, r_bar from a collection beside it. Sanfelice and Praly (25).
@@ -595,6 +597,16 @@ class ModifiedObserver(_Copies):
         allow_unstable: bool = False,
     ) -> None:
         super().__init__("modified", gain, k, k_bar, copies, model, method, allow_unstable)
+
+    @property
+    def gain(self) -> float:
+        """The gain that acts: r r_bar."""
+        return float(self.gains(self.memory))
+
+    def gains(self, memory: npt.ArrayLike) -> Array:
+        """The gain that acts, r r_bar, for memories (..., m)."""
+        values = np.asarray(memory, dtype=float)
+        return np.asarray(values[..., self.n] * self.nominal_gain(values))
 
     def spread(
         self,

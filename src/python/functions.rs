@@ -86,7 +86,7 @@ pub fn coupled_paths<'py>(
 
 /// Exact RMS error of a linear standard observer of order 2 under forward Euler and white noise.
 ///
-/// The spec is that of [`simulate`] with `variance` in place of the noise.
+/// The spec is that of [`simulate`]; `variance`, if given, stands for the noise's.
 #[pyfunction]
 pub fn mean_covariance<'py>(
     py: Python<'py>,
@@ -106,9 +106,17 @@ pub fn mean_covariance<'py>(
         ));
     }
     let ell = gain.f64("ell")?;
-    let variance = crate::error::positive("variance", spec.f64("variance")?)?;
     let observer = build(&observer_spec)?;
     let plan = Plan::read(&spec, observer.initial().len(), &["variance"])?;
+    let variance = match (spec.get("variance")?, plan.noise_variance()) {
+        (Some(_), _) => crate::error::positive("variance", spec.f64("variance")?)?,
+        (None, Some(variance)) => variance,
+        (None, None) => {
+            return Err(refused(
+                "give variance, or uniform or normal noise without hold, sines or mean",
+            ));
+        }
+    };
     let AnyPlant::Lee(plant) = plan.plant else {
         return Err(refused("plant must be without process noise: choose lee"));
     };

@@ -83,6 +83,7 @@ pub struct Plan {
     pub plant: AnyPlant,
     joint: bool,
     pub plant_scheme: PlantScheme,
+    plant_method: String,
     pub substeps: u32,
     pub schedule: AnySchedule,
     pub plant_schedule: Option<AnySchedule>,
@@ -180,6 +181,7 @@ impl Plan {
             plant,
             joint,
             plant_scheme: read_plant_scheme(spec, &method)?,
+            plant_method: method,
             substeps: u32::try_from(spec.whole_or("substeps", 1)?).unwrap_or(u32::MAX),
             schedule: AnySchedule::read(&spec.sub("schedule")?)?,
             plant_schedule: match spec.get("plant_schedule")? {
@@ -258,6 +260,18 @@ impl Plan {
         Ok((draw, hold, sines))
     }
 
+    /// Variance of a noise that is white with mean zero.
+    pub fn noise_variance(&self) -> Option<f64> {
+        let plain = self.hold == 1 && self.sines.is_empty();
+        match self.draw {
+            DrawKind::Uniform(low, high) if plain && (low + high).abs() < 1e-12 * high.abs() => {
+                Some((high - low) * (high - low) / 12.0)
+            }
+            DrawKind::Normal(mean, std) if plain && mean.abs() < 1e-12 * std => Some(std * std),
+            _ => None,
+        }
+    }
+
     fn noise(&self, run: usize) -> Noise<'_, f64> {
         let draw = match &self.draw {
             DrawKind::None => Draw::None,
@@ -269,6 +283,31 @@ impl Plan {
             }
         };
         Noise { draw, hold: self.hold, sines: &self.sines }
+    }
+
+    /// Refuse, by its name, a scheme that the plant does not take.
+    fn check_method<P: Plant<f64>>(&self, plant: &P) -> PyResult<()> {
+        let (fits, allowed) = match self.plant_scheme {
+            PlantScheme::Held => (true, ""),
+            PlantScheme::Deterministic(_) => (
+                !plant.has_process_noise(),
+                "the plant has process noise, which a deterministic scheme would leave out: choose \
+                 euler-maruyama, milstein or taylor-1.5, or sigma = 0",
+            ),
+            PlantScheme::Stochastic(scheme) => (
+                plant.supports(scheme),
+                "a stochastic scheme needs a plant with process noise, and taylor-1.5 needs it to \
+                 be additive: choose euler, rk4 or bogacki-shampine, or milstein",
+            ),
+        };
+        if fits {
+            Ok(())
+        } else {
+            Err(refused(&format!(
+                "plant_method = {:?} is not allowed: {allowed}",
+                self.plant_method
+            )))
+        }
     }
 
     /// All runs of the experiment with `plant`; `go` performs one.
@@ -301,6 +340,7 @@ impl Plan {
             steps: self.steps,
             seed: self.seed,
         };
+        self.check_method(&plant)?;
         experiment(0).check()?;
         // Whole numbers: the sum does not depend on the order in which runs end.
         let bins = if self.histogram.is_some() { LogHistogram::BINS } else { 0 };

@@ -1,0 +1,183 @@
+use super::*;
+
+/// The estimates of every observer after half a second of a sine, by name.
+struct Estimates(Vec<(&'static str, &'static str, Vec<f64>)>);
+
+impl<T: Scalar> Visitor<T> for Estimates {
+    fn visit<O>(
+        &mut self,
+        law: &'static str,
+        scheme: &'static str,
+        observer: O,
+        input: fn(T) -> O::Input,
+    ) where
+        O: Observer<T>,
+        O::State: PartialEq + Debug,
+    {
+        let dt = T::from_f64(1e-3);
+        let mut z = observer.initial();
+        for k in 0..500_u16 {
+            let t = T::from_f64(f64::from(k)) * dt;
+            let y = O::Measurement::fill(|| T::from_f64(0.5) * t.sin());
+            observer.step(&mut z, &y, &input(T::from_f64(0.1)), t, dt);
+        }
+        let estimate = observer.estimate(&z).iter().map(|x| x.to_f64()).collect();
+        self.0.push((law, scheme, estimate));
+    }
+}
+
+/// Single precision is the same law: estimates agree to single precision.
+#[test]
+fn single_and_double_precision_agree() {
+    let (mut double, mut single) = (Estimates(Vec::new()), Estimates(Vec::new()));
+    visit_all::<f64>(&mut double).unwrap();
+    visit_all::<f32>(&mut single).unwrap();
+    for ((law, scheme, wide), (_, _, narrow)) in double.0.iter().zip(&single.0) {
+        let size = wide.iter().fold(1.0_f64, |a, x| a.max(x.abs()));
+        for (a, b) in wide.iter().zip(narrow) {
+            assert!((a - b).abs() < 2e-3 * size, "{law}, {scheme}: {wide:?} and {narrow:?}");
+        }
+        assert!(wide.iter().any(|x| x.abs() > 1e-3), "{law}, {scheme} moved: {wide:?}");
+    }
+}
+
+/// Copies that start alike do not repel and are the plain adaptive observer each.
+#[test]
+fn identical_copies_are_the_plain_observer() {
+    let gain = AdaptiveGain::new(10.0, 0.0025, 0.183, 2).unwrap();
+    let model = SanfelicePraly::new(1.9, 0.1).unwrap();
+    let plain = StandardObserver::new([2.0, 2.0], gain, model).unwrap();
+    let collection =
+        RepelledCollection::<f64, _, 2, 3>::new([2.0, 2.0], [0.06, 0.03], gain, model).unwrap();
+    for (name, scheme) in SCHEMES {
+        let start = (Vector2::new(0.4, -0.1), 1.3);
+        let (mut one, mut three) = (start, [start; 3]);
+        for k in 0..200_u16 {
+            let y = (0.02 * f64::from(k)).sin();
+            Discretised { law: plain, scheme }.step(&mut one, &y, &no_input(), 0.0, 0.01);
+            Discretised { law: collection, scheme }.step(
+                &mut three,
+                &y,
+                &no_input(),
+                0.0,
+                0.01,
+            );
+        }
+        assert_eq!(three, [one; 3], "{name}");
+    }
+}
+
+/// (23)-(25) written out with ŷᵢ − y for one step of forward Euler.
+#[test]
+fn collection_and_modified_observer_written_out() {
+    let (k, k_bar, b, nu1, p1, p2) = ([2.0, 2.1], [0.056, 0.032], 0.183, 1.9, 10.0, 0.0025);
+    let gain = AdaptiveGain::new(p1, p2, b, 2).unwrap();
+    let model = SanfelicePraly::new(nu1, 0.1).unwrap();
+    let collection = RepelledCollection::<f64, _, 2, 3>::new(k, k_bar, gain, model).unwrap();
+    let observer = Discretised { law: ModifiedObserver { collection }, scheme: Euler };
+    let main = (Vector2::new(0.2, 0.3), 1.1);
+    let copies = [(0.1, -0.2, 1.2), (-0.3, 0.1, 1.5), (0.4, 0.0, 1.9)]
+        .map(|(a, c, r)| (Vector2::new(a, c), r));
+    let (y, dt) = (0.25, 1e-3);
+    let mut z = (main, copies);
+    observer.step(&mut z, &y, &no_input(), 0.0, dt);
+
+    let adapted = |r: f64, error: f64| {
+        r + dt * p1 * ((error * error - p2) * r.powf(1.0 - 2.0 * b) + p2 / r.powi(4))
+    };
+    for (i, (x, r)) in copies.iter().enumerate() {
+        let error = x.x - y;
+        let mut repulsion = 0.0;
+        for (j, (other, other_r)) in copies.iter().enumerate() {
+            if j != i {
+                repulsion += error / r.powf(b) - (other.x - y) / other_r.powf(b);
+            }
+        }
+        let rate1 = x.y + nu1 * x.x - k[0] * r * error + k_bar[0] * r.powf(1.0 + b) * repulsion;
+        let rate2 = -k[1] * r * r * error + k_bar[1] * r.powf(2.0 + b) * repulsion;
+        let (ours, ours_r) = z.1[i];
+        assert!((ours - (x + Vector2::new(rate1, rate2) * dt)).amax() < 1e-15, "copy {i}");
+        assert!((ours_r - adapted(*r, error)).abs() < 1e-15, "copy {i}");
+    }
+    let ((x, r), error) = (main, main.0.x - y);
+    let nominal = (1.2 + 1.5 + 1.9) / 3.0;
+    let product = r * nominal;
+    let rate1 = x.y + nu1 * x.x - k[0] * product * error;
+    let rate2 = -k[1] * product * product * error;
+    assert!((z.0.0 - (x + Vector2::new(rate1, rate2) * dt)).amax() < 1e-15);
+    assert!((z.0.1 - adapted(r, error)).abs() < 1e-15);
+    assert!((collection.nominal_gain(&copies) - nominal).abs() < 1e-15);
+}
+
+/// (5) and (11) of the low-power and peaking-free laws written out for n = 3.
+#[test]
+fn low_power_and_peaking_free_written_out() {
+    let (alpha, beta, ell, b0) = ([3.0, 2.5, 2.0], [3.2, 1.4, 0.0], 5.0, 1.5);
+    let (x, eta, y, u, dt) = ([0.2, -0.4, 0.9], [2.5, -1.7], 0.35, 0.7, 1e-3);
+    let gain = ConstantGain::new(ell).unwrap();
+    let model = InputGain { b0 };
+    let start = Memory::read(&[x[0], x[1], x[2], eta[0], eta[1]]);
+    let input = SVector::<f64, 1>::new(u);
+    let clip = HardClip::new([1.1, 1.2, 0.0]).unwrap();
+    let low = LowPowerObserver::<f64, _, _, 3, 1>::new(alpha, beta, gain, model, NoSaturation);
+    let free = hgo_rs::observers::PeakingFreeObserver::<f64, _, _, _, 3, 1>::new(
+        alpha, beta, gain, model, clip,
+    );
+    let (mut by_low, mut by_free) = (start, start);
+    Discretised { law: low.unwrap(), scheme: Euler }.step(&mut by_low, &y, &input, 0.0, dt);
+    Discretised { law: free.unwrap(), scheme: Euler }.step(&mut by_free, &y, &input, 0.0, dt);
+    for (ours, s) in [(by_low, eta), (by_free, [1.1, -1.2])] {
+        let e = [y - x[0], s[0] - x[1], s[1] - x[2]];
+        let phi = b0 * u;
+        let rate = [
+            eta[0] + alpha[0] * ell * e[0],
+            eta[1] + alpha[1] * ell * e[1],
+            phi + alpha[2] * ell * e[2],
+            s[1] + beta[0] * ell * ell * e[0],
+            phi + beta[1] * ell * ell * e[1],
+        ];
+        let mut entries = [0.0; 5];
+        ours.write(&mut entries);
+        for (i, old) in [x[0], x[1], x[2], eta[0], eta[1]].into_iter().enumerate() {
+            assert!((entries[i] - (old + dt * rate[i])).abs() < 1e-15, "entry {i}");
+        }
+    }
+}
+
+/// The least squares of a general g against the rotation's transpose, and for a tall g.
+#[test]
+fn velocity_is_explained_by_least_squares() {
+    #[derive(Clone, Copy)]
+    struct General(Ship<f64>);
+    impl StrictFeedback<f64, 3, 3, 2> for General {
+        fn f1(&self, x: &Vector3<f64>) -> Vector3<f64> {
+            self.0.f1(x)
+        }
+        fn g(&self, x: &Vector3<f64>) -> SMatrix<f64, 3, 3> {
+            self.0.g(x)
+        }
+        fn f2(&self, x: &Vector3<f64>, z: &Vector3<f64>, u: &Vector2<f64>) -> Vector3<f64> {
+            self.0.f2(x, z, u)
+        }
+    }
+    #[derive(Clone, Copy)]
+    struct Tall;
+    impl StrictFeedback<f64, 3, 2, 0> for Tall {
+        fn f1(&self, _: &Vector3<f64>) -> Vector3<f64> {
+            Vector3::zeros()
+        }
+        fn g(&self, _: &Vector3<f64>) -> SMatrix<f64, 3, 2> {
+            SMatrix::<f64, 3, 2>::new(1.0, 2.0, 0.5, -1.0, 3.0, 0.2)
+        }
+        fn f2(&self, _: &Vector3<f64>, _: &Vector2<f64>, _: &SVector<f64, 0>) -> Vector2<f64> {
+            Vector2::zeros()
+        }
+    }
+    let ship = Ship::new(0.0, [0.0; 3]).unwrap();
+    let (x, v) = (Vector3::new(1.0, 2.0, 0.7), Vector3::new(0.3, -0.2, 0.1));
+    assert!((General(ship).explain(&x, &v) - ship.explain(&x, &v)).amax() < 1e-15);
+    // the residual of least squares is orthogonal to the columns of g
+    let z = Tall.explain(&x, &v);
+    let residual = v - Tall.g(&x) * z;
+    assert!(Tall.g(&x).tr_mul(&residual).amax() < 1e-14 && residual.amax() > 0.05);
+}

@@ -1,0 +1,146 @@
+use super::*;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
+use rand_xoshiro::{SplitMix64, Xoshiro256PlusPlus};
+
+proptest! {
+    #![proptest_config(config(256))]
+
+    #[test]
+    fn the_generator_is_xoshiro256_plus_plus(s in prop::array::uniform4(1_u64..)) {
+        let mut bytes = [0; 32];
+        for (chunk, word) in bytes.chunks_exact_mut(8).zip(s) {
+            chunk.copy_from_slice(&word.to_le_bytes());
+        }
+        let (mut ours, mut theirs) = (Stream::from_state(s), Xoshiro256PlusPlus::from_seed(bytes));
+        for _ in 0..100 {
+            prop_assert_eq!(ours.next_u64(), theirs.next_u64());
+        }
+    }
+
+    /// base = mix(mix(mix(seed) ^ run) ^ channel), words mix(base + jφ): SplitMix64 throughout.
+    #[test]
+    fn a_stream_is_seeded_by_seed_run_and_channel(seed in any::<u64>(), run in any::<u64>()) {
+        let mix = |z: u64| SplitMix64::from_seed(z.to_le_bytes()).next_u64();
+        for (channel, number) in [(Channel::Measurement, 0), (Channel::Process, 1)] {
+            let base = mix(mix(mix(seed) ^ run) ^ number);
+            let mut splitter = SplitMix64::from_seed(base.to_le_bytes());
+            let words = core::array::from_fn(|_| splitter.next_u64());
+            let mut ours = Stream::new(seed, run, channel);
+            prop_assert_eq!(ours, Stream::from_state(words));
+            let mut theirs = Xoshiro256PlusPlus::seed_from_u64(base);
+            for _ in 0..20 {
+                prop_assert_eq!(ours.next_u64(), theirs.next_u64());
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_are_made_from_53_bits(seed in any::<u64>()) {
+        let mut ours = Stream::new(seed, 0, Channel::Measurement);
+        let mut bits = ours;
+        let two_53 = 9_007_199_254_740_992.0;
+        let mut number = || (bits.next_u64() >> 11) as f64;
+        prop_assert_eq!(ours.uniform(), number() / two_53);
+        let (u1, u2) = ((number() + 1.0) / two_53, number() / two_53);
+        let (radius, angle) = ((-2.0 * u1.ln()).sqrt(), core::f64::consts::TAU * u2);
+        let (a, b) = ours.normal_pair();
+        prop_assert!((a - radius * angle.cos()).abs() < 1e-14 * radius.max(1.0));
+        prop_assert!((b - radius * angle.sin()).abs() < 1e-14 * radius.max(1.0));
+        // one alone is the first of a pair
+        let mut again = Stream::new(seed, 0, Channel::Measurement);
+        again.uniform();
+        prop_assert_eq!(again.normal(), a);
+        prop_assert_eq!(again, ours);
+    }
+}
+
+const DRAWS: u32 = if cfg!(debug_assertions) { 200_000 } else { 2_000_000 };
+
+/// Means of the powers x, x², x³, x⁴.
+fn moments(mut draw: impl FnMut() -> f64) -> [f64; 4] {
+    let mut sums = [0.0; 4];
+    for _ in 0..DRAWS {
+        let x = draw();
+        for (power, sum) in (1..).zip(&mut sums) {
+            *sum += x.powi(power) / f64::from(DRAWS);
+        }
+    }
+    sums
+}
+
+/// Sample moments lie within five standard deviations of the distribution's.
+fn matches(ours: [f64; 4], exact: [f64; 8]) {
+    for i in 0..4 {
+        let deviation = ((exact[2 * i + 1] - exact[i].powi(2)) / f64::from(DRAWS)).sqrt();
+        let off = (ours[i] - exact[i]).abs();
+        assert!(off <= 5.0 * deviation, "moment {}: {} for {}", i + 1, ours[i], exact[i]);
+    }
+}
+
+#[test]
+fn moments_of_the_distributions() {
+    let mut stream = Stream::new(11, 0, Channel::Measurement);
+    let uniform = core::array::from_fn(|i| 1.0 / (i as f64 + 2.0));
+    matches(moments(|| stream.uniform()), uniform);
+    let normal = [0.0, 1.0, 0.0, 3.0, 0.0, 15.0, 0.0, 105.0];
+    matches(moments(|| stream.normal()), normal);
+    matches(moments(|| stream.normal_pair().1), normal);
+    // the members of a pair, and the streams of two runs and two channels, are uncorrelated
+    let bound = 5.0 / f64::from(DRAWS).sqrt();
+    let [pair, ..] = moments(|| {
+        let (a, b) = stream.normal_pair();
+        a * b
+    });
+    assert!(pair.abs() < bound, "{pair}");
+    for (run, channel) in [(1, Channel::Measurement), (0, Channel::Process)] {
+        let (mut first, mut second) =
+            (Stream::new(1, 0, Channel::Measurement), Stream::new(1, run, channel));
+        let [product, ..] = moments(|| first.normal() * second.normal());
+        assert!(product.abs() < bound, "run {run}, {channel:?}: {product}");
+    }
+}
+
+#[test]
+fn noise_signals() {
+    let mut stream = Stream::new(1, 2, Channel::Measurement);
+    let mut twin = stream;
+    let quiet = Noise { draw: Draw::None, hold: 1, sines: &[] };
+    let uniform = Noise { draw: Draw::Uniform { low: -0.5, high: 1.5 }, ..quiet };
+    let normal = Noise { draw: Draw::Normal { mean: 0.2, std: 3.0 }, ..quiet };
+    assert_eq!(quiet.fresh(&mut stream, 0), 0.0);
+    assert_eq!(uniform.fresh(&mut stream, 0), -0.5 + 2.0 * twin.uniform());
+    assert_eq!(normal.fresh(&mut stream, 0), 0.2 + 3.0 * twin.normal());
+    assert_eq!(stream, twin);
+    let recorded = Noise { draw: Draw::Samples(&[1.0, 2.0]), hold: 3, sines: &[] };
+    let values: Vec<f64> = (0..8).map(|k| recorded.fresh(&mut stream, k)).collect();
+    assert_eq!(values, [1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 0.0, 0.0]);
+    let sines = [
+        Sine { amplitude: 2.0, omega: 3.0, phase: 0.1 },
+        Sine { amplitude: 0.5, omega: 7.0, phase: -1.0 },
+    ];
+    let tones = Noise { sines: &sines, ..quiet };
+    let (t, expected) = (0.3, 2.0 * 1.0_f64.sin() + 0.5 * 1.1_f64.sin());
+    assert!((tones.sines(t) - expected).abs() < 1e-14);
+}
+
+/// (1 − ρz⁻¹ cos θ)/(1 − 2ρz⁻¹ cos θ + ρ²z⁻²) has the impulse response ρᵏ cos kθ; two such
+/// sections in a row convolve theirs.
+#[test]
+fn second_order_sections_have_their_impulse_response() {
+    let section = |rho: f64, theta: f64| {
+        [1.0, -rho * theta.cos(), 0.0, -2.0 * rho * theta.cos(), rho * rho]
+    };
+    let response = |rho: f64, theta: f64, k: i32| rho.powi(k) * (f64::from(k) * theta).cos();
+    let (first, second) = ((0.9, 0.4), (0.7, 1.3));
+    let mut one = SecondOrderSections::new([section(first.0, first.1)]);
+    let mut two =
+        SecondOrderSections::new([section(first.0, first.1), section(second.0, second.1)]);
+    for k in 0..40 {
+        let input = if k == 0 { 1.0 } else { 0.0 };
+        assert!((one.filter(input) - response(first.0, first.1, k)).abs() < 1e-13);
+        let convolved: f64 = (0..=k)
+            .map(|j| response(first.0, first.1, j) * response(second.0, second.1, k - j))
+            .sum();
+        assert!((two.filter(input) - convolved).abs() < 1e-13, "k = {k}");
+    }
+}
