@@ -4,7 +4,7 @@ use hgo_rs::gain::ConstantGain;
 use hgo_rs::integrate::{
     Integrator, StochasticIntegrator, WienerIncrement, bogacki_shampine, euler, rk4,
 };
-use hgo_rs::model::{Plant, Unknown, no_input};
+use hgo_rs::model::{Model, PhaseVariable, Plant, Unknown, last, no_input};
 use hgo_rs::noise::{Channel, Stream};
 use hgo_rs::observer::{ContinuousLaw, Discretisation, Discretised, Hold, RungeKutta};
 use hgo_rs::observers::{
@@ -157,6 +157,47 @@ mod observers {
             let points = counts.map(|n| (1.0 / f64::from(n), error(n)));
             let found = slope(&points);
             assert!(found > 0.8 * expected.min(2.0), "{name} with a clip: {found}, {points:?}");
+        }
+    }
+
+    /// φ = cos t and no samples: x̂ is sin t, if every stage is told its own time.
+    #[test]
+    fn of_a_model_that_depends_on_time() {
+        #[derive(Clone, Copy)]
+        struct Driven;
+        impl Model<f64, 1> for Driven {
+            fn f_hat(&self, t: f64, x_hat: &Vector1<f64>, u: &SVector<f64, 0>) -> Vector1<f64> {
+                last(self.phi(t, x_hat, u))
+            }
+        }
+        impl PhaseVariable<f64, 1> for Driven {
+            fn phi(&self, t: f64, _: &Vector1<f64>, _: &SVector<f64, 0>) -> f64 {
+                t.cos()
+            }
+        }
+        let gain = ConstantGain::new(5.0).unwrap();
+        let standard = StandardObserver::<f64, _, _, 1>::new([1.0], gain, Driven).unwrap();
+        let low_power =
+            LowPowerObserver::<f64, _, _, 1>::new([1.0], [0.0], gain, Driven, NoSaturation)
+                .unwrap();
+        // with nothing measured, holding the innovation holds nothing
+        let schemes = SCHEMES.map(|(name, scheme, expected)| match name {
+            "rk4-innovation-held" => (name, scheme, 4.0),
+            _ => (name, scheme, expected),
+        });
+        for (name, scheme, expected) in schemes {
+            let counts = if expected < 2.0 { [200, 400, 800] } else { [10, 20, 40] };
+            for by_low_power in [false, true] {
+                let points = counts.map(|n| {
+                    let x_hat = if by_low_power {
+                        after(low_power, scheme, low_power.initial(), f64::NAN, 2.0, n).0.x_hat.x
+                    } else {
+                        after(standard, scheme, standard.initial(), f64::NAN, 2.0, n).0.x
+                    };
+                    (2.0 / f64::from(n), (x_hat - 2_f64.sin()).abs())
+                });
+                order(name, &points, expected, 0.1);
+            }
         }
     }
 

@@ -76,7 +76,7 @@ class Observer:
         self.n_y: int = self._core.n_y
         self.n_u: int = self._core.n_u
         self._time = 0.0
-        self._checked_dt = 0.0
+        self._checked_dt = np.nan
         self.memory: Array = self._core.initial()
 
     # --- memory -------------------------------------------------------------------------------
@@ -537,7 +537,6 @@ class _Copies(Observer):
                 "identical copies never separate; spread them with spread(...)",
             )
 
-
     def nominal_gain(self, memory: npt.ArrayLike) -> Array:
         """r_bar = mean r_i (24) of the copies in memories (..., m)."""
         width = self.n + 1
@@ -818,7 +817,10 @@ def _times(t_or_dt: npt.ArrayLike, count: int) -> Array:
     if given.ndim == 0:
         period = check_number(float(given), "dt", above=0.0)
         with np.errstate(over="ignore"):
-            return np.arange(count, dtype=np.float64) * period
+            time = np.arange(count, dtype=np.float64) * period
+        allowed = f"such that {count} samples end at a finite time"
+        check(np.isfinite(time[-1]), "dt", period, allowed, "choose a smaller one")
+        return time
     if given.shape != (count,):
         raise HgoError(f"t of shape {given.shape}: must be ({count},), one time a sample")
     bad = ~np.isfinite(given)
@@ -857,8 +859,9 @@ def _inputs(u: npt.ArrayLike | None, count: int, n_u: int) -> Array:
 
 
 def _undefined(k: int, sample: Array) -> str:
+    shown = ", ".join(f"{value:.6g}" for value in sample)
     return (
-        f"the model has no value at sample {k} (y = {np.round(sample, 6).tolist()}): a ship at "
+        f"the model has no value at sample {k} (y = {shown}): a ship at "
         "rest has no course angle, z_1 = 0 makes atan(0/0) (Katayama, assumption A1); start the "
         "record where the ship moves"
     )

@@ -1,4 +1,21 @@
-use super::*;
+//! Astolfi, Marconi, Praly and Teel: tables 1 to 4, coefficients, step limits.
+
+use super::{Metrics, RK4, Watch, close, experiment, printed, steps};
+use hgo_rs::gain::ConstantGain;
+use hgo_rs::integrate::{Integrator, PlantScheme};
+use hgo_rs::memory::Memory;
+use hgo_rs::model::{Model, Unknown};
+use hgo_rs::models::Crackle;
+use hgo_rs::noise::{Draw, Noise, Sine};
+use hgo_rs::observer::{ContinuousLaw, Discretisation, Discretised, Hold, Measurement, RungeKutta};
+use hgo_rs::observers::{
+    HardClip, LowPowerObserver, NoSaturation, PeakingFreeObserver, SmoothSaturation,
+    StandardObserver,
+};
+use hgo_rs::polynomial::{coefficients_from_poles, low_power_coefficients_from_poles};
+use hgo_rs::schedule::FixedStep;
+use hgo_rs::simulate::{Experiment, Probe, Sample};
+use nalgebra::SVector;
 
 const X0: [f64; 5] = [-0.8, 0.0, 0.0, 0.0, 0.0];
 const K: [f64; 5] = [7.5, 22.1875, 32.343_75, 23.218_75, 6.5625];
@@ -10,8 +27,7 @@ const BETA: [f64; 5] = [8.5714, 3.2122, 1.4267, 0.5347, 0.0];
 /// Real poles from −1 to −2 and one more −2: the paper's coefficients to all digits.
 fn coefficients() -> ([f64; 5], [f64; 5]) {
     let pole = |i: usize| if i < 8 { -1.0 - i as f64 / 7.0 } else { -2.0 };
-    low_power_coefficients_from_poles(core::array::from_fn::<_, 9, _>(|i| (pole(i), 0.0)))
-        .unwrap()
+    low_power_coefficients_from_poles(core::array::from_fn::<_, 9, _>(|i| (pole(i), 0.0))).unwrap()
 }
 
 fn crackle() -> Crackle<f64> {
@@ -82,8 +98,7 @@ where
     let run = Experiment { plant_scheme: RK4, ..joint_run(dt, seconds) };
     let length = L::State::LEN;
     let none = (0.0, 0.0);
-    let mut worst =
-        Worst { before: none, time: 0.0, last_sample: 0.0, peaks: vec![0.0; length] };
+    let mut worst = Worst { before: none, time: 0.0, last_sample: 0.0, peaks: vec![0.0; length] };
     for vertex in 0..1_u32 << length {
         let corner = |i: usize| if vertex >> i & 1 == 0 { 3.0 } else { -3.0 };
         let start: Vec<f64> = (0..length).map(corner).collect();
@@ -221,10 +236,8 @@ fn step_limits() {
         end.z.visit(&mut |z| norm = norm.max(z.abs()));
         (end.diverged_at.is_none(), norm)
     }
-    let low_power =
-        LowPowerObserver::new(ALPHA, BETA, gain(1.0), Unknown, NoSaturation).unwrap();
-    let held =
-        |hold| Discretisation::RungeKutta(RungeKutta { integrator: Integrator::Rk4, hold });
+    let low_power = LowPowerObserver::new(ALPHA, BETA, gain(1.0), Unknown, NoSaturation).unwrap();
+    let held = |hold| Discretisation::RungeKutta(RungeKutta { integrator: Integrator::Rk4, hold });
     // a start far beyond the saturation, so that block 1 decides
     let far = [1e6, 1e3, 1e3, 1e3, 1e3, 1e6, 1e3, 1e3, 1e3];
     let table = [

@@ -1,4 +1,15 @@
-use super::*;
+//! Fu, Kang and Li: the spectrum of the error and its stationary size.
+
+use super::{close, experiment, steps};
+use hgo_rs::Observer;
+use hgo_rs::integrate::{Integrator, PlantScheme, StochasticIntegrator, plant_step};
+use hgo_rs::metrics::{LogHistogram, Moments, Window};
+use hgo_rs::model::no_input;
+use hgo_rs::models::{Correction, Diffusion, VanDerPol};
+use hgo_rs::observers::SampledDataObserver;
+use hgo_rs::schedule::FixedStep;
+use hgo_rs::simulate::{Experiment, RunMetrics};
+use nalgebra::Vector2;
 
 fn model(correction: Correction) -> VanDerPol<f64> {
     VanDerPol::new(0.8, 0.5, Diffusion::Additive, correction).unwrap()
@@ -88,12 +99,7 @@ fn stationary_error() {
     for (correction, dt, substeps, expected, tolerance) in table {
         let ours = stationary(correction, dt, substeps, 800);
         for (what, i) in [("mean", 0), ("median", 1), ("95 %", 2)] {
-            close(
-                &format!("{what}, {correction:?}, T = {dt}"),
-                ours[i],
-                expected[i],
-                tolerance,
-            );
+            close(&format!("{what}, {correction:?}, T = {dt}"), ours[i], expected[i], tolerance);
         }
     }
 }

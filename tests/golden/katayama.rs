@@ -1,4 +1,14 @@
-use super::*;
+//! Katayama: the reduced-order observer of a ship under control.
+
+use super::{Metrics, RK4, Watch, close, experiment, printed, steps};
+use hgo_rs::Observer;
+use hgo_rs::integrate::{Integrator, plant_step};
+use hgo_rs::model::Plant;
+use hgo_rs::models::Ship;
+use hgo_rs::observers::ReducedOrderObserver;
+use hgo_rs::schedule::FixedStep;
+use hgo_rs::simulate::Experiment;
+use nalgebra::Vector3;
 
 type Reduced = ReducedOrderObserver<f64, Ship<f64>, 3, 3, 2>;
 
@@ -50,8 +60,7 @@ fn rms_table() {
         for (delta, expected) in [(0.0, certain), (0.5, uncertain)] {
             let ours = rms(period, epsilon, delta);
             for i in 0..3 {
-                let what =
-                    format!("T = {period}, eps = {epsilon}, delta = {delta}, z{}", i + 1);
+                let what = format!("T = {period}, eps = {epsilon}, delta = {delta}, z{}", i + 1);
                 printed(&what, ours[i], expected[i], 5);
             }
         }

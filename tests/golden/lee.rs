@@ -1,4 +1,19 @@
-use super::*;
+//! Lee, Choi and Khalil: fixed and decreasing steps, by exact covariance and by Monte Carlo.
+
+use super::{Metrics, QUIET, Watch, close, experiment, printed};
+use hgo_rs::Observer;
+use hgo_rs::covariance::ErrorCovariance;
+use hgo_rs::gain::ConstantGain;
+use hgo_rs::integrate::{Integrator, PlantScheme};
+use hgo_rs::metrics::{Moments, Window};
+use hgo_rs::model::Unknown;
+use hgo_rs::models::Lee;
+use hgo_rs::noise::{Draw, Noise};
+use hgo_rs::observer::{Discretised, Euler};
+use hgo_rs::observers::StandardObserver;
+use hgo_rs::schedule::{FixedStep, Schedule, StochasticApproximation};
+use hgo_rs::simulate::Experiment;
+use nalgebra::{SMatrix, Vector2};
 
 const EPSILON: f64 = 0.01;
 const T: f64 = 0.0004;
@@ -18,10 +33,7 @@ type HighGain = Discretised<StandardObserver<f64, ConstantGain<f64>, Unknown, 2>
 /// (42) and (44): h = (2, 2), φ = 0.
 fn observer() -> HighGain {
     let gain = ConstantGain::from_epsilon(EPSILON).unwrap();
-    Discretised {
-        law: StandardObserver::new([2.0, 2.0], gain, Unknown).unwrap(),
-        scheme: Euler,
-    }
+    Discretised { law: StandardObserver::new([2.0, 2.0], gain, Unknown).unwrap(), scheme: Euler }
 }
 
 fn x0() -> Vector2<f64> {
@@ -65,8 +77,7 @@ fn exact(
     windows: &[(u64, u64)],
 ) -> (Vec<[f64; 2]>, SMatrix<f64, 2, 2>) {
     let steps = windows.last().unwrap().1;
-    let run =
-        Experiment { plant_schedule: plant_clock, ..experiment(Lee, EULER, clock, steps) };
+    let run = Experiment { plant_schedule: plant_clock, ..experiment(Lee, EULER, clock, steps) };
     let windows: Vec<_> = windows.iter().map(|(a, b)| Window { from: *a, to: *b }).collect();
     let mut moments = vec![Moments::default(); 2 * windows.len()];
     let injection = [2.0 / EPSILON, 2.0 / EPSILON.powi(2)];
@@ -84,8 +95,7 @@ fn monte_carlo(clock: Clock, windows: &[(u64, u64)], runs: u64) -> Vec<[f64; 2]>
     let mut squares = vec![[0.0; 2]; windows.len()];
     for run in 0..runs {
         let mut metrics = Metrics::new(windows, 2, 2);
-        let end =
-            study.sampled(&observer(), |u| *u, run, x0(), observer().initial(), &mut metrics);
+        let end = study.sampled(&observer(), |u| *u, run, x0(), observer().initial(), &mut metrics);
         assert_eq!(end.diverged_at, None);
         for (w, square) in squares.iter_mut().enumerate() {
             for (i, sum) in square.iter_mut().enumerate() {

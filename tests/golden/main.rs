@@ -10,28 +10,19 @@ mod katayama;
 mod lee;
 mod sanfelice_praly;
 
-use hgo_rs::covariance::ErrorCovariance;
-use hgo_rs::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
-use hgo_rs::integrate::{Integrator, PlantScheme, StochasticIntegrator, plant_step};
+use hgo_rs::gain::{AdaptiveGain, ConstantGain, GainLaw};
+use hgo_rs::integrate::{Integrator, PlantScheme};
 use hgo_rs::memory::Memory;
-use hgo_rs::metrics::{LogHistogram, Moments, SettlingTime, Window};
-use hgo_rs::model::{Model, Plant, Unknown, no_input};
-use hgo_rs::models::{Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, VanDerPol};
+use hgo_rs::metrics::{Moments, SettlingTime, Window};
+use hgo_rs::model::{Plant, Unknown, no_input};
+use hgo_rs::models::{Lee, SanfelicePraly};
 use hgo_rs::noise::{Draw, Noise, Sine};
-use hgo_rs::observer::{
-    ContinuousLaw, Discretisation, Discretised, Euler, Hold, Measurement, RungeKutta,
-    StaggeredEuler,
-};
-use hgo_rs::observers::{
-    HardClip, LowPowerObserver, ModifiedObserver, NoSaturation, PeakingFreeObserver,
-    ReducedOrderObserver, RepelledCollection, SampledDataObserver, SmoothSaturation,
-    StandardObserver,
-};
-use hgo_rs::polynomial::{coefficients_from_poles, low_power_coefficients_from_poles};
-use hgo_rs::schedule::{FixedStep, Schedule, StochasticApproximation};
+use hgo_rs::observer::{ContinuousLaw, Discretised, Measurement, StaggeredEuler};
+use hgo_rs::observers::StandardObserver;
+use hgo_rs::schedule::{FixedStep, Schedule};
 use hgo_rs::simulate::{Experiment, Probe, RunMetrics, Sample};
 use hgo_rs::{Observer, Scalar};
-use nalgebra::{SMatrix, SVector, Vector2, Vector3};
+use nalgebra::Vector2;
 
 const QUIET: Noise<'static, f64> = Noise { draw: Draw::None, hold: 1, sines: &[] };
 const RK4: PlantScheme = PlantScheme::Deterministic(Integrator::Rk4);

@@ -1,12 +1,21 @@
-use super::*;
+//! Sanfelice and Praly: gain adaptation, its limit cycle, repelled copies, tables.
+
+use super::{Metrics, Watch, close, experiment, printed, std_of, steps};
+use hgo_rs::gain::{AdaptiveGain, DeadZoneGain};
+use hgo_rs::integrate::{Integrator, PlantScheme};
+use hgo_rs::models::SanfelicePraly;
+use hgo_rs::noise::{Draw, Noise};
+use hgo_rs::observer::{ContinuousLaw, Discretisation, Discretised, Hold, RungeKutta};
+use hgo_rs::observers::{ModifiedObserver, RepelledCollection, StandardObserver};
+use hgo_rs::schedule::FixedStep;
+use hgo_rs::simulate::Experiment;
+use nalgebra::{SVector, Vector2};
 
 const K: [f64; 2] = [2.0, 2.0];
 const B: f64 = 0.183;
 const NU2: f64 = 0.1;
-const MEASUREMENT_HELD: Discretisation = Discretisation::RungeKutta(RungeKutta {
-    integrator: Integrator::Rk4,
-    hold: Hold::Measurement,
-});
+const MEASUREMENT_HELD: Discretisation =
+    Discretisation::RungeKutta(RungeKutta { integrator: Integrator::Rk4, hold: Hold::Measurement });
 
 type Adaptive = StandardObserver<f64, AdaptiveGain<f64>, SanfelicePraly<f64>, 2>;
 
@@ -233,8 +242,7 @@ fn largest_surviving_step() {
         run.sampled(&observer, |u| *u, 0, x, start, &mut nothing()).diverged_at.is_none()
     };
     let modified = |scheme, p1, dt: f64| {
-        let observer =
-            Discretised { law: ModifiedObserver { collection: collection(p1) }, scheme };
+        let observer = Discretised { law: ModifiedObserver { collection: collection(p1) }, scheme };
         let run = at_equilibrium(dt, 2.22, steps(60.0, dt));
         let apart = |by: f64| (start.0 - Vector2::new(by, 0.0), 1.0);
         let z0 = (start, [0.0, 0.01, 0.02].map(apart));
@@ -264,10 +272,8 @@ where
     let dt = 9e-3;
     let total = steps(700.0, dt);
     let windows = [(steps(600.0, dt), total)];
-    let study = Experiment {
-        noise: Noise { draw, hold: 1, sines: &[] },
-        ..at_equilibrium(dt, nu1, total)
-    };
+    let study =
+        Experiment { noise: Noise { draw, hold: 1, sines: &[] }, ..at_equilibrium(dt, nu1, total) };
     let mut mean = [0.0; 4];
     for run in 0..runs {
         let mut metrics = Metrics::new(&windows, signals, signals);
@@ -294,11 +300,7 @@ fn tables_1_and_4_with_noise() {
     let z0 = (start, spread_copies());
     // mean e1, std e1, mean e2, std e2; tolerance of the two std
     let rows = [
-        (
-            with_noise(dead_zone(1.9), 1.9, start, 3, 16),
-            [-2.0e-2, 3.98e-3, 0.138, 1.39e-2],
-            0.03,
-        ),
+        (with_noise(dead_zone(1.9), 1.9, start, 3, 16), [-2.0e-2, 3.98e-3, 0.138, 1.39e-2], 0.03),
         (
             with_noise(adaptive(1.9, 10.0, 0.0025), 1.9, start, 3, 16),
             [-2.0e-2, 6.61e-3, 0.138, 9.13e-3],

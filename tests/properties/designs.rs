@@ -1,4 +1,17 @@
-use super::*;
+//! Parameters outside their range are refused by name.
+
+use hgo_rs::DesignError;
+use hgo_rs::gain::{AdaptiveGain, ConstantGain, DeadZoneGain};
+use hgo_rs::integrate::{PlantScheme, StochasticIntegrator};
+use hgo_rs::model::Unknown;
+use hgo_rs::models::{Crackle, Diffusion, SanfelicePraly, Ship, VanDerPol};
+use hgo_rs::noise::{Draw, Noise};
+use hgo_rs::observers::{
+    HardClip, ReducedOrderObserver, RepelledCollection, SmoothSaturation, StandardObserver,
+};
+use hgo_rs::schedule::{FixedStep, StochasticApproximation};
+use hgo_rs::simulate::Experiment;
+use std::fmt::Debug;
 
 #[track_caller]
 fn refused<T: Debug>(parameter: &str, result: Result<T, DesignError>) {
@@ -63,8 +76,7 @@ fn reduced(
 #[test]
 fn experiments_that_mean_nothing_are_refused() {
     let correction = hgo_rs::models::Correction::Derived;
-    let multiplicative =
-        VanDerPol::new(0.8, 0.5, Diffusion::Multiplicative, correction).unwrap();
+    let multiplicative = VanDerPol::new(0.8, 0.5, Diffusion::Multiplicative, correction).unwrap();
     let good = Experiment {
         plant: multiplicative,
         plant_scheme: PlantScheme::Stochastic(StochasticIntegrator::Milstein),

@@ -1,4 +1,16 @@
-use super::*;
+//! Gain laws and schedules.
+
+use super::{close, config};
+use crate::catalogue::SCHEMES;
+use hgo_rs::Observer;
+use hgo_rs::gain::{AdaptiveGain, DeadZoneGain, GainLaw};
+use hgo_rs::model::{Unknown, no_input};
+use hgo_rs::observer::Discretised;
+use hgo_rs::observers::StandardObserver;
+use hgo_rs::schedule::{Schedule, StochasticApproximation};
+use hgo_rs::simulate::DIVERGED;
+use nalgebra::Vector2;
+use proptest::prelude::*;
 
 fn r_after<G, S>(gain: G, scheme: S, samples: &[f64], dt: f64, start: f64) -> Vec<f64>
 where

@@ -1,4 +1,18 @@
-use super::*;
+//! The laws written out, in both precisions, and where one is a case of another.
+
+use crate::catalogue::{SCHEMES, Visitor, visit_all};
+use hgo_rs::gain::{AdaptiveGain, ConstantGain};
+use hgo_rs::memory::Memory;
+use hgo_rs::model::{InputGain, StrictFeedback, no_input};
+use hgo_rs::models::{SanfelicePraly, Ship};
+use hgo_rs::observer::{Discretised, Euler, Measurement};
+use hgo_rs::observers::{
+    HardClip, LowPowerObserver, ModifiedObserver, NoSaturation, PeakingFreeObserver,
+    RepelledCollection, StandardObserver,
+};
+use hgo_rs::{Observer, Scalar};
+use nalgebra::{SMatrix, SVector, Vector2, Vector3};
+use std::fmt::Debug;
 
 /// The estimates of every observer after half a second of a sine, by name.
 struct Estimates(Vec<(&'static str, &'static str, Vec<f64>)>);
@@ -55,13 +69,7 @@ fn identical_copies_are_the_plain_observer() {
         for k in 0..200_u16 {
             let y = (0.02 * f64::from(k)).sin();
             Discretised { law: plain, scheme }.step(&mut one, &y, &no_input(), 0.0, 0.01);
-            Discretised { law: collection, scheme }.step(
-                &mut three,
-                &y,
-                &no_input(),
-                0.0,
-                0.01,
-            );
+            Discretised { law: collection, scheme }.step(&mut three, &y, &no_input(), 0.0, 0.01);
         }
         assert_eq!(three, [one; 3], "{name}");
     }
@@ -109,37 +117,51 @@ fn collection_and_modified_observer_written_out() {
     assert!((collection.nominal_gain(&copies) - nominal).abs() < 1e-15);
 }
 
-/// (5) and (11) of the low-power and peaking-free laws written out for n = 3.
+/// (5) and (11) of the low-power and peaking-free laws written out for n = 3, by forward Euler and
+/// swept from the end of the chain: η₁ by the new sat(η₂), then every x̂ᵢ by the new ηᵢ.
 #[test]
 fn low_power_and_peaking_free_written_out() {
     let (alpha, beta, ell, b0) = ([3.0, 2.5, 2.0], [3.2, 1.4, 0.0], 5.0, 1.5);
-    let (x, eta, y, u, dt) = ([0.2, -0.4, 0.9], [2.5, -1.7], 0.35, 0.7, 1e-3);
+    let (x, eta, y, u, dt) = ([0.2, -0.4, 0.9], [2.5, -1.7], 0.35, 0.7, 1e-2);
     let gain = ConstantGain::new(ell).unwrap();
     let model = InputGain { b0 };
     let start = Memory::read(&[x[0], x[1], x[2], eta[0], eta[1]]);
     let input = SVector::<f64, 1>::new(u);
-    let clip = HardClip::new([1.1, 1.2, 0.0]).unwrap();
+    let clip = HardClip::new([1.1, 1.6, 0.0]).unwrap();
     let low = LowPowerObserver::<f64, _, _, 3, 1>::new(alpha, beta, gain, model, NoSaturation);
-    let free = hgo_rs::observers::PeakingFreeObserver::<f64, _, _, _, 3, 1>::new(
-        alpha, beta, gain, model, clip,
-    );
-    let (mut by_low, mut by_free) = (start, start);
-    Discretised { law: low.unwrap(), scheme: Euler }.step(&mut by_low, &y, &input, 0.0, dt);
-    Discretised { law: free.unwrap(), scheme: Euler }.step(&mut by_free, &y, &input, 0.0, dt);
-    for (ours, s) in [(by_low, eta), (by_free, [1.1, -1.2])] {
-        let e = [y - x[0], s[0] - x[1], s[1] - x[2]];
-        let phi = b0 * u;
-        let rate = [
-            eta[0] + alpha[0] * ell * e[0],
-            eta[1] + alpha[1] * ell * e[1],
-            phi + alpha[2] * ell * e[2],
-            s[1] + beta[0] * ell * ell * e[0],
-            phi + beta[1] * ell * ell * e[1],
-        ];
-        let mut entries = [0.0; 5];
-        ours.write(&mut entries);
-        for (i, old) in [x[0], x[1], x[2], eta[0], eta[1]].into_iter().enumerate() {
-            assert!((entries[i] - (old + dt * rate[i])).abs() < 1e-15, "entry {i}");
+    let free = PeakingFreeObserver::<f64, _, _, _, 3, 1>::new(alpha, beta, gain, model, clip);
+    let (low, free) = (low.unwrap(), free.unwrap());
+    for staggered in [false, true] {
+        let (mut by_low, mut by_free) = (start, start);
+        let scheme = SCHEMES[usize::from(staggered)].1;
+        Discretised { law: low, scheme }.step(&mut by_low, &y, &input, 0.0, dt);
+        Discretised { law: free, scheme }.step(&mut by_free, &y, &input, 0.0, dt);
+        for (ours, levels) in [(by_low, [f64::MAX; 2]), (by_free, [1.1, 1.6])] {
+            let sat = |i: usize, eta: f64| eta.clamp(-levels[i], levels[i]);
+            let s = [sat(0, eta[0]), sat(1, eta[1])];
+            let e = [y - x[0], s[0] - x[1], s[1] - x[2]];
+            let phi = b0 * u;
+            let mut new_eta = [
+                eta[0] + dt * (s[1] + beta[0] * ell * ell * e[0]),
+                eta[1] + dt * (phi + beta[1] * ell * ell * e[1]),
+            ];
+            let mut above = [eta[0], eta[1]];
+            if staggered {
+                new_eta[0] += dt * (sat(1, new_eta[1]) - s[1]);
+                above = new_eta;
+            }
+            let expected = [
+                x[0] + dt * (above[0] + alpha[0] * ell * e[0]),
+                x[1] + dt * (above[1] + alpha[1] * ell * e[1]),
+                x[2] + dt * (phi + alpha[2] * ell * e[2]),
+                new_eta[0],
+                new_eta[1],
+            ];
+            let mut entries = [0.0; 5];
+            ours.write(&mut entries);
+            for (i, (ours, expected)) in entries.iter().zip(expected).enumerate() {
+                assert!((ours - expected).abs() < 1e-15, "staggered: {staggered}, entry {i}");
+            }
         }
     }
 }

@@ -1,4 +1,11 @@
-use super::*;
+//! Memories flatten, read back and add.
+
+use super::config;
+use crate::catalogue::{Visitor, visit_all};
+use hgo_rs::memory::Memory;
+use hgo_rs::{Observer, Scalar};
+use proptest::prelude::*;
+use std::fmt::Debug;
 
 /// Flattens the memory of every observer and reads it back.
 struct RoundTrip<'a> {

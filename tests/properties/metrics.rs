@@ -1,4 +1,18 @@
-use super::*;
+//! What streams past against what was stored.
+
+use super::close;
+use hgo_rs::gain::{AdaptiveGain, ConstantGain};
+use hgo_rs::integrate::{Integrator, PlantScheme};
+use hgo_rs::memory::Memory;
+use hgo_rs::metrics::{LogHistogram, Moments, SettlingTime, Window};
+use hgo_rs::model::Unknown;
+use hgo_rs::models::{Lee, SanfelicePraly};
+use hgo_rs::noise::{Channel, Draw, Noise, Sine, Stream};
+use hgo_rs::observer::{Discretised, Euler, Measurement};
+use hgo_rs::observers::StandardObserver;
+use hgo_rs::schedule::{FixedStep, StochasticApproximation};
+use hgo_rs::simulate::{Experiment, Probe, RunMetrics, Sample};
+use nalgebra::Vector2;
 
 /// Keeps every sample of a run.
 #[derive(Default)]
@@ -39,8 +53,8 @@ fn experiment(
     }
 }
 
-fn observer()
--> Discretised<StandardObserver<f64, AdaptiveGain<f64>, SanfelicePraly<f64>, 2>, Euler> {
+fn observer() -> Discretised<StandardObserver<f64, AdaptiveGain<f64>, SanfelicePraly<f64>, 2>, Euler>
+{
     let gain = AdaptiveGain::new(10.0, 0.0025, 0.183, 2).unwrap();
     let model = SanfelicePraly::new(-0.5, 0.1).unwrap();
     Discretised { law: StandardObserver::new([2.0, 2.0], gain, model).unwrap(), scheme: Euler }

@@ -1,4 +1,16 @@
-use super::*;
+//! From poles to coefficients and back; what is not Hurwitz is refused.
+
+use super::{close, config};
+use hgo_rs::gain::ConstantGain;
+use hgo_rs::memory::Memory;
+use hgo_rs::model::{Unknown, no_input};
+use hgo_rs::observer::ContinuousLaw;
+use hgo_rs::observers::{LowPowerObserver, NoSaturation, StandardObserver};
+use hgo_rs::polynomial::{
+    coefficients_from_poles, is_hurwitz, low_power_coefficients, low_power_coefficients_from_poles,
+    low_power_polynomial,
+};
+use proptest::prelude::*;
 
 type Complex = (f64, f64);
 
@@ -125,8 +137,7 @@ fn low_power<const N: usize, const R: usize>(
         prop_assert!(alpha.iter().all(|a| *a > 0.0) && beta[..N - 1].iter().all(|b| *b > 0.0));
         prop_assert!(beta[N - 1] == 0.0);
         let gain = ConstantGain::new(10.0).unwrap();
-        let built =
-            LowPowerObserver::<f64, _, _, N>::new(alpha, beta, gain, Unknown, NoSaturation);
+        let built = LowPowerObserver::<f64, _, _, N>::new(alpha, beta, gain, Unknown, NoSaturation);
         prop_assert!(built.is_ok(), "n = {N}: {poles:?}: {built:?}");
     }
     Ok(())
@@ -190,8 +201,7 @@ proptest! {
 fn determinant<const N: usize>(mut m: [[f64; N]; N]) -> f64 {
     let mut det = 1.0;
     for column in 0..N {
-        let largest =
-            |a: &usize, b: &usize| m[*a][column].abs().total_cmp(&m[*b][column].abs());
+        let largest = |a: &usize, b: &usize| m[*a][column].abs().total_cmp(&m[*b][column].abs());
         let pivot = (column..N).max_by(largest).unwrap();
         if pivot != column {
             m.swap(pivot, column);

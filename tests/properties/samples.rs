@@ -1,4 +1,17 @@
-use super::*;
+//! Missing and extreme samples.
+
+use super::config;
+use crate::catalogue::{SCHEMES, Visitor, visit_all};
+use hgo_rs::gain::{AdaptiveGain, ConstantGain};
+use hgo_rs::memory::Memory;
+use hgo_rs::model::{StrictFeedback, Unknown, no_input};
+use hgo_rs::models::{SanfelicePraly, Ship};
+use hgo_rs::observer::{Discretisation, Discretised, Measurement};
+use hgo_rs::observers::{ReducedOrderObserver, StandardObserver};
+use hgo_rs::{Observer, Scalar, Status};
+use nalgebra::{Vector2, Vector3};
+use proptest::prelude::*;
+use std::fmt::Debug;
 
 const MISSING: [f64; 3] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
 

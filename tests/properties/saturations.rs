@@ -1,4 +1,8 @@
-use super::*;
+//! The hard clip and the smooth saturation.
+
+use super::config;
+use hgo_rs::observers::{HardClip, Saturation, SmoothSaturation};
+use proptest::prelude::*;
 
 proptest! {
     #![proptest_config(config(512))]

@@ -1,4 +1,8 @@
-use super::*;
+//! Random streams against independent generators and their distributions.
+
+use super::config;
+use hgo_rs::noise::{Channel, Draw, Noise, SecondOrderSections, Sine, Stream};
+use proptest::prelude::*;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use rand_xoshiro::{SplitMix64, Xoshiro256PlusPlus};
 
@@ -127,9 +131,8 @@ fn noise_signals() {
 /// sections in a row convolve theirs.
 #[test]
 fn second_order_sections_have_their_impulse_response() {
-    let section = |rho: f64, theta: f64| {
-        [1.0, -rho * theta.cos(), 0.0, -2.0 * rho * theta.cos(), rho * rho]
-    };
+    let section =
+        |rho: f64, theta: f64| [1.0, -rho * theta.cos(), 0.0, -2.0 * rho * theta.cos(), rho * rho];
     let response = |rho: f64, theta: f64, k: i32| rho.powi(k) * (f64::from(k) * theta).cos();
     let (first, second) = ((0.9, 0.4), (0.7, 1.3));
     let mut one = SecondOrderSections::new([section(first.0, first.1)]);

@@ -14,15 +14,13 @@ IDS = [
 
 
 @pytest.fixture(scope="module")
-def outcomes():
+def outcomes(ctx):
     """Scenarios by id on the compiled core, each run once."""
-    contexts = {paper: base.Context("rust", seed=1) for paper in ("katayama", "astolfi")}
     done = {}
 
     def get(id):
         if id not in done:
-            known = base.REGISTRY[id]
-            done[id] = known(contexts[known.paper])
+            done[id] = base.REGISTRY[id](ctx)
         return done[id]
 
     return get
