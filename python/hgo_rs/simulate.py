@@ -138,7 +138,7 @@ def simulate(
         check(ratio <= _LONGEST, "t_end", t_end, f"<= {_LONGEST:g} steps", "choose a shorter run")
         steps = max(1, round(ratio))
     steps = check_integer(steps, "steps", least=1, most=_LONGEST)
-    runs = check_integer(runs, "runs", least=1)
+    runs = check_integer(runs, "runs", least=1, most=_LARGEST)
     every = check_integer(every, "every", least=0, most=_LONGEST)
 
     nx, m = 6 if isinstance(plant, Ship) else observer.n, len(observer.memory)
@@ -260,7 +260,8 @@ def _window(
     pair: npt.NDArray[np.float64], name: str, period: float | None, steps: int
 ) -> list[int]:
     """Step indices [from, to) of a window given in seconds, or in steps without a period."""
-    edges = np.round(pair if period is None else pair / period)
+    with np.errstate(over="ignore"):
+        edges = np.round(pair if period is None else pair / period)
     inside = edges.shape == (2,) and 0.0 <= edges[0] < edges[1] and edges[0] <= steps
     allowed = "(from, to) with 0 <= from < to, beginning within the simulation"
     check(inside, name, pair.tolist(), allowed, "give a window of at least one step")

@@ -3,9 +3,9 @@
 use crate::catalogue::{SCHEMES, Visitor, visit_all};
 use hgo_rs::gain::{AdaptiveGain, ConstantGain};
 use hgo_rs::memory::Memory;
-use hgo_rs::model::{InputGain, StrictFeedback, no_input};
+use hgo_rs::model::{InputGain, StrictFeedback, Unknown, no_input};
 use hgo_rs::models::{SanfelicePraly, Ship};
-use hgo_rs::observer::{Discretised, Euler, Measurement};
+use hgo_rs::observer::{Discretised, Euler, Measurement, StaggeredEuler};
 use hgo_rs::observers::{
     HardClip, LowPowerObserver, ModifiedObserver, NoSaturation, PeakingFreeObserver,
     RepelledCollection, StandardObserver,
@@ -115,6 +115,23 @@ fn collection_and_modified_observer_written_out() {
     assert!((z.0.0 - (x + Vector2::new(rate1, rate2) * dt)).amax() < 1e-15);
     assert!((z.0.1 - adapted(r, error)).abs() < 1e-15);
     assert!((collection.nominal_gain(&copies) - nominal).abs() < 1e-15);
+}
+
+/// The standard law swept from the end of its chain, for n = 3: x̂₃ first, then x̂₂ by the new x̂₃,
+/// then x̂₁ by the new x̂₂.
+#[test]
+fn staggered_chain_written_out() {
+    let (k, ell, y, dt) = ([3.0, 3.5, 1.5], 4.0_f64, 0.6, 0.02);
+    let gain = ConstantGain::new(ell).unwrap();
+    let law = StandardObserver::<f64, _, _, 3>::new(k, gain, Unknown).unwrap();
+    let x = Vector3::new(0.2, -0.7, 1.1);
+    let mut z = (x, ());
+    let e = y - x.x;
+    Discretised { law, scheme: StaggeredEuler }.step(&mut z, &y, &no_input(), 0.0, dt);
+    let x3 = x.z + dt * k[2] * ell.powi(3) * e;
+    let x2 = x.y + dt * (x3 + k[1] * ell.powi(2) * e);
+    let x1 = x.x + dt * (x2 + k[0] * ell * e);
+    assert!((z.0 - Vector3::new(x1, x2, x3)).amax() < 1e-14, "{}", z.0);
 }
 
 /// (5) and (11) of the low-power and peaking-free laws written out for n = 3, by forward Euler and

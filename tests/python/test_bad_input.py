@@ -375,7 +375,8 @@ CASES = {
         "fixed steps",
     ),
     "runs 0": (lambda: lee(runs=0), "runs = 0", ">= 1"),
-    "runs that no machine holds": (lambda: lee(runs=2**62), "runs = 4611686018427387904", "fewer"),
+    "runs beyond all count": (lambda: lee(runs=10**400), "runs = 1000", "<= 1073741824"),
+    "runs that no machine holds": (lambda: lee(runs=10**9), "runs = 1000000000", "fewer"),
     "frames that no machine holds": (
         lambda: lee(runs=1000, steps=10**9, every=1),
         "runs = 1000",
