@@ -345,6 +345,11 @@ def test_copies_are_spread_and_their_gains_averaged():
     both = modified.spread([7.0, 8.0], STARTS, 1.5, 2.0)
     np.testing.assert_array_equal(both[:3], [7.0, 8.0, 1.5])
     np.testing.assert_array_equal(both[[5, 8, 11]], [2.0, 2.0, 2.0])
+    modified.reset(memory0=both)
+    assert modified.gain == 3.0  # r r_bar (25)
+    run = modified.run(0.01, np.zeros(20), memory0=both)
+    nominal = run.memory[:, [5, 8, 11]].mean(axis=1)
+    np.testing.assert_allclose(run.gain, run.memory[:, 2] * nominal, rtol=1e-15)
 
 
 def test_step_limits_are_the_edge_of_stability():
