@@ -15,7 +15,7 @@ use nalgebra::SMatrix;
 
 /// Probe on a run without noise that carries the covariance along.
 #[derive(Debug)]
-pub struct ErrorCovariance<'a, T, S, const N: usize> {
+pub struct ErrorCovariance<'a, T, S, F, const N: usize> {
     /// The observer's schedule.
     pub schedule: S,
     /// Injection L = (k₁ℓ, …, kₙℓⁿ).
@@ -30,20 +30,25 @@ pub struct ErrorCovariance<'a, T, S, const N: usize> {
     pub covariance: SMatrix<T, N, N>,
     /// Step from the last sample seen to the next.
     last_dt: Option<T>,
+    /// Asked now and then whether to stop.
+    stop: F,
 }
 
-impl<'a, T: Scalar, S: Schedule<T>, const N: usize> ErrorCovariance<'a, T, S, N> {
+impl<'a, T: Scalar, S: Schedule<T>, F: Fn() -> bool, const N: usize>
+    ErrorCovariance<'a, T, S, F, N>
+{
     /// From P(0) = 0, for the injection L and the variance σ² of the noise; `moments` has N entries
-    /// for each window.
+    /// for each window. `stop` is asked every 4096 samples whether to end early.
     pub fn new(
         schedule: S,
         injection: [T; N],
         variance: T,
         windows: &'a [Window],
         moments: &'a mut [Moments<T>],
+        stop: F,
     ) -> Self {
         let covariance = SMatrix::from_element(T::ZERO);
-        Self { schedule, injection, variance, windows, moments, covariance, last_dt: None }
+        Self { schedule, injection, variance, windows, moments, covariance, last_dt: None, stop }
     }
 
     /// P(k + 1) = M P(k) Mᵀ + dt² L Lᵀ σ².
@@ -61,7 +66,9 @@ impl<'a, T: Scalar, S: Schedule<T>, const N: usize> ErrorCovariance<'a, T, S, N>
     }
 }
 
-impl<T: Scalar, S: Schedule<T>, const N: usize> Probe<T> for ErrorCovariance<'_, T, S, N> {
+impl<T: Scalar, S: Schedule<T>, F: Fn() -> bool, const N: usize> Probe<T>
+    for ErrorCovariance<'_, T, S, F, N>
+{
     fn sample<X: Memory<T>, Z: Memory<T>, Y: Measurement<T>>(
         &mut self,
         sample: &Sample<'_, T, X, Z, Y>,
@@ -78,5 +85,9 @@ impl<T: Scalar, S: Schedule<T>, const N: usize> Probe<T> for ErrorCovariance<'_,
                 }
             }
         }
+    }
+
+    fn interrupted(&mut self, k: u64) -> bool {
+        k.is_multiple_of(4096) && (self.stop)()
     }
 }

@@ -15,7 +15,13 @@ pub struct DesignError {
 
 impl fmt::Display for DesignError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} = {} is not allowed: {}", self.parameter, self.value, self.allowed)
+        let Self { parameter, value, allowed } = self;
+        let size = value.abs();
+        if size != 0.0 && size.is_finite() && !(1e-4..1e7).contains(&size) {
+            write!(f, "{parameter} = {value:e} is not allowed: {allowed}")
+        } else {
+            write!(f, "{parameter} = {value} is not allowed: {allowed}")
+        }
     }
 }
 

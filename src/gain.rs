@@ -130,7 +130,8 @@ impl<T: Scalar> GainLaw<T> for AdaptiveGain<T> {
     }
     #[inline(always)]
     fn admissible(&self, r: T) -> T {
-        r.max(T::ONE)
+        // not `max`: NaN stays NaN, so that a blow-up is seen
+        if r < T::ONE { T::ONE } else { r }
     }
 }
 
@@ -169,6 +170,7 @@ impl<T: Scalar> GainLaw<T> for DeadZoneGain<T> {
     }
     #[inline(always)]
     fn admissible(&self, r: T) -> T {
-        r.max(T::ONE)
+        // not `max`: NaN stays NaN, so that a blow-up is seen
+        if r < T::ONE { T::ONE } else { r }
     }
 }

@@ -17,8 +17,8 @@
 //!
 //! # Floors
 //!
-//! A file uses strictly lower floors only: `scalar`, `error`, `memory`, `polynomial` (0); `gain`,
-//! `schedule`, `model`, `integrate`, `observer`, `noise`, `metrics` (1); `models`, `observers` (2);
+//! A file uses lower floors only, or what is named before it on its own: `scalar`, `error`, `memory`, `polynomial` (0); `gain`,
+//! `schedule`, `saturation`, `model`, `integrate`, `observer`, `noise`, `metrics` (1); `models`, `observers` (2);
 //! `simulate`, `covariance` (3); the Python module (4). Up to floor 3 nothing names `std`, `alloc`
 //! or Python, nothing allocates and nothing panics.
 #![cfg_attr(not(feature = "std"), no_std)]
@@ -40,6 +40,7 @@ pub mod observers;
 pub mod polynomial;
 #[cfg(feature = "python")]
 mod python;
+pub mod saturation;
 pub mod scalar;
 pub mod schedule;
 pub mod simulate;
@@ -53,9 +54,11 @@ pub use scalar::Scalar;
 pub mod prelude {
     pub use crate::error::DesignError;
     pub use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain};
-    pub use crate::integrate::Integrator;
+    pub use crate::integrate::{Integrator, PlantScheme};
     pub use crate::memory::Memory;
+    pub use crate::metrics::{Moments, Window};
     pub use crate::model::{InputGain, Model, PhaseVariable, Plant, Unknown, last, no_input};
+    pub use crate::noise::{Channel, Draw, Noise, Stream};
     pub use crate::observer::{
         Discretisation, Discretised, Euler, Hold, Observer, RungeKutta, StaggeredEuler, Status,
     };
@@ -67,4 +70,5 @@ pub mod prelude {
     pub use crate::polynomial::{coefficients_from_poles, low_power_coefficients_from_poles};
     pub use crate::scalar::Scalar;
     pub use crate::schedule::{FixedStep, Schedule, StochasticApproximation};
+    pub use crate::simulate::{Experiment, RunMetrics};
 }

@@ -14,7 +14,7 @@ use crate::observer::{ContinuousLaw, Measurement, Observer, Status, Timing};
 use crate::schedule::Schedule;
 
 /// Beyond this magnitude a run counts as diverged and is stopped.
-pub const DIVERGED: f64 = 1e12;
+pub const DIVERGED: f64 = 1e18;
 
 /// What is the same for every run of an experiment.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -355,7 +355,8 @@ impl<T: Scalar> Probe<T> for RunMetrics<'_, T> {
 /// A plant's state after `coarse` steps of a stochastic scheme, and after the same time and the
 /// same Brownian path in `coarse × fine` steps of a finer scheme.
 ///
-/// The increments ΔW and ΔZ of a coarse step are the exact sums of those of its fine steps.
+/// The increments ΔW and ΔZ of a coarse step are the exact sums of those of its fine steps. `stop`
+/// is asked before every 4096th fine step whether to end early.
 #[allow(clippy::too_many_arguments)]
 pub fn coupled_paths<T: Scalar, P: Plant<T>>(
     plant: &P,
@@ -365,6 +366,7 @@ pub fn coupled_paths<T: Scalar, P: Plant<T>>(
     t_end: T,
     (coarse, fine): (u32, u32),
     stream: &mut Stream,
+    stop: impl Fn() -> bool,
 ) -> (P::State, P::State) {
     let h_coarse = t_end / T::from_f64(f64::from(coarse));
     let h = h_coarse / T::from_f64(f64::from(fine));
@@ -374,6 +376,9 @@ pub fn coupled_paths<T: Scalar, P: Plant<T>>(
         let u = plant.control(&x_fine, h_coarse);
         let mut sum = WienerIncrement { dw: T::ZERO, dz: T::ZERO };
         for j in 0..fine {
+            if (i.wrapping_mul(fine).wrapping_add(j)).is_multiple_of(4096) && stop() {
+                return (x_coarse, x_fine);
+            }
             let (xi1, xi2) = stream.normal_pair();
             let w = WienerIncrement::from_normals((T::from_f64(xi1), T::from_f64(xi2)), h);
             let time = t + T::from_f64(f64::from(j)) * h;

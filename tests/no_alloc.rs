@@ -159,7 +159,7 @@ fn a_simulation_runs_without_the_heap() {
 
     let mut exact = [Moments::default(); 2];
     let mut covariance =
-        ErrorCovariance::new(schedule, [200.0, 2e4], 1.0 / 12.0, &windows, &mut exact);
+        ErrorCovariance::new(schedule, [200.0, 2e4], 1.0 / 12.0, &windows, &mut exact, || false);
     let (calls, _) = allocations(|| {
         experiment.sampled(&observer, |u| *u, 0, x0, observer.initial(), &mut covariance)
     });
@@ -196,7 +196,7 @@ fn a_stochastic_simulation_runs_without_the_heap() {
         experiment.sampled(&observer, |u| *u, 0, x0, z0, &mut probe);
         let (coarse, fine) = (StochasticIntegrator::EulerMaruyama, StochasticIntegrator::Taylor15);
         let mut stream = Stream::new(1, 0, Channel::Process);
-        coupled_paths(&model, coarse, fine, x0, 1.0, (16, 8), &mut stream)
+        coupled_paths(&model, coarse, fine, x0, 1.0, (16, 8), &mut stream, || false)
     });
     assert_eq!(calls, 0);
     assert!(moments[0].rms() > 0.0 && paths.0 != paths.1);

@@ -338,6 +338,7 @@ mod stochastic {
                     1.0,
                     (coarse, fine),
                     &mut stream.clone(),
+                    || false,
                 );
                 error += (path.x - truth).abs() / RUNS as f64;
                 fine_error += (fine_path.x - truth).abs() / RUNS as f64;

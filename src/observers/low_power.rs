@@ -11,13 +11,13 @@
 //! [`super::PeakingFreeObserver`].
 
 use super::checked;
-use super::peaking_free::{NoSaturation, Saturation};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
 use crate::memory::Memory;
 use crate::model::PhaseVariable;
 use crate::observer::ContinuousLaw;
+use crate::saturation::{NoSaturation, Saturation};
 use nalgebra::SVector;
 
 /// x̂ (N entries) and η (N − 1 entries; the N-th slot is never read or moved).

@@ -9,10 +9,12 @@ mod standard;
 
 pub use collection::{CopyState, ModifiedObserver, RepelledCollection};
 pub use low_power::{LowPower, LowPowerObserver, LowPowerState};
-pub use peaking_free::{HardClip, NoSaturation, PeakingFreeObserver, Saturation, SmoothSaturation};
+pub use peaking_free::PeakingFreeObserver;
 pub use reduced_order::{ReducedOrderObserver, ReducedOrderState};
 pub use sampled_data::SampledDataObserver;
 pub use standard::StandardObserver;
+
+pub use crate::saturation::{HardClip, NoSaturation, Saturation, SmoothSaturation};
 
 use crate::Scalar;
 use crate::error::{DesignError, finite};

@@ -1,86 +1,10 @@
 //! The low-power peaking-free observer, Astolfi, Marconi, Praly and Teel (11).
 //!
-//! The structure of [`super::LowPower`] with saturations on the auxiliary states: the estimates
-//! x̂ stay bounded independently of ℓ during the transient.
+//! The equations stand in [`super::LowPower`]: (11) is (5) with a saturation from
+//! [`crate::saturation`] on the auxiliary states. The estimates x̂ then stay bounded independently
+//! of ℓ during the transient, and the auxiliary states grow with ℓ only.
 
 use super::LowPower;
-use crate::Scalar;
-use crate::error::{DesignError, positive};
-use nalgebra::SVector;
-
-/// A saturation function for each auxiliary state.
-pub trait Saturation<T: Scalar>: Copy {
-    /// `sat(η)` for the auxiliary state in slot i, which estimates x of index i + 2.
-    fn apply(&self, i: usize, eta: T) -> T;
-}
-
-/// The identity: the low-power observer (5).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct NoSaturation;
-
-impl<T: Scalar> Saturation<T> for NoSaturation {
-    #[inline(always)]
-    fn apply(&self, _: usize, eta: T) -> T {
-        eta
-    }
-}
-
-/// sat(s) = s within ±r, ±r outside: what the paper's tables were computed with.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HardClip<T, const N: usize> {
-    levels: SVector<T, N>,
-}
-
-/// A strictly increasing C¹ saturation as the paper's text defines it: s within ±r and
-/// ±(r + u/(1 + u)), u = |s| − r, outside; bounded by r + 1.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SmoothSaturation<T, const N: usize> {
-    levels: SVector<T, N>,
-}
-
-fn checked_levels<T: Scalar, const N: usize>(levels: [T; N]) -> Result<SVector<T, N>, DesignError> {
-    for level in levels.iter().take(N.saturating_sub(1)) {
-        positive("saturation", *level)?;
-    }
-    Ok(SVector::from_fn(|i, _| levels[i]))
-}
-
-impl<T: Scalar, const N: usize> HardClip<T, N> {
-    /// Levels r₂ … rₙ ≥ max |xᵢ| (10); the N-th entry is not used.
-    ///
-    /// # Errors
-    /// A level not finite or ≤ 0.
-    pub fn new(levels: [T; N]) -> Result<Self, DesignError> {
-        Ok(Self { levels: checked_levels(levels)? })
-    }
-}
-
-impl<T: Scalar, const N: usize> SmoothSaturation<T, N> {
-    /// Levels r₂ … rₙ ≥ max |xᵢ| (10); the N-th entry is not used.
-    ///
-    /// # Errors
-    /// A level not finite or ≤ 0.
-    pub fn new(levels: [T; N]) -> Result<Self, DesignError> {
-        Ok(Self { levels: checked_levels(levels)? })
-    }
-}
-
-impl<T: Scalar, const N: usize> Saturation<T> for HardClip<T, N> {
-    #[inline(always)]
-    fn apply(&self, i: usize, eta: T) -> T {
-        let level = self.levels[i];
-        eta.clip(-level, level)
-    }
-}
-
-impl<T: Scalar, const N: usize> Saturation<T> for SmoothSaturation<T, N> {
-    #[inline(always)]
-    fn apply(&self, i: usize, eta: T) -> T {
-        let level = self.levels[i];
-        let beyond = (eta.abs() - level).max(T::ZERO);
-        eta.clip(-level, level) + (beyond / (T::ONE + beyond)).copysign(eta)
-    }
-}
 
 /// The peaking-free observer (11).
 pub type PeakingFreeObserver<T, G, Md, S, const N: usize, const M: usize = 0> =

@@ -42,7 +42,7 @@ pub fn coupled_paths<'py>(
     let AnyPlant::VanDerPol(plant) = AnyPlant::read(&spec.sub("plant")?)? else {
         return Err(refused("plant must have process noise: choose van-der-pol"));
     };
-    let runs = spec.count("runs")?;
+    let runs = if spec.get("runs")?.is_some() { spec.count("runs")? } else { 1 };
     let x0 = spec.rows("x0", 2, runs)?;
     let t_end = crate::error::positive("t_end", spec.f64("t_end")?)?;
     let count = |key: &str| -> PyResult<u32> {
@@ -72,7 +72,9 @@ pub fn coupled_paths<'py>(
                     return (start, start);
                 }
                 let mut stream = Stream::new(seed, first + run as u64, Channel::Process);
-                couple(&plant, scheme, finest, start, t_end, (coarse, fine), &mut stream)
+                couple(&plant, scheme, finest, start, t_end, (coarse, fine), &mut stream, || {
+                    stop.is_set()
+                })
             })
             .collect::<Vec<(Vector2<f64>, Vector2<f64>)>>())
     })?;
@@ -122,7 +124,7 @@ pub fn mean_covariance<'py>(
     };
     let law: StandardObserver<f64, _, _, N, 0> =
         StandardObserver::new(k, ConstantGain::new(ell)?, Unknown)?;
-    let (moments, covariance) = interruptible(py, |_| {
+    let (moments, covariance) = interruptible(py, |stop| {
         let mut moments = vec![Moments::default(); plan.windows.len() * N];
         let experiment = Experiment {
             plant,
@@ -141,6 +143,7 @@ pub fn mean_covariance<'py>(
             variance,
             &plan.windows,
             &mut moments,
+            || stop.is_set(),
         );
         let (x0, z0) = (Memory::read(&plan.x0), Memory::read(&plan.memory0));
         let observer = Discretised { law, scheme: Euler };

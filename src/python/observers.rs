@@ -371,7 +371,10 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
         }
         _ => {}
     }
-    let model = AnyModel::read(&spec.sub("model")?)?;
+    let model = match spec.get("model")? {
+        None => AnyModel::Unknown,
+        Some(_) => AnyModel::read(&spec.sub("model")?)?,
+    };
     let scheme = read_method(spec)?;
     let n = spec.count("n")?;
     if let Some(order) = model.order()
@@ -510,6 +513,8 @@ impl Observer {
         let out = PyDict::new(py);
         out.set_item("memory", matrix(py, track.memory, samples)?)?;
         out.set_item("innovation", matrix(py, track.innovation, samples)?)?;
+        let missing: Vec<bool> = track.status.iter().map(|status| *status == 1).collect();
+        out.set_item("missing", missing.into_pyarray(py))?;
         out.set_item("status", track.status.into_pyarray(py))?;
         Ok(out)
     }

@@ -159,11 +159,17 @@ impl Plan {
         }
         let (draw, hold, sines) = match spec.get("noise")? {
             None => (DrawKind::None, 1, Vec::new()),
-            Some(_) => Self::read_noise(&spec.sub("noise")?, runs)?,
+            Some(_) => Self::read_noise(&spec.sub("noise")?, runs, steps)?,
         };
         let mut windows = Vec::new();
         if spec.get("windows")?.is_some() {
             let given = spec.numbers("windows")?;
+            if !given.values.is_empty() && !matches!(given.shape.as_slice(), [_, 2]) {
+                return Err(refused(&format!(
+                    "windows have shape {:?}; they must be (W, 2)",
+                    given.shape
+                )));
+            }
             for pair in given.values.chunks(2) {
                 windows.push(window(pair, "windows")?);
             }
@@ -205,14 +211,26 @@ impl Plan {
         })
     }
 
-    fn read_noise(spec: &Spec<'_>, runs: usize) -> PyResult<(DrawKind, u64, Vec<Sine<f64>>)> {
+    fn read_noise(
+        spec: &Spec<'_>,
+        runs: usize,
+        steps: u64,
+    ) -> PyResult<(DrawKind, u64, Vec<Sine<f64>>)> {
         let kind = spec.text("kind")?;
         let finite =
             |key: &'static str| -> PyResult<f64> { Ok(crate::error::finite(key, spec.f64(key)?)?) };
         let draw = match kind.as_str() {
             "none" => DrawKind::None,
-            "uniform" => DrawKind::Uniform(finite("low")?, finite("high")?),
-            "normal" => DrawKind::Normal(finite("mean")?, finite("std")?),
+            "uniform" => {
+                let (low, high) = (finite("low")?, finite("high")?);
+                crate::error::require("high", high, high >= low, "it must be at least low")?;
+                DrawKind::Uniform(low, high)
+            }
+            "normal" => {
+                let std = finite("std")?;
+                crate::error::require("std", std, std >= 0.0, "it must be at least 0")?;
+                DrawKind::Normal(crate::error::finite("mean", spec.f64_or("mean", 0.0)?)?, std)
+            }
             "samples" => {
                 let given = spec.numbers("values")?;
                 let per_run = match given.shape.as_slice() {
@@ -256,6 +274,15 @@ impl Plan {
         let hold = spec.whole_or("hold", 1)?;
         if hold == 0 {
             return Err(refused("hold = 0 is not allowed: a draw is held for at least 1 step"));
+        }
+        if let DrawKind::Samples(values, per_run) = &draw {
+            let given = if *per_run == 0 { values.len() } else { *per_run } as u64;
+            let needed = steps / hold + 1;
+            if given < needed {
+                return Err(refused(&format!(
+                    "noise values: {given} a run are too few for {steps} steps; give {needed}"
+                )));
+            }
         }
         Ok((draw, hold, sines))
     }
@@ -363,6 +390,7 @@ impl Plan {
                 every: self.every,
                 frames: Frames::default(),
                 stop,
+                patience: (4096 / u64::from(self.substeps.max(1))).max(1),
             };
             let x0 = P::State::read(row(&self.x0, P::State::LEN, run));
             let z0 = Z::read(row(&self.memory0, Z::LEN, run));
@@ -443,6 +471,8 @@ struct Watch<'a> {
     every: u64,
     frames: Frames,
     stop: &'a StopFlag,
+    /// Steps between two looks at `stop`.
+    patience: u64,
 }
 
 impl Probe<f64> for Watch<'_> {
@@ -461,7 +491,7 @@ impl Probe<f64> for Watch<'_> {
     }
     #[inline(always)]
     fn interrupted(&mut self, k: u64) -> bool {
-        k.is_multiple_of(4096) && self.stop.is_set()
+        k.is_multiple_of(self.patience) && self.stop.is_set()
     }
 }
 

@@ -81,7 +81,8 @@ fn exact(
     let windows: Vec<_> = windows.iter().map(|(a, b)| Window { from: *a, to: *b }).collect();
     let mut moments = vec![Moments::default(); 2 * windows.len()];
     let injection = [2.0 / EPSILON, 2.0 / EPSILON.powi(2)];
-    let mut probe = ErrorCovariance::new(clock, injection, 1.0 / 12.0, &windows, &mut moments);
+    let mut probe =
+        ErrorCovariance::new(clock, injection, 1.0 / 12.0, &windows, &mut moments, || false);
     run.sampled(&observer(), |u| *u, 0, x0(), observer().initial(), &mut probe);
     let covariance = probe.covariance;
     (moments.chunks(2).map(|m| [m[0].rms(), m[1].rms()]).collect(), covariance)

@@ -11,7 +11,7 @@ use hgo_rs::noise::{Channel, Draw, Noise, Sine, Stream};
 use hgo_rs::observer::{Discretised, Euler, Measurement};
 use hgo_rs::observers::StandardObserver;
 use hgo_rs::schedule::{FixedStep, StochasticApproximation};
-use hgo_rs::simulate::{Experiment, Probe, RunMetrics, Sample};
+use hgo_rs::simulate::{DIVERGED, Experiment, Probe, RunMetrics, Sample};
 use nalgebra::Vector2;
 
 /// Keeps every sample of a run.
@@ -188,7 +188,7 @@ fn a_diverging_run_stops() {
     let end = run.sampled(&observer, |u| *u, 0, Vector2::zeros(), start, probe);
     let stopped = end.diverged_at.unwrap();
     assert!((3..50).contains(&stopped), "{stopped}");
-    assert!(largest <= 1e12 && end.z.0.amax() > 1e12);
+    assert!(largest <= DIVERGED && end.z.0.amax() > DIVERGED);
     let nan = Vector2::new(f64::NAN, 0.0);
     let probe = &mut Largest(&mut largest);
     let end = run.sampled(&observer, |u| *u, 0, nan, start, probe);
