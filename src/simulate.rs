@@ -14,7 +14,7 @@ use crate::observer::{ContinuousLaw, Measurement, Observer, Status, Timing};
 use crate::schedule::Schedule;
 
 /// Beyond this magnitude a run counts as diverged and is stopped.
-pub const DIVERGED: f64 = 1e18;
+pub const DIVERGED: f64 = 1e12;
 
 /// What is the same for every run of an experiment.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -131,7 +131,7 @@ class SimulationResult:
     settling_time : (R,) [s]
         Last time at which ||x_hat - x|| >= settle; NaN if `settle` was not given.
     diverged_at : (R,) int
-        First step at which a state was not finite or beyond 1e18, -1 if none. Such a run stops
+        First step at which a state was not finite or beyond 1e12, -1 if none. Such a run stops
         there and its metrics cover the steps before.
     undefined_at : (R,) int
         First step at which the observer's model had no value and the estimate was held (a ship at

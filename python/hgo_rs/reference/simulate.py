@@ -19,7 +19,7 @@ from .noise import MeasurementNoise, ProcessNoise
 from .observers import ContinuousLaw, Law, StandardObserver, law_from
 from .schedule import schedule_from
 
-DIVERGENCE = 1e18  # |value| beyond which a run is called diverged
+DIVERGENCE = 1e12  # |value| beyond which a run is called diverged
 BINS_PER_OCTAVE = 32
 OCTAVES = 64  # the histogram spans 2^-40 .. 2^24
 

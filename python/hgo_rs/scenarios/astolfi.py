@@ -719,7 +719,7 @@ def _slope_rows() -> list[Row]:
 
 # --- discretisation -------------------------------------------------------------------------------
 
-PROBE_STEPS = 12_000  # one per cent beyond the limit, this grows past any transient
+PROBE_STEPS = 6000
 PROBE_ELL = 1.0  # boundedness depends on c = ell T alone; ell = 1 keeps transients in range
 PROBE_START = 100.0
 
