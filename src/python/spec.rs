@@ -2,6 +2,7 @@
 
 use super::errors::refused;
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -49,7 +50,11 @@ impl<'py> Spec<'py> {
         self.get(key)?.ok_or_else(|| refused(&format!("{} needs {key:?}", self.name)))
     }
 
-    fn wrong(&self, key: &str, value: &Bound<'py, PyAny>, wanted: &str) -> PyErr {
+    /// Refusal of a value that could not be read; an interrupt while reading it passes through.
+    fn wrong(&self, error: PyErr, key: &str, value: &Bound<'py, PyAny>, wanted: &str) -> PyErr {
+        if !error.is_instance_of::<PyException>(value.py()) {
+            return error;
+        }
         let shown = value.repr().map_or_else(|_| kind_of(value), |text| text.to_string());
         refused(&format!("{}[{key:?}] = {shown} is not {wanted}", self.name))
     }
@@ -60,7 +65,7 @@ impl<'py> Spec<'py> {
 
     pub fn text(&self, key: &str) -> PyResult<String> {
         let value = self.need(key)?;
-        value.extract().map_err(|_| self.wrong(key, &value, "a string"))
+        value.extract().map_err(|e| self.wrong(e, key, &value, "a string"))
     }
 
     pub fn text_or(&self, key: &str, default: &str) -> PyResult<String> {
@@ -69,7 +74,7 @@ impl<'py> Spec<'py> {
 
     pub fn f64(&self, key: &str) -> PyResult<f64> {
         let value = self.need(key)?;
-        value.extract().map_err(|_| self.wrong(key, &value, "a number"))
+        value.extract().map_err(|e| self.wrong(e, key, &value, "a number"))
     }
 
     pub fn f64_or(&self, key: &str, default: f64) -> PyResult<f64> {
@@ -78,7 +83,7 @@ impl<'py> Spec<'py> {
 
     pub fn whole(&self, key: &str) -> PyResult<u64> {
         let value = self.need(key)?;
-        value.extract().map_err(|_| self.wrong(key, &value, "a whole number >= 0"))
+        value.extract().map_err(|e| self.wrong(e, key, &value, "a whole number >= 0"))
     }
 
     pub fn whole_or(&self, key: &str, default: u64) -> PyResult<u64> {
@@ -87,19 +92,19 @@ impl<'py> Spec<'py> {
 
     pub fn count(&self, key: &str) -> PyResult<usize> {
         let value = self.need(key)?;
-        value.extract().map_err(|_| self.wrong(key, &value, "a whole number >= 0"))
+        value.extract().map_err(|e| self.wrong(e, key, &value, "a whole number >= 0"))
     }
 
     pub fn flag_or(&self, key: &str, default: bool) -> PyResult<bool> {
         match self.get(key)? {
             None => Ok(default),
-            Some(value) => value.extract().map_err(|_| self.wrong(key, &value, "True or False")),
+            Some(value) => value.extract().map_err(|e| self.wrong(e, key, &value, "True or False")),
         }
     }
 
     pub fn numbers(&self, key: &str) -> PyResult<Numbers> {
         let value = self.need(key)?;
-        numbers(&value).map_err(|_| self.wrong(key, &value, "an array of numbers"))
+        numbers(&value).map_err(|e| self.wrong(e, key, &value, "an array of numbers"))
     }
 
     /// A vector of `N` numbers, the given ones first; `given` of them must be there.
