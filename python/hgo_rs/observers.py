@@ -404,17 +404,7 @@ class LowPowerObserver(Observer):
         method: str = "euler",
         allow_unstable: bool = False,
     ) -> None:
-        n = _order(n, least=2)
-        a, b = _low_power_coefficients(n, poles, alpha, beta)
-        spec = {
-            "kind": "low-power",
-            "n": n,
-            "alpha": a,
-            "beta": b,
-            "gain": _gain(gain, epsilon),
-            "model": _model(model, n),
-            "method": _method(method),
-        }
+        spec = _low_power("low-power", n, gain, epsilon, poles, alpha, beta, model, method)
         super().__init__(spec, allow_unstable=allow_unstable)
 
 
@@ -452,17 +442,9 @@ class PeakingFreeObserver(Observer):
         method: str = "euler",
         allow_unstable: bool = False,
     ) -> None:
-        n = _order(n, least=2)
-        a, b = _low_power_coefficients(n, poles, alpha, beta)
-        spec = {
-            "kind": "peaking-free",
-            "n": n,
-            "alpha": a,
-            "beta": b,
-            "gain": _gain(gain, epsilon),
-            "model": _model(model, n),
-            "method": _method(method),
-            "saturation": _saturation(saturation, n, model),
+        spec = _low_power("peaking-free", n, gain, epsilon, poles, alpha, beta, model, method)
+        spec |= {
+            "saturation": _saturation(saturation, spec["n"], model),
             "clip": check_choice("clip", clip, ("hard", "smooth")),
         }
         super().__init__(spec, allow_unstable=allow_unstable)
@@ -735,6 +717,31 @@ def _hurwitz(k: list[float]) -> list[float]:
     allowed = "such that s^n + k_1 s^(n-1) + ... + k_n has all roots in the left half plane"
     check(_core.is_hurwitz(k), "k", k, allowed, "give poles in its place")
     return k
+
+
+def _low_power(
+    kind: str,
+    n: int,
+    gain: Gain | None,
+    epsilon: float | None,
+    poles: Poles | None,
+    alpha: npt.ArrayLike | None,
+    beta: npt.ArrayLike | None,
+    model: Model | None,
+    method: str,
+) -> dict[str, Any]:
+    """What (5) and (11) share, as a spec."""
+    n = _order(n, least=2)
+    a, b = _low_power_coefficients(n, poles, alpha, beta)
+    return {
+        "kind": kind,
+        "n": n,
+        "alpha": a,
+        "beta": b,
+        "gain": _gain(gain, epsilon),
+        "model": _model(model, n),
+        "method": _method(method),
+    }
 
 
 def _low_power_coefficients(

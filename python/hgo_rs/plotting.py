@@ -279,8 +279,14 @@ def _leave_peak_out(ax: Axes, time: np.ndarray, values: np.ndarray) -> None:
     if float(np.ptp(whole)) <= 4.0 * span:
         return
     ax.set_ylim(low - 0.12 * span, high + 0.12 * span)
+    note_peak(ax, whole)
+
+
+def note_peak(ax: Axes, values: np.ndarray) -> None:
+    """Say in the corner what the axis leaves out at the start."""
+    low, high = float(values.min()), float(values.max())
     ax.annotate(
-        f"start-up peak off scale: {whole.min():.3g} to {whole.max():.3g}",
+        f"start-up peak off scale: {low:.3g} to {high:.3g}",
         (0.0, 1.0),
         xytext=(4, -2),
         xycoords="axes fraction",

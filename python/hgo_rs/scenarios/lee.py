@@ -18,11 +18,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hgo_rs.plotting import COLOURS
+from hgo_rs.plotting import COLOURS, note_peak
 from hgo_rs.scenarios.base import Context, Outcome, Row, row, scenario
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
@@ -191,22 +190,6 @@ def sa_time() -> float:
 
 
 # --- figures ----------------------------------------------------------------------------------
-
-
-def note_peak(ax: Axes, values: Array) -> None:
-    """Say what the axis leaves out at the start."""
-    low, high = float(values.min()), float(values.max())
-    ax.annotate(
-        f"start-up peak off scale: {low:.3g} to {high:.3g}",
-        (0.0, 1.0),
-        xytext=(6, -3),
-        xycoords="axes fraction",
-        textcoords="offset points",
-        va="top",
-        fontsize=8,
-        color="#5a5a5a",
-        bbox={"boxstyle": "square,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.85},
-    )
 
 
 def state_figure(
