@@ -93,7 +93,7 @@ fn chains<T: Scalar>(group: &mut BenchmarkGroup<'_, WallTime>) -> Result<(), Des
     let observer = Discretised { law, scheme: Euler };
     step(group, "peaking-free, n = 5, smooth, euler", observer, 0.0, no_input());
     let plant = SanfelicePraly::new(c(1.9), c(0.1))?;
-    let adaptive = AdaptiveGain::new(c(10.0), c(0.0025), c(0.183), 2)?;
+    let adaptive = AdaptiveGain::new(c(10.0), c(0.0025), c(0.183))?;
     let law = StandardObserver::new(two, adaptive, plant)?;
     step(group, "adaptive, n = 2, euler", Discretised { law, scheme: Euler }, 0.0, no_input());
     Ok(())
@@ -125,7 +125,7 @@ fn others(group: &mut BenchmarkGroup<'_, WallTime>) -> Result<(), DesignError> {
     let plant = SanfelicePraly::new(1.9, 0.1)?;
     let law = StandardObserver::new(two, DeadZoneGain::new(10.0, 0.0025, 0.183)?, plant)?;
     step(group, "dead zone, n = 2, euler", Discretised { law, scheme: Euler }, 0.0, none);
-    let gain = AdaptiveGain::new(10.0, 0.0025, 0.183, 2)?;
+    let gain = AdaptiveGain::new(10.0, 0.0025, 0.183)?;
     let collection = RepelledCollection::<_, _, 2, 3>::new(two, [0.0558, 0.0317], gain, plant)?;
     let observer = Discretised { law: collection, scheme: Euler };
     step(group, "collection of 3, euler", observer, 0.0, none);

@@ -6,16 +6,21 @@ use crate::Scalar;
 use crate::error::{DesignError, positive, require};
 use crate::memory::Memory;
 
-/// The gain of an observer as a function of the output error ŷ − y.
+/// The gain of an observer: a part that is fixed before the run, times a part that a law moves.
+///
+/// The fixed part is folded into an observer's coefficients once, so that a step only pays for
+/// the part that moves.
 pub trait GainLaw<T: Scalar>: Copy {
     /// What the law remembers: nothing, or r.
     type Memory: Memory<T>;
     /// The memory to start from: r(0) = 1.
     fn initial(&self) -> Self::Memory;
-    /// The gain itself.
-    fn gain(&self, memory: &Self::Memory) -> T;
-    /// Time derivative of the memory for the innovation `e` = y − ŷ.
-    fn rate(&self, memory: &Self::Memory, e: T) -> Self::Memory;
+    /// The part of the gain that is fixed: ℓ, or 1.
+    fn fixed(&self) -> T;
+    /// The part of the gain that moves: 1, or r.
+    fn moving(&self, memory: &Self::Memory) -> T;
+    /// Time derivative of the memory under the innovation `e` = y − ŷ of an observer of order N.
+    fn rate<const N: usize>(&self, memory: &Self::Memory, e: T) -> Self::Memory;
     /// The memory brought back into the set that the law lives in (r ≥ 1).
     fn admissible(&self, memory: Self::Memory) -> Self::Memory;
 }
@@ -49,11 +54,15 @@ impl<T: Scalar> GainLaw<T> for ConstantGain<T> {
     #[inline(always)]
     fn initial(&self) {}
     #[inline(always)]
-    fn gain(&self, (): &()) -> T {
+    fn fixed(&self) -> T {
         self.ell
     }
     #[inline(always)]
-    fn rate(&self, (): &(), _: T) {}
+    fn moving(&self, (): &()) -> T {
+        T::ONE
+    }
+    #[inline(always)]
+    fn rate<const N: usize>(&self, (): &(), _: T) {}
     #[inline(always)]
     fn admissible(&self, (): ()) {}
 }
@@ -64,26 +73,22 @@ struct Adaptation<T> {
     p1: T,
     p2: T,
     b: T,
+    /// 1 − 2b.
+    exponent: T,
 }
 
 impl<T: Scalar> Adaptation<T> {
     fn new(p1: T, p2: T, b: T) -> Result<Self, DesignError> {
-        Ok(Self {
-            p1: positive("p1", p1)?,
-            p2: positive("p2", p2)?,
-            b: require(
-                "b",
-                b,
-                b > T::ZERO && b < T::from_f64(0.5),
-                "it must lie in (0, 1/2), Sanfelice and Praly (8)-(10)",
-            )?,
-        })
+        let (p1, p2) = (positive("p1", p1)?, positive("p2", p2)?);
+        let inside = b > T::ZERO && b < T::from_f64(0.5);
+        require("b", b, inside, "it must lie in (0, 1/2), Sanfelice and Praly (8)-(10)")?;
+        Ok(Self { p1, p2, b, exponent: T::ONE - (b + b) })
     }
 
     /// r^{1−2b}.
     #[inline(always)]
     fn growth(&self, r: T) -> T {
-        r.powf(T::ONE - (self.b + self.b))
+        r.powf(self.exponent)
     }
 }
 
@@ -94,16 +99,15 @@ impl<T: Scalar> Adaptation<T> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdaptiveGain<T> {
     law: Adaptation<T>,
-    two_n: usize,
 }
 
 impl<T: Scalar> AdaptiveGain<T> {
-    /// p₁ > 0 (speed), p₂ > 0 (squared output-error threshold), b in (0, ½), n the order.
+    /// p₁ > 0 (speed), p₂ > 0 (squared output-error threshold), b in (0, ½).
     ///
     /// # Errors
     /// A parameter outside its range.
-    pub fn new(p1: T, p2: T, b: T, n: usize) -> Result<Self, DesignError> {
-        Ok(Self { law: Adaptation::new(p1, p2, b)?, two_n: 2 * n })
+    pub fn new(p1: T, p2: T, b: T) -> Result<Self, DesignError> {
+        Ok(Self { law: Adaptation::new(p1, p2, b)? })
     }
 
     /// b.
@@ -120,18 +124,21 @@ impl<T: Scalar> GainLaw<T> for AdaptiveGain<T> {
         T::ONE
     }
     #[inline(always)]
-    fn gain(&self, r: &T) -> T {
+    fn fixed(&self) -> T {
+        T::ONE
+    }
+    #[inline(always)]
+    fn moving(&self, r: &T) -> T {
         *r
     }
     #[inline(always)]
-    fn rate(&self, r: &T, e: T) -> T {
+    fn rate<const N: usize>(&self, r: &T, e: T) -> T {
         let Adaptation { p1, p2, .. } = self.law;
-        p1 * ((e * e - p2) * self.law.growth(*r) + p2 / r.powi(self.two_n)) // (6)
+        p1 * ((e * e - p2) * self.law.growth(*r) + p2 / r.powi(2 * N)) // (6)
     }
     #[inline(always)]
     fn admissible(&self, r: T) -> T {
-        // not `max`: NaN stays NaN, so that a blow-up is seen
-        if r < T::ONE { T::ONE } else { r }
+        r.max(T::ONE)
     }
 }
 
@@ -160,17 +167,20 @@ impl<T: Scalar> GainLaw<T> for DeadZoneGain<T> {
         T::ONE
     }
     #[inline(always)]
-    fn gain(&self, r: &T) -> T {
+    fn fixed(&self) -> T {
+        T::ONE
+    }
+    #[inline(always)]
+    fn moving(&self, r: &T) -> T {
         *r
     }
     #[inline(always)]
-    fn rate(&self, r: &T, e: T) -> T {
+    fn rate<const N: usize>(&self, r: &T, e: T) -> T {
         let Adaptation { p1, p2, .. } = self.law;
         p1 * (e * e - p2).max(T::ZERO) * self.law.growth(*r) // (4)
     }
     #[inline(always)]
     fn admissible(&self, r: T) -> T {
-        // not `max`: NaN stays NaN, so that a blow-up is seen
-        if r < T::ONE { T::ONE } else { r }
+        r.max(T::ONE)
     }
 }

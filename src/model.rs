@@ -21,7 +21,7 @@ pub trait PhaseVariable<T: Scalar, const N: usize, const M: usize = 0>: Model<T,
 /// B·φ: the known part of a phase-variable model as a vector.
 #[inline(always)]
 pub fn last<T: Scalar, const N: usize>(phi: T) -> SVector<T, N> {
-    SVector::from_fn(|i, _| if i + 1 == N { phi } else { T::ZERO })
+    SVector::from_fn(|i, _| if i + 1 == N { phi } else { T::NEG_ZERO })
 }
 
 /// Nothing is known: φ = 0. The observer is then a differentiator.
@@ -31,14 +31,14 @@ pub struct Unknown;
 impl<T: Scalar, const N: usize, const M: usize> Model<T, N, M> for Unknown {
     #[inline(always)]
     fn f_hat(&self, _: T, _: &SVector<T, N>, _: &SVector<T, M>) -> SVector<T, N> {
-        SVector::from_element(T::ZERO)
+        SVector::from_element(T::NEG_ZERO)
     }
 }
 
 impl<T: Scalar, const N: usize, const M: usize> PhaseVariable<T, N, M> for Unknown {
     #[inline(always)]
     fn phi(&self, _: T, _: &SVector<T, N>, _: &SVector<T, M>) -> T {
-        T::ZERO
+        T::NEG_ZERO
     }
 }
 

@@ -29,6 +29,8 @@ pub trait Scalar:
 {
     /// 0.
     const ZERO: Self;
+    /// −0, the zero that is free: x + (−0) is x bit for bit, and so no instruction at all.
+    const NEG_ZERO: Self;
     /// 1.
     const ONE: Self;
     /// Nearest value to an `f64`.
@@ -40,12 +42,6 @@ pub trait Scalar:
     /// |x|.
     #[must_use]
     fn abs(self) -> Self;
-    /// The smaller of the two; the other one if one is NaN.
-    #[must_use]
-    fn min(self, other: Self) -> Self;
-    /// The larger of the two; the other one if one is NaN.
-    #[must_use]
-    fn max(self, other: Self) -> Self;
     /// Magnitude of `self`, sign of `sign`.
     #[must_use]
     fn copysign(self, sign: Self) -> Self;
@@ -71,6 +67,21 @@ pub trait Scalar:
     #[must_use]
     fn powf(self, power: Self) -> Self;
 
+    /// The smaller of the two; `self` stays NaN, so that a blow-up is seen, and NaN is passed over
+    /// in `other`.
+    #[inline(always)]
+    #[must_use]
+    fn min(self, other: Self) -> Self {
+        if other < self { other } else { self }
+    }
+
+    /// The larger of the two; NaN as for [`Scalar::min`].
+    #[inline(always)]
+    #[must_use]
+    fn max(self, other: Self) -> Self {
+        if other > self { other } else { self }
+    }
+
     /// xⁿ for a whole power n ≥ 0, by repeated multiplication.
     #[inline(always)]
     #[must_use]
@@ -82,14 +93,7 @@ pub trait Scalar:
         product
     }
 
-    /// `self` where it is finite, 0 where it is NaN or infinite: a missing innovation.
-    #[inline(always)]
-    #[must_use]
-    fn finite_or_zero(self) -> Self {
-        if self.is_finite() { self } else { Self::ZERO }
-    }
-
-    /// `self` brought into [low, high].
+    /// `self` brought into [low, high]; NaN stays NaN.
     #[inline(always)]
     #[must_use]
     fn clip(self, low: Self, high: Self) -> Self {
@@ -98,9 +102,10 @@ pub trait Scalar:
 }
 
 macro_rules! scalar {
-    ($t:ty, $sqrt:path, $sin:path, $cos:path, $atan:path, $ln:path, $exp:path, $pow:path) => {
+    ($t:ident, $bits:ident, $sqrt:path, $sin:path, $cos:path, $atan:path, $ln:path, $exp:path, $pow:path) => {
         impl Scalar for $t {
             const ZERO: Self = 0.0;
+            const NEG_ZERO: Self = -0.0;
             const ONE: Self = 1.0;
             #[inline(always)]
             #[allow(clippy::cast_possible_truncation, clippy::cast_lossless)]
@@ -114,19 +119,13 @@ macro_rules! scalar {
             }
             #[inline(always)]
             fn is_finite(self) -> bool {
-                <$t>::is_finite(self)
+                // by the exponent's bits: a comparison of numbers costs far more on small chips
+                const EXPONENT: $bits = <$t>::INFINITY.to_bits();
+                self.to_bits() & EXPONENT != EXPONENT
             }
             #[inline(always)]
             fn abs(self) -> Self {
                 <$t>::abs(self)
-            }
-            #[inline(always)]
-            fn min(self, other: Self) -> Self {
-                <$t>::min(self, other)
-            }
-            #[inline(always)]
-            fn max(self, other: Self) -> Self {
-                <$t>::max(self, other)
             }
             #[inline(always)]
             fn copysign(self, sign: Self) -> Self {
@@ -184,6 +183,7 @@ mod square_root {
 
 scalar!(
     f32,
+    u32,
     square_root::f32,
     libm::sinf,
     libm::cosf,
@@ -192,4 +192,14 @@ scalar!(
     libm::expf,
     libm::powf
 );
-scalar!(f64, square_root::f64, libm::sin, libm::cos, libm::atan, libm::log, libm::exp, libm::pow);
+scalar!(
+    f64,
+    u64,
+    square_root::f64,
+    libm::sin,
+    libm::cos,
+    libm::atan,
+    libm::log,
+    libm::exp,
+    libm::pow
+);

@@ -27,7 +27,7 @@ impl<T: Scalar> SanfelicePraly<T> {
 impl<T: Scalar> Model<T, 2> for SanfelicePraly<T> {
     #[inline(always)]
     fn f_hat(&self, _: T, x_hat: &Vector2<T>, _: &SVector<T, 0>) -> Vector2<T> {
-        Vector2::new(self.nu1 * x_hat.x, T::ZERO)
+        Vector2::new(self.nu1 * x_hat.x, T::NEG_ZERO)
     }
 }
 

@@ -142,7 +142,7 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
         let observer = &self.collection.copy;
         let nominal = self.collection.nominal_gain(copies);
         let x_rate = observer.rate_under(t, x_hat, *r * nominal, *e, u); // (25)
-        ((x_rate, observer.gain().rate(r, *e)), self.collection.rate(t, copies, errors, u))
+        ((x_rate, observer.gain().rate::<N>(r, *e)), self.collection.rate(t, copies, errors, u))
     }
 
     #[inline(always)]

@@ -10,7 +10,7 @@
 //! Here `sat` is the identity; with a saturation it is the peaking-free observer (11) of
 //! [`super::PeakingFreeObserver`].
 
-use super::checked;
+use super::{checked, folded};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
@@ -60,7 +60,9 @@ impl<T: Scalar, const N: usize> Memory<T> for LowPowerState<T, N> {
 /// The structure of (5) and (11): N blocks, saturation S; memory (x̂, η, gain memory).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LowPower<T, G, Md, S, const N: usize, const M: usize = 0> {
+    /// αᵢ ℓ, ℓ the fixed part of the gain.
     alpha: SVector<T, N>,
+    /// βᵢ ℓ².
     beta: SVector<T, N>,
     gain: G,
     model: Md,
@@ -83,7 +85,8 @@ where
     ///
     /// # Errors
     /// A coefficient that is not finite; N outside 1 to 12; the characteristic polynomial of the
-    /// matrix Mₙ not Hurwitz (the paper's low-power stability requirement).
+    /// matrix Mₙ not Hurwitz (the paper's low-power stability requirement); a gain whose square
+    /// is too large for the precision.
     pub fn new(
         alpha: [T; N],
         beta: [T; N],
@@ -93,6 +96,9 @@ where
     ) -> Result<Self, DesignError> {
         let (alpha, beta) = (checked("alpha", alpha)?, checked("beta", beta)?);
         crate::polynomial::require_low_power_hurwitz(alpha.as_slice(), beta.as_slice())?;
+        let ell = gain.fixed();
+        let alpha = folded(alpha.map(|a| a * ell), ell)?;
+        let beta = folded(beta.map(|b| b * (ell * ell)), ell)?;
         Ok(Self { alpha, beta, gain, model, saturation })
     }
 }
@@ -115,14 +121,14 @@ where
 
     #[inline(always)]
     fn innovation(&self, (z, _): &Self::State, y: T) -> T {
-        (y - z.x_hat[0]).finite_or_zero() // (5b)
+        if y.is_finite() { y - z.x_hat[0] } else { T::ZERO } // (5b)
     }
 
     #[inline(always)]
     fn rate(&self, t: T, (z, m): &Self::State, e1: &T, u: &Self::Input) -> Self::State {
         let LowPowerState { x_hat, eta } = z;
-        let ell = self.gain.gain(m);
-        let ell2 = ell * ell;
+        let r = self.gain.moving(m);
+        let r2 = r * r;
         let phi = self.model.phi(t, x_hat, u);
         // sat(ηᵢ) at slot i estimates x of index i + 2 in the paper's count
         let eta_s: SVector<T, N> =
@@ -135,17 +141,17 @@ where
             SVector::from_fn(|i, _| if i == 0 { *e1 } else { eta_s[i - 1] - x_hat[i] }); // (11b)
         let x_rate = SVector::from_fn(|i, _| {
             let above = if i + 1 < N { eta[i] } else { phi };
-            above + self.alpha[i] * ell * e[i]
+            above + self.alpha[i] * r * e[i]
         });
         let eta_rate = SVector::from_fn(|i, _| {
             if i + 1 == N {
                 T::ZERO
             } else {
                 let above = if i + 2 < N { eta_s[i + 1] } else { phi };
-                above + self.beta[i] * ell2 * e[i]
+                above + self.beta[i] * r2 * e[i]
             }
         });
-        (LowPowerState { x_hat: x_rate, eta: eta_rate }, self.gain.rate(m, *e1))
+        (LowPowerState { x_hat: x_rate, eta: eta_rate }, self.gain.rate::<N>(m, *e1))
     }
 
     #[inline(always)]

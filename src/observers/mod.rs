@@ -40,10 +40,20 @@ fn checked<T: Scalar, const N: usize>(
     Ok(SVector::from_fn(|i, _| k[i]))
 }
 
+/// Coefficients with powers of the gain ℓ folded in, which the precision must be able to hold.
+fn folded<T: Scalar, const N: usize>(
+    k: SVector<T, N>,
+    ell: T,
+) -> Result<SVector<T, N>, DesignError> {
+    let allowed = "its powers times the coefficients must be finite in the chosen precision";
+    let fits = k.iter().all(|k| k.is_finite());
+    crate::error::require("ell", ell, fits, allowed).map(|_| k)
+}
+
 /// A x̂: the chain of integrators ẋᵢ = xᵢ₊₁.
 #[inline(always)]
 fn chain<T: Scalar, const N: usize>(x: &SVector<T, N>) -> SVector<T, N> {
-    SVector::from_fn(|i, _| if i + 1 < N { x[i + 1] } else { T::ZERO })
+    SVector::from_fn(|i, _| if i + 1 < N { x[i + 1] } else { T::NEG_ZERO })
 }
 
 /// Staggered sweep of a chain: xᵢ⁺ += dt·(xᵢ₊₁⁺ − xᵢ₊₁), from the bottom up.

@@ -8,7 +8,7 @@
 //! Lee, Choi and Khalil (39), whose forward Euler form under a fixed step is (42) and under the
 //! decreasing steps a(k) of [`crate::schedule::StochasticApproximation`] is (44).
 
-use super::{chain, checked, stagger_chain};
+use super::{chain, checked, folded, stagger_chain};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
@@ -19,6 +19,7 @@ use nalgebra::SVector;
 /// Standard high-gain observer of order N with M known inputs; memory (x̂, gain memory).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StandardObserver<T, G, Md, const N: usize, const M: usize = 0> {
+    /// kᵢ ℓⁱ, ℓ the fixed part of the gain.
     k: SVector<T, N>,
     gain: G,
     model: Md,
@@ -33,14 +34,17 @@ where
     /// Coefficients k (sⁿ + k₁ sⁿ⁻¹ + … + kₙ Hurwitz, see [`crate::polynomial`]), gain law, model.
     ///
     /// # Errors
-    /// A coefficient that is not finite; N outside 1 to 12; a polynomial that is not Hurwitz.
+    /// A coefficient that is not finite; N outside 1 to 12; a polynomial that is not Hurwitz; a
+    /// gain whose N-th power is too large for the precision.
     pub fn new(k: [T; N], gain: G, model: Md) -> Result<Self, DesignError> {
         let k = checked("k", k)?;
         crate::polynomial::require_hurwitz(k.as_slice())?;
+        let ell = gain.fixed();
+        let k = folded(SVector::from_fn(|i, _| k[i] * ell.powi(i + 1)), ell)?;
         Ok(Self { k, gain, model })
     }
 
-    /// Rate of x̂ under the gain r and the innovation e.
+    /// Rate of x̂ under the moving gain r and the innovation e.
     #[inline(always)]
     pub(super) fn rate_under(
         &self,
@@ -82,12 +86,12 @@ where
 
     #[inline(always)]
     fn innovation(&self, (x_hat, _): &Self::State, y: T) -> T {
-        (y - x_hat[0]).finite_or_zero() // (7)
+        if y.is_finite() { y - x_hat[0] } else { T::ZERO } // (7)
     }
 
     #[inline(always)]
     fn rate(&self, t: T, (x_hat, m): &Self::State, e: &T, u: &Self::Input) -> Self::State {
-        (self.rate_under(t, x_hat, self.gain.gain(m), *e, u), self.gain.rate(m, *e))
+        (self.rate_under(t, x_hat, self.gain.moving(m), *e, u), self.gain.rate::<N>(m, *e))
     }
 
     #[inline(always)]

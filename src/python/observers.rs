@@ -37,14 +37,18 @@ impl GainLaw<f64> for MovingGain {
         1.0
     }
     #[inline(always)]
-    fn gain(&self, r: &f64) -> f64 {
+    fn fixed(&self) -> f64 {
+        1.0
+    }
+    #[inline(always)]
+    fn moving(&self, r: &f64) -> f64 {
         *r
     }
     #[inline(always)]
-    fn rate(&self, r: &f64, e: f64) -> f64 {
+    fn rate<const N: usize>(&self, r: &f64, e: f64) -> f64 {
         match self {
-            Self::Adaptive(law) => law.rate(r, e),
-            Self::DeadZone(law) => law.rate(r, e),
+            Self::Adaptive(law) => law.rate::<N>(r, e),
+            Self::DeadZone(law) => law.rate::<N>(r, e),
         }
     }
     #[inline(always)]
@@ -73,7 +77,7 @@ impl AnyGain {
         match law.as_str() {
             "adaptive" => {
                 spec.only(&moving)?;
-                let law = AdaptiveGain::new(of("p1")?, of("p2")?, of("b")?, n)?;
+                let law = AdaptiveGain::new(of("p1")?, of("p2")?, of("b")?)?;
                 Ok(Self::Moving(MovingGain::Adaptive(law)))
             }
             "dead-zone" => {
@@ -266,7 +270,7 @@ fn standard<const N: usize>(
 ) -> PyResult<Box<dyn AnyObserver>> {
     spec.only(&["kind", "n", "k", "gain", "model", "method"])?;
     let k = spec.vector::<N>("k", N)?;
-    match AnyGain::read(&spec.sub("gain")?, N)? {
+    match AnyGain::read(&spec.sub("gain")?)? {
         AnyGain::Constant(gain) => {
             boxed!(N, StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?, scheme, model)
         }
@@ -304,7 +308,7 @@ fn low_power<const N: usize>(
         ));
     }
     let (alpha, beta) = (spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?);
-    match AnyGain::read(&spec.sub("gain")?, N)? {
+    match AnyGain::read(&spec.sub("gain")?)? {
         AnyGain::Constant(gain) => {
             let law = LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
             boxed!(N, law, scheme, model)
@@ -324,7 +328,7 @@ fn collection<const C: usize>(
 ) -> PyResult<Box<dyn AnyObserver>> {
     const N: usize = 2;
     spec.only(&["kind", "n", "k", "k_bar", "copies", "gain", "model", "method"])?;
-    let AnyGain::Moving(MovingGain::Adaptive(gain)) = AnyGain::read(&spec.sub("gain")?, N)? else {
+    let AnyGain::Moving(MovingGain::Adaptive(gain)) = AnyGain::read(&spec.sub("gain")?)? else {
         return Err(refused("a collection needs the adaptive gain law, Sanfelice and Praly (23)"));
     };
     let (k, k_bar) = (spec.vector::<N>("k", N)?, spec.vector::<N>("k_bar", N)?);

@@ -70,7 +70,7 @@ fn fill<T: Scalar, const M: usize>(value: T) -> SVector<T, M> {
 pub fn visit_all<T: Scalar>(visitor: &mut impl Visitor<T>) -> Result<(), DesignError> {
     let c = T::from_f64;
     let ell = |value: f64| ConstantGain::new(c(value));
-    let adaptive = AdaptiveGain::new(c(10.0), c(0.0025), c(0.183), 2)?;
+    let adaptive = AdaptiveGain::new(c(10.0), c(0.0025), c(0.183))?;
     let dead_zone = DeadZoneGain::new(c(10.0), c(0.0025), c(0.183))?;
     let two = [c(2.0), c(2.0)];
     let linear = SanfelicePraly::new(c(1.9), c(0.1))?;

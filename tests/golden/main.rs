@@ -10,6 +10,7 @@ mod katayama;
 mod lee;
 mod sanfelice_praly;
 
+use hgo_rs::Observer;
 use hgo_rs::gain::{AdaptiveGain, ConstantGain, GainLaw};
 use hgo_rs::integrate::{Integrator, PlantScheme};
 use hgo_rs::memory::Memory;
@@ -21,7 +22,6 @@ use hgo_rs::observer::{ContinuousLaw, Discretised, Measurement, StaggeredEuler};
 use hgo_rs::observers::StandardObserver;
 use hgo_rs::schedule::{FixedStep, Schedule};
 use hgo_rs::simulate::{Experiment, Probe, RunMetrics, Sample};
-use hgo_rs::{Observer, Scalar};
 use nalgebra::Vector2;
 
 const QUIET: Noise<'static, f64> = Noise { draw: Draw::None, hold: 1, sines: &[] };
@@ -156,11 +156,11 @@ fn joint_integration_carries_sines_continuously() {
 /// A gain law is a choice of its own: the staggered scheme moves r by forward Euler.
 #[test]
 fn staggered_step_written_out() {
-    let gain = AdaptiveGain::new(10.0, 0.0025, 0.183, 2).unwrap();
+    let gain = AdaptiveGain::new(10.0, 0.0025, 0.183).unwrap();
     let model = SanfelicePraly::new(1.9, 0.1).unwrap();
     let law = StandardObserver::new([2.0, 2.0], gain, model).unwrap();
     let observer = Discretised { law, scheme: StaggeredEuler };
-    let (x1, x2, r, y, dt) = (0.3, -0.2, 1.4, 0.5, 0.01);
+    let (x1, x2, r, y, dt) = (0.3, -0.2, 1.4_f64, 0.5, 0.01);
     let mut z = (Vector2::new(x1, x2), r);
     observer.step(&mut z, &y, &no_input(), 0.0, dt);
     let e = y - x1;
@@ -170,5 +170,5 @@ fn staggered_step_written_out() {
     close("x1", z.0.x, new1, 1e-14);
     close("x2", z.0.y, new2, 1e-14);
     close("r", z.1, r + dt * rate, 1e-14);
-    assert_eq!(gain.rate(&r, e).to_bits(), Scalar::to_f64(gain.rate(&r, -e)).to_bits());
+    assert_eq!(gain.rate::<2>(&r, e).to_bits(), gain.rate::<2>(&r, -e).to_bits());
 }

@@ -28,7 +28,7 @@ fn equilibrium(nu1: f64) -> Vector2<f64> {
 }
 
 fn adaptive(nu1: f64, p1: f64, p2: f64) -> Adaptive {
-    StandardObserver::new(K, AdaptiveGain::new(p1, p2, B, 2).unwrap(), plant(nu1)).unwrap()
+    StandardObserver::new(K, AdaptiveGain::new(p1, p2, B).unwrap(), plant(nu1)).unwrap()
 }
 
 /// k̄ = μP⁻¹(1, 0)ᵀ with the paper's P, μ = 0.026.
@@ -180,7 +180,7 @@ fn dead_zone_gain_without_noise() {
 }
 
 fn collection(p1: f64) -> RepelledCollection<f64, SanfelicePraly<f64>, 2, 3> {
-    let gain = AdaptiveGain::new(p1, 0.0025, B, 2).unwrap();
+    let gain = AdaptiveGain::new(p1, 0.0025, B).unwrap();
     RepelledCollection::new(K, k_bar(), gain, plant(2.22)).unwrap()
 }
 

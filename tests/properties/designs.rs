@@ -26,8 +26,8 @@ fn parameters_outside_their_range_are_named() {
     for bad in [0.0, -1.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         refused("ell", ConstantGain::new(bad));
         refused("epsilon", ConstantGain::from_epsilon(bad));
-        refused("p1", AdaptiveGain::new(bad, 0.01, 0.2, 2));
-        refused("p2", AdaptiveGain::new(1.0, bad, 0.2, 2));
+        refused("p1", AdaptiveGain::new(bad, 0.01, 0.2));
+        refused("p2", AdaptiveGain::new(1.0, bad, 0.2));
         refused("p1", DeadZoneGain::new(bad, 0.01, 0.2));
         refused("p2", DeadZoneGain::new(1.0, bad, 0.2));
         refused("dt", FixedStep::new(bad));
@@ -41,14 +41,14 @@ fn parameters_outside_their_range_are_named() {
         refused("epsilon", reduced([0.1, 0.2, 0.2], bad));
     }
     for bad in [0.0, 0.5, -0.1, 1.0, f64::NAN] {
-        refused("b", AdaptiveGain::new(1.0, 0.01, bad, 2));
+        refused("b", AdaptiveGain::new(1.0, 0.01, bad));
         refused("b", DeadZoneGain::new(1.0, 0.01, bad));
     }
     for bad in [f64::NAN, f64::INFINITY] {
         refused("nu1", SanfelicePraly::new(bad, 0.1));
         refused("nu2", SanfelicePraly::new(1.9, bad));
         refused("w", Ship::new(0.0, [0.0, bad, 0.0]));
-        let gain = AdaptiveGain::new(1.0, 0.01, 0.2, 2).unwrap();
+        let gain = AdaptiveGain::new(1.0, 0.01, 0.2).unwrap();
         let model = SanfelicePraly::new(1.9, 0.1).unwrap();
         let two = [2.0, 2.0];
         refused("k_bar", RepelledCollection::<_, _, 2, 3>::new(two, [bad, 0.1], gain, model));
@@ -60,7 +60,7 @@ fn parameters_outside_their_range_are_named() {
     }
     let gain = ConstantGain::new(1.0).unwrap();
     refused("n", StandardObserver::<f64, _, _, 13>::new([1.0; 13], gain, Unknown));
-    let gain = AdaptiveGain::new(1.0, 0.01, 0.2, 2).unwrap();
+    let gain = AdaptiveGain::new(1.0, 0.01, 0.2).unwrap();
     let model = SanfelicePraly::new(1.9, 0.1).unwrap();
     let single = RepelledCollection::<f64, _, 2, 1>::new([2.0, 2.0], [0.1, 0.1], gain, model);
     refused("copies", single);

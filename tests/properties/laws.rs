@@ -58,7 +58,7 @@ fn single_and_double_precision_agree() {
 /// Copies that start alike do not repel and are the plain adaptive observer each.
 #[test]
 fn identical_copies_are_the_plain_observer() {
-    let gain = AdaptiveGain::new(10.0, 0.0025, 0.183, 2).unwrap();
+    let gain = AdaptiveGain::new(10.0, 0.0025, 0.183).unwrap();
     let model = SanfelicePraly::new(1.9, 0.1).unwrap();
     let plain = StandardObserver::new([2.0, 2.0], gain, model).unwrap();
     let collection =
@@ -79,7 +79,7 @@ fn identical_copies_are_the_plain_observer() {
 #[test]
 fn collection_and_modified_observer_written_out() {
     let (k, k_bar, b, nu1, p1, p2) = ([2.0, 2.1], [0.056, 0.032], 0.183, 1.9, 10.0, 0.0025);
-    let gain = AdaptiveGain::new(p1, p2, b, 2).unwrap();
+    let gain = AdaptiveGain::new(p1, p2, b).unwrap();
     let model = SanfelicePraly::new(nu1, 0.1).unwrap();
     let collection = RepelledCollection::<f64, _, 2, 3>::new(k, k_bar, gain, model).unwrap();
     let observer = Discretised { law: ModifiedObserver { collection }, scheme: Euler };

@@ -55,7 +55,7 @@ fn experiment(
 
 fn observer() -> Discretised<StandardObserver<f64, AdaptiveGain<f64>, SanfelicePraly<f64>, 2>, Euler>
 {
-    let gain = AdaptiveGain::new(10.0, 0.0025, 0.183, 2).unwrap();
+    let gain = AdaptiveGain::new(10.0, 0.0025, 0.183).unwrap();
     let model = SanfelicePraly::new(-0.5, 0.1).unwrap();
     Discretised { law: StandardObserver::new([2.0, 2.0], gain, model).unwrap(), scheme: Euler }
 }

@@ -72,7 +72,7 @@ proptest! {
     fn a_missing_sample_means_no_innovation(
         x1 in -2.0..2.0, x2 in -2.0..2.0, r in 1.0..4.0, dt in 1e-4..0.1,
     ) {
-        let gain = AdaptiveGain::new(10.0, 0.0025, 0.183, 2).unwrap();
+        let gain = AdaptiveGain::new(10.0, 0.0025, 0.183).unwrap();
         let model = SanfelicePraly::new(1.9, 0.1).unwrap();
         let law = StandardObserver::new([2.0, 2.0], gain, model).unwrap();
         for scheme in [Discretisation::Euler, Discretisation::StaggeredEuler] {
