@@ -19,7 +19,7 @@
 //!
 //! A file uses lower floors only, or what is named before it on its own: `scalar`, `error`, `memory`, `polynomial` (0); `gain`,
 //! `schedule`, `saturation`, `model`, `integrate`, `observer`, `noise`, `metrics` (1); `models`, `observers` (2);
-//! `simulate`, `covariance` (3); the Python module (4). Up to floor 3 nothing names `std`, `alloc`
+//! `simulate`, `covariance`, `estimator` (3); the Python module (4). Up to floor 3 nothing names `std`, `alloc`
 //! or Python, nothing allocates and nothing panics.
 #![cfg_attr(not(feature = "std"), no_std)]
 
@@ -28,6 +28,7 @@ compile_error!("hgo-rs needs feature `std` (default) or, without std, feature `l
 
 pub mod covariance;
 pub mod error;
+pub mod estimator;
 pub mod gain;
 pub mod integrate;
 pub mod memory;
@@ -46,6 +47,7 @@ pub mod schedule;
 pub mod simulate;
 
 pub use error::DesignError;
+pub use estimator::Estimator;
 pub use nalgebra;
 pub use observer::{Observer, Status, Timing};
 pub use scalar::Scalar;
@@ -53,6 +55,7 @@ pub use scalar::Scalar;
 /// What most programs need: `use hgo_rs::prelude::*;`
 pub mod prelude {
     pub use crate::error::DesignError;
+    pub use crate::estimator::Estimator;
     pub use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain};
     pub use crate::integrate::{Integrator, PlantScheme};
     pub use crate::memory::Memory;

@@ -16,15 +16,22 @@ pub enum Timing {
     Current,
 }
 
-/// What one step made of its sample.
+/// What one step made of its sample. The last three come from an [`crate::Estimator`] only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
 pub enum Status {
     /// The sample was used.
-    Updated,
+    Updated = 0,
     /// The sample was missing (NaN or infinite): the law predicted over it.
-    Predicted,
+    Predicted = 1,
     /// The model has no value at this sample; the estimate was held.
-    ModelUndefined,
+    ModelUndefined = 2,
+    /// The step was longer than the stability limit: the law predicted over it.
+    StepTooLong = 3,
+    /// The step was no length of time and was not taken.
+    StepRefused = 4,
+    /// The memory is not finite any more.
+    Diverged = 5,
 }
 
 /// A measured value: one scalar, or a vector of them.
@@ -100,6 +107,8 @@ pub trait ContinuousLaw<T: Scalar>: Copy {
     fn admissible(&self, z: Self::State) -> Self::State {
         z
     }
+    /// By how much a gain that moves has shortened the stability limit: r, or 1.
+    fn speed(&self, z: &Self::State) -> T;
     /// x̂.
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T];
 }
@@ -125,6 +134,11 @@ pub trait Observer<T: Scalar>: Copy {
         t: T,
         dt: T,
     ) -> Status;
+    /// By how much a gain that moves has shortened the stability limit: r, or 1.
+    #[inline(always)]
+    fn speed(&self, _: &Self::State) -> T {
+        T::ONE
+    }
     /// The estimate.
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T];
     /// What the sample tells beyond the estimate before the step: y − ŷ, written entry by entry.
@@ -285,6 +299,11 @@ where
     fn step(&self, z: &mut L::State, y: &T, u: &L::Input, t: T, dt: T) -> Status {
         *z = self.law.admissible(self.scheme.advance(&self.law, t, z, *y, u, dt));
         if y.is_present() { Status::Updated } else { Status::Predicted }
+    }
+
+    #[inline(always)]
+    fn speed(&self, z: &L::State) -> T {
+        self.law.speed(z)
     }
 
     #[inline(always)]

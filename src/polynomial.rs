@@ -130,6 +130,49 @@ pub fn is_hurwitz<T: Scalar>(coefficients: &[T]) -> bool {
     true
 }
 
+/// The stability limit of forward Euler: the c below which every 1 + cλ lies in the unit disc, λ the
+/// roots of the Hurwitz polynomial sⁿ + c₁sⁿ⁻¹ + … + cₙ. A step dt under the gain ℓ is stable for
+/// ℓ·dt < c. 0 where the polynomial is not Hurwitz or its degree is above 23.
+///
+/// z = 1 + cs and w = (z + 1)/(z − 1) turn the disc |z| < 1 into the half plane Re w < 0, so that
+/// each trial of a bisection is a Routh test. A limit that roots of high multiplicity set is only
+/// as good as these roots are in double precision: (s + 1)¹² gives 1.88, not 2. Stay below it.
+pub fn euler_limit<T: Scalar>(coefficients: &[T]) -> T {
+    let first = coefficients.first().map_or(0.0, |k| k.to_f64());
+    if coefficients.is_empty() || !is_hurwitz(coefficients) {
+        return T::ZERO;
+    }
+    let stable = |c: f64| {
+        // 1 + k₁v + … + kₙvⁿ with v = c(w − 1)/2, by Horner, then made monic
+        let mut q = Ascending { c: [0.0; MAX_DEGREE + 1], degree: 0 };
+        for k in coefficients.iter().rev() {
+            q.c[0] += k.to_f64();
+            q = q.times_linear(-1.0);
+            for entry in &mut q.c {
+                *entry *= 0.5 * c;
+            }
+        }
+        q.c[0] += 1.0;
+        let leading = q.c[q.degree];
+        let mut trailing = [0.0; MAX_DEGREE];
+        for (slot, value) in trailing.iter_mut().zip(q.c[..q.degree].iter().rev()) {
+            *slot = value / leading;
+        }
+        trailing.get(..q.degree).is_some_and(is_hurwitz)
+    };
+    // Re λ > −2/c for each of the n roots, whose sum is −k₁
+    let (mut low, mut high) = (0.0, 2.0 * coefficients.len() as f64 / first);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if stable(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    T::from_f64(low)
+}
+
 /// Refuse coefficients whose polynomial is not Hurwitz.
 ///
 /// # Errors

@@ -101,6 +101,12 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
         copies.map(|z| self.copy.admissible(z))
     }
 
+    /// The fastest copy's.
+    #[inline(always)]
+    fn speed(&self, copies: &Self::State) -> T {
+        copies.iter().fold(T::ONE, |fastest, (_, r)| fastest.max(*r))
+    }
+
     #[inline(always)]
     fn estimate<'a>(&self, copies: &'a Self::State) -> &'a [T] {
         copies.first().map_or(&[], |(x_hat, _)| x_hat.as_slice())
@@ -154,6 +160,11 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
     #[inline(always)]
     fn admissible(&self, (main, copies): Self::State) -> Self::State {
         (self.collection.copy.admissible(main), self.collection.admissible(copies))
+    }
+
+    #[inline(always)]
+    fn speed(&self, ((_, r), copies): &Self::State) -> T {
+        (*r * self.collection.nominal_gain(copies)).max(self.collection.speed(copies))
     }
 
     #[inline(always)]

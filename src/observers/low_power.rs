@@ -172,6 +172,11 @@ where
     }
 
     #[inline(always)]
+    fn speed(&self, (_, m): &Self::State) -> T {
+        self.gain.moving(m)
+    }
+
+    #[inline(always)]
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
         z.0.x_hat.as_slice()
     }

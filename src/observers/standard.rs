@@ -105,6 +105,11 @@ where
     }
 
     #[inline(always)]
+    fn speed(&self, (_, m): &Self::State) -> T {
+        self.gain.moving(m)
+    }
+
+    #[inline(always)]
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
         z.0.as_slice()
     }

@@ -66,7 +66,7 @@ enum AnyGain {
 }
 
 impl AnyGain {
-    fn read(spec: &Spec<'_>, n: usize) -> PyResult<Self> {
+    fn read(spec: &Spec<'_>) -> PyResult<Self> {
         let law = spec.text("law")?;
         if law == "constant" {
             spec.only(&["law", "ell"])?;
@@ -216,11 +216,7 @@ where
             let outcome = self.observer.step(&mut z, &y, &u, t, dt);
             let shown = if self.is_current() { &z } else { &before };
             shown.write(row);
-            *status = match outcome {
-                Status::Updated => 0,
-                Status::Predicted => 1,
-                Status::ModelUndefined => 2,
-            };
+            *status = outcome as u8;
         }
         track
     }
@@ -490,12 +486,7 @@ impl Observer {
         let y = sized("y", y, self.inner.n_y())?;
         let u = sized("u", u, self.inner.n_u())?;
         let status = self.inner.step(&mut memory, &y, &u, t, dt);
-        let code = match status {
-            Status::Updated => 0,
-            Status::Predicted => 1,
-            Status::ModelUndefined => 2,
-        };
-        Ok((memory.into_pyarray(py), code))
+        Ok((memory.into_pyarray(py), status as u8))
     }
 
     /// Run over a record: times (N,), samples (N, n_y), inputs (N, n_u), memory to start from.

@@ -7,8 +7,8 @@ use hgo_rs::model::{Unknown, no_input};
 use hgo_rs::observer::ContinuousLaw;
 use hgo_rs::observers::{LowPowerObserver, NoSaturation, StandardObserver};
 use hgo_rs::polynomial::{
-    coefficients_from_poles, is_hurwitz, low_power_coefficients, low_power_coefficients_from_poles,
-    low_power_polynomial,
+    coefficients_from_poles, euler_limit, is_hurwitz, low_power_coefficients,
+    low_power_coefficients_from_poles, low_power_polynomial,
 };
 use proptest::prelude::*;
 
@@ -143,8 +143,30 @@ fn low_power<const N: usize, const R: usize>(
     Ok(())
 }
 
+/// 1 + cλ reaches the unit circle at c = −2 Re λ/|λ|².
+fn euler_limit_of(poles: &[Complex]) -> f64 {
+    poles.iter().map(|(re, im)| -2.0 * re / (re * re + im * im)).fold(f64::INFINITY, f64::min)
+}
+
+#[test]
+fn the_limit_of_euler_at_multiple_poles() {
+    assert!(close(euler_limit(&[2.0, 1.0]), 2.0, 1e-6));
+    let twelve = coefficients_from_poles([(-1.0, 0.0); 12]).unwrap();
+    assert!(close(euler_limit(&twelve), 2.0, 0.07), "{}", euler_limit(&twelve));
+    assert_eq!(euler_limit(&[1.0, -1.0]), 0.0);
+    assert_eq!(euler_limit::<f64>(&[]), 0.0);
+    assert_eq!(euler_limit(&[1.0; 24]), 0.0);
+}
+
 proptest! {
     #![proptest_config(config(128))]
+
+    #[test]
+    fn the_limit_of_euler_is_where_a_pole_meets_the_circle(drawn in drawn(2.0)) {
+        let poles = poles::<5>(&drawn);
+        let limit = euler_limit(&coefficients_from_poles(poles).unwrap());
+        prop_assert!(close(limit, euler_limit_of(&poles), 2e-3), "{} {:?}", limit, poles);
+    }
 
     #[test]
     fn coefficients_expand_the_poles(drawn in drawn(3.0), re in -3.0..3.0, im in -3.0..3.0) {
