@@ -33,14 +33,19 @@ impl<T: Scalar> Ascending<T> {
         Some(Self { c, degree })
     }
 
+    /// The coefficients below the leading one, from the highest power down.
+    fn trailing(&self) -> impl Iterator<Item = T> {
+        self.c.into_iter().take(self.degree).rev()
+    }
+
     /// (s + a)·self; the degree saturates at the highest one.
-    fn times_linear(mut self, a: T) -> Self {
+    #[inline(never)]
+    fn times_linear(&mut self, a: T) {
         self.degree = (self.degree + 1).min(MAX_DEGREE);
-        for i in (1..=self.degree).rev() {
-            self.c[i] = self.c[i - 1] + a * self.c[i];
+        let mut below = T::ZERO;
+        for c in self.c.iter_mut().take(self.degree + 1) {
+            (*c, below) = (below + a * *c, *c);
         }
-        self.c[0] *= a;
-        self
     }
 
     /// self / (s + a), the remainder dropped, for a > 0.
@@ -49,7 +54,7 @@ impl<T: Scalar> Ascending<T> {
     /// roots, from the bottom for the large ones; the two meet at the largest term |cⱼ| aʲ.
     fn without_linear(self, a: T) -> Self {
         let (mut joint, mut largest, mut power) = (0, T::ZERO, T::ONE);
-        for (j, c) in self.c[..=self.degree].iter().enumerate() {
+        for (j, c) in self.c.iter().take(self.degree + 1).enumerate() {
             if c.abs() * power > largest {
                 (joint, largest) = (j, c.abs() * power);
             }
@@ -58,9 +63,10 @@ impl<T: Scalar> Ascending<T> {
         let degree = self.degree.saturating_sub(1);
         let mut c = [T::ZERO; MAX_DEGREE + 1];
         let mut carry = T::ZERO;
-        for i in (joint..self.degree).rev() {
-            carry = self.c[i + 1] - a * carry;
-            c[i] = carry;
+        let above = self.c.iter().skip(1);
+        for (slot, value) in c.iter_mut().zip(above).take(self.degree).skip(joint).rev() {
+            carry = *value - a * carry;
+            *slot = carry;
         }
         carry = T::ZERO;
         for (slot, value) in c.iter_mut().zip(self.c).take(joint.min(self.degree)) {
@@ -71,23 +77,22 @@ impl<T: Scalar> Ascending<T> {
     }
 
     /// (self − self(0))/s.
-    fn without_zero(mut self) -> Self {
-        for i in 0..self.degree {
-            self.c[i] = self.c[i + 1];
+    fn without_zero(self) -> Self {
+        let mut c = [T::ZERO; MAX_DEGREE + 1];
+        for (slot, value) in c.iter_mut().zip(self.c.iter().skip(1)) {
+            *slot = *value;
         }
-        self.c[self.degree] = T::ZERO;
-        self.degree = self.degree.saturating_sub(1);
-        self
+        Self { c, degree: self.degree.saturating_sub(1) }
     }
 
     fn at(&self, s: T) -> T {
-        self.c[..=self.degree].iter().rev().fold(T::ZERO, |value, c| value * s + *c)
+        self.c.iter().take(self.degree + 1).rev().fold(T::ZERO, |value, c| value * s + *c)
     }
 
     /// A real root of a monic polynomial of odd degree, by bisection within Cauchy's bound.
     fn real_root(&self) -> T {
         let mut bound = T::ONE;
-        for c in &self.c[..self.degree] {
+        for c in self.c.iter().take(self.degree) {
             bound = bound.max(T::ONE + c.abs());
         }
         let (mut low, mut high) = (-bound, bound);
@@ -107,25 +112,30 @@ impl<T: Scalar> Ascending<T> {
     }
 }
 
-/// Routh and Hurwitz: whether all roots of sⁿ + c₁sⁿ⁻¹ + … + cₙ have negative real parts.
+/// Routh and Hurwitz: whether all roots of sⁿ + c₁sⁿ⁻¹ + … + cₙ have negative real parts; never
+/// above degree 23.
+#[inline(never)]
 pub fn is_hurwitz<T: Scalar>(coefficients: &[T]) -> bool {
-    let Some(p) = Ascending::from_monic(coefficients) else { return false };
-    // Two rows of the Routh array, from the leading coefficient on.
-    let mut rows = [[T::ZERO; MAX_DEGREE + 2]; 2];
-    for (i, c) in p.c[..=p.degree].iter().rev().enumerate() {
-        rows[i % 2][i / 2] = *c;
+    let degree = coefficients.len();
+    if degree > MAX_DEGREE {
+        return false;
     }
-    for _ in 0..p.degree {
-        let [upper, lower] = rows;
-        if lower[0] <= T::ZERO || !lower[0].is_finite() {
+    // Routh's array in place: at step i the entries from i on, every other one, are its rows.
+    let mut row = [T::ONE; MAX_DEGREE + 1];
+    for (slot, c) in row.iter_mut().skip(1).zip(coefficients) {
+        *slot = *c;
+    }
+    for i in 0..degree {
+        let (upper, lower) = (row[i], row[i + 1]);
+        if lower <= T::ZERO || !lower.is_finite() {
             return false;
         }
-        let factor = upper[0] / lower[0];
-        let mut next = [T::ZERO; MAX_DEGREE + 2];
-        for (j, slot) in next.iter_mut().take(MAX_DEGREE + 1).enumerate() {
-            *slot = upper[j + 1] - factor * lower[j + 1];
+        let factor = upper / lower;
+        let mut j = i + 2;
+        while j < degree {
+            row[j] -= factor * row[j + 1];
+            j += 2;
         }
-        rows = [lower, next];
     }
     true
 }
@@ -147,15 +157,15 @@ pub fn euler_limit<T: Scalar>(coefficients: &[T]) -> T {
         let mut q = Ascending { c: [0.0; MAX_DEGREE + 1], degree: 0 };
         for k in coefficients.iter().rev() {
             q.c[0] += k.to_f64();
-            q = q.times_linear(-1.0);
+            q.times_linear(-1.0);
             for entry in &mut q.c {
                 *entry *= 0.5 * c;
             }
         }
         q.c[0] += 1.0;
-        let leading = q.c[q.degree];
+        let leading = q.c.get(q.degree).copied().unwrap_or(1.0);
         let mut trailing = [0.0; MAX_DEGREE];
-        for (slot, value) in trailing.iter_mut().zip(q.c[..q.degree].iter().rev()) {
+        for (slot, value) in trailing.iter_mut().zip(q.trailing()) {
             *slot = value / leading;
         }
         trailing.get(..q.degree).is_some_and(is_hurwitz)
@@ -217,12 +227,14 @@ pub fn coefficients_from_poles<T: Scalar, const N: usize>(
 }
 
 /// P_m of the low-power recursion: P₀ = 1, Pᵢ = s(s + αᵢ)Pᵢ₋₁ + β₁…βᵢ.
+#[inline(never)]
 fn low_power_inner<T: Scalar>(alpha: &[T], beta: &[T]) -> Ascending<T> {
     let mut p = Ascending::one();
     let mut product = T::ONE;
     for (a, b) in alpha.iter().zip(beta) {
         product *= *b;
-        p = p.times_linear(*a).times_linear(T::ZERO);
+        p.times_linear(*a);
+        p.times_linear(T::ZERO);
         p.c[0] = product;
     }
     p
@@ -234,9 +246,10 @@ fn low_power_inner<T: Scalar>(alpha: &[T], beta: &[T]) -> Ascending<T> {
 /// α has n entries, the first n − 1 of β count.
 pub fn low_power_polynomial<T: Scalar>(alpha: &[T], beta: &[T], out: &mut [T]) {
     let Some((last, inner)) = alpha.split_last() else { return };
-    let p = low_power_inner(inner, beta).times_linear(*last);
-    for (slot, c) in out.iter_mut().zip(p.c[..p.degree].iter().rev()) {
-        *slot = *c;
+    let mut p = low_power_inner(inner, beta);
+    p.times_linear(*last);
+    for (slot, c) in out.iter_mut().zip(p.trailing()) {
+        *slot = c;
     }
 }
 
@@ -250,8 +263,8 @@ pub fn require_low_power_hurwitz<T: Scalar>(alpha: &[T], beta: &[T]) -> Result<(
     require("alpha", *last, *last > T::ZERO, allowed)?;
     let p = low_power_inner(inner, beta);
     let mut trailing = [T::ZERO; MAX_DEGREE];
-    for (slot, c) in trailing.iter_mut().zip(p.c[..p.degree].iter().rev()) {
-        *slot = *c;
+    for (slot, c) in trailing.iter_mut().zip(p.trailing()) {
+        *slot = c;
     }
     let stable = trailing.get(..p.degree).is_some_and(is_hurwitz);
     require("alpha", inner.first().copied().unwrap_or(*last), stable, allowed).map(|_| ())

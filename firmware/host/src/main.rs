@@ -1,0 +1,33 @@
+//! The cases on this computer: one line each, `row <observer>|<n>|<scalar>|<digest>`.
+
+use cases::{Case, Plain, Visitor, run, visit_all};
+use hgo_rs::Scalar;
+use std::process::ExitCode;
+
+struct Rows {
+    refused: bool,
+}
+
+impl Visitor for Rows {
+    fn visit<T: Scalar, C: Case<T>>(&mut self, scalar: &'static str) {
+        match run::<T, C, Plain>() {
+            Ok(digest) => println!(
+                "row {}|{}|{scalar}|{:016x}|{}",
+                C::NAME,
+                C::N,
+                digest.hash,
+                digest.samples
+            ),
+            Err(error) => {
+                eprintln!("{}, {scalar}: {error}", C::NAME);
+                self.refused = true;
+            }
+        }
+    }
+}
+
+fn main() -> ExitCode {
+    let mut rows = Rows { refused: false };
+    visit_all(&mut rows);
+    if rows.refused { ExitCode::FAILURE } else { ExitCode::SUCCESS }
+}
