@@ -3,13 +3,14 @@
 #   make reproduce   every table and figure of the five papers -> out/report.html
 #   make test        format, lints, types, Rust and Python tests, doc examples, the wheel alone
 #   make bench       one step of each observer, criterion
+#   make firmware    every observer on two Cortex-M: bits, instructions, proofs -> out/firmware.json
 #   make docs        the Rust API reference -> target/doc
 #   make wheel       an abi3 wheel -> dist/
 #   make clean       remove .venv, dist, out and build products
 #
 # PYTHON=... chooses the interpreter for .venv.  PYTEST_ARGS=... is handed to pytest.
 
-.PHONY: reproduce test bench docs wheel clean help
+.PHONY: reproduce test bench firmware docs wheel clean help
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-print-directory
@@ -30,7 +31,7 @@ LIBM := --no-default-features --features libm
 say = @printf '\n\033[1m== %s\033[0m\n' "$(1)"
 
 help:
-	@sed -n '3,10s/^# \{0,1\}//p' Makefile
+	@sed -n '3,11s/^# \{0,1\}//p' Makefile
 
 # --- set-up: one stamp a stage, so that the second time takes no time ------------------------
 
@@ -61,13 +62,17 @@ reproduce: $(VENV)/stamp-build
 test: $(VENV)/stamp-dev
 	$(call say,cargo fmt)
 	cargo fmt --all --check
-	$(call say,clippy: default$(,) python$(,) no_std)
+	$(call say,clippy: default$(,) python$(,) no_std$(,) serde and defmt)
 	cargo clippy --quiet --all-targets -- -D warnings
 	PYO3_PYTHON=$(abspath $(BIN)/python) cargo clippy --quiet --all-targets --features python -- -D warnings
 	cargo clippy --quiet --all-targets $(LIBM) -- -D warnings
+	cargo clippy --quiet --all-targets --features serde,defmt -- -D warnings
+	cargo clippy --quiet --all-targets $(LIBM),serde,defmt -- -D warnings
 	cargo check --quiet $(LIBM)
+	cargo check --quiet $(LIBM),serde,defmt
 	$(call say,cargo test)
 	cargo test --quiet --release
+	cargo test --quiet --features serde,defmt --test stored --test logged --test no_alloc
 	$(call say,ruff)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -79,6 +84,9 @@ test: $(VENV)/stamp-dev
 
 bench:
 	cargo bench
+
+firmware:
+	@$(PYTHON) firmware/tools/firmware.py --out out
 
 docs:
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps

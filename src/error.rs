@@ -3,7 +3,11 @@
 use core::fmt;
 
 /// A refused parameter. Fits no heap, so constructors on a chip return it too.
+///
+/// With feature `serde` it can be written, not read: its texts are the program's own.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct DesignError {
     /// Name of the parameter as the user wrote it.
     pub parameter: &'static str,
@@ -26,6 +30,52 @@ impl fmt::Display for DesignError {
 }
 
 impl core::error::Error for DesignError {}
+
+/// Feature `serde` for a type with a constructor: it is written as what the constructor takes and
+/// read through it, so that a file can say nothing that the constructor would refuse.
+///
+/// `[generics] Type<arguments>: value => { field: type = what is written, … } => what is built`
+macro_rules! through_constructor {
+    (
+        [$($generics:tt)*] $name:ident<$($argument:ident),*>: $value:ident
+        => { $($field:ident: $kind:ty = $written:expr),+ $(,)? }
+        => $built:expr
+    ) => {
+        #[cfg(feature = "serde")]
+        #[allow(trivial_bounds, non_camel_case_types)]
+        impl<$($generics)*> serde::Serialize for $name<$($argument),*>
+        where
+            $($kind: serde::Serialize),+
+        {
+            fn serialize<Out: serde::Serializer>(&self, out: Out) -> Result<Out::Ok, Out::Error> {
+                #[derive(serde::Serialize)]
+                struct $name<$($field),+> {
+                    $($field: $field),+
+                }
+                let $value = self;
+                $name { $($field: $written),+ }.serialize(out)
+            }
+        }
+
+        #[cfg(feature = "serde")]
+        #[allow(trivial_bounds, non_camel_case_types)]
+        impl<'de, $($generics)*> serde::Deserialize<'de> for $name<$($argument),*>
+        where
+            $($kind: serde::Deserialize<'de>),+
+        {
+            fn deserialize<In: serde::Deserializer<'de>>(input: In) -> Result<Self, In::Error> {
+                #[derive(serde::Deserialize)]
+                struct $name<$($field),+> {
+                    $($field: $field),+
+                }
+                let $name::<$($kind),+> { $($field),+ } = $name::deserialize(input)?;
+                let built: Result<Self, crate::DesignError> = $built;
+                built.map_err(serde::de::Error::custom)
+            }
+        }
+    };
+}
+pub(crate) use through_constructor;
 
 /// `value` if it is finite and greater than 0.
 ///

@@ -11,6 +11,8 @@ use crate::observer::{Measurement, Observer, Status};
 
 /// How many steps ended in which [`Status`]; the counts stop at `u32::MAX`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counts {
     /// Samples that were used.
     pub updated: u32,
@@ -42,6 +44,7 @@ impl Counts {
 
 /// An observer with its memory and clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Estimator<T, O: Observer<T>>
 where
     T: Scalar,
@@ -51,6 +54,19 @@ where
     t: T,
     dt_max: T,
     counts: Counts,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar, O: Observer<T>]
+    Estimator<T, O>: estimator => {
+        observer: O = estimator.observer,
+        z: O::State = estimator.z,
+        t: T = estimator.t,
+        dt_max: T = estimator.dt_max,
+        counts: Counts = estimator.counts,
+    }
+    => crate::error::require("t", t, t >= T::ZERO, "it must be >= 0")
+        .and_then(|t| Ok(Self { z, t, counts, ..Self::new(observer, dt_max)? }))
 }
 
 impl<T: Scalar, O: Observer<T>> Estimator<T, O> {

@@ -27,8 +27,14 @@ pub trait GainLaw<T: Scalar>: Copy {
 
 /// A fixed gain ℓ > 0 (ε = 1/ℓ in Khalil's notation).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ConstantGain<T> {
     ell: T,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar] ConstantGain<T>: gain => { ell: T = gain.ell }
+    => Self::new(ell)
 }
 
 impl<T: Scalar> ConstantGain<T> {
@@ -43,9 +49,9 @@ impl<T: Scalar> ConstantGain<T> {
     /// Gain ℓ = 1/ε, ε in s.
     ///
     /// # Errors
-    /// ε not finite or ≤ 0.
+    /// ε not finite or ≤ 0; 1/ε not finite.
     pub fn from_epsilon(epsilon: T) -> Result<Self, DesignError> {
-        Ok(Self { ell: T::ONE / positive("epsilon", epsilon)? })
+        Self::new(T::ONE / positive("epsilon", epsilon)?)
     }
 }
 
@@ -69,6 +75,7 @@ impl<T: Scalar> GainLaw<T> for ConstantGain<T> {
 
 /// What the two adaptive laws of Sanfelice and Praly share: speed p₁, threshold p₂, exponent b.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 struct Adaptation<T> {
     p1: T,
     p2: T,
@@ -97,8 +104,15 @@ impl<T: Scalar> Adaptation<T> {
 /// r grows while the output error exceeds √p₂ and comes back towards 1 when it does not;
 /// [1, ∞) is forward invariant.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct AdaptiveGain<T> {
     law: Adaptation<T>,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar]
+    AdaptiveGain<T>: gain => { p1: T = gain.law.p1, p2: T = gain.law.p2, b: T = gain.law.b }
+    => Self::new(p1, p2, b)
 }
 
 impl<T: Scalar> AdaptiveGain<T> {
@@ -146,8 +160,15 @@ impl<T: Scalar> GainLaw<T> for AdaptiveGain<T> {
 ///
 /// r never decreases.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct DeadZoneGain<T> {
     law: Adaptation<T>,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar]
+    DeadZoneGain<T>: gain => { p1: T = gain.law.p1, p2: T = gain.law.p2, b: T = gain.law.b }
+    => Self::new(p1, p2, b)
 }
 
 impl<T: Scalar> DeadZoneGain<T> {

@@ -41,6 +41,8 @@ pub fn rk4<T: Scalar, X: Memory<T>>(f: impl Fn(T, &X) -> X, t: T, x: &X, h: T) -
 
 /// A choice among the deterministic schemes at run time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Integrator {
     /// [`euler`].
     Euler,
@@ -64,6 +66,8 @@ impl Integrator {
 
 /// Increments of a Wiener process over one step: ΔW and ΔZ = ∫ (W(s) − W(t)) ds.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct WienerIncrement<T> {
     /// ΔW, variance h.
     pub dw: T,
@@ -122,6 +126,8 @@ impl StochasticIntegrator {
 
 /// How a simulated plant moves over one sampling period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum PlantScheme {
     /// The state stays where it is: a plant at an equilibrium, kept free of rounding growth.
     Held,

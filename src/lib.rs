@@ -17,7 +17,7 @@
 //!
 //! # Floors
 //!
-//! A file uses lower floors only, or what is named before it on its own: `scalar`, `error`, `memory`, `polynomial` (0); `gain`,
+//! A file uses lower floors only, or what is named before it on its own: `elementary`, `scalar`, `error`, `memory`, `polynomial` (0); `gain`,
 //! `schedule`, `saturation`, `model`, `integrate`, `observer`, `noise`, `metrics` (1); `models`, `observers` (2);
 //! `simulate`, `covariance`, `estimator` (3); the Python module (4). Up to floor 3 nothing names `std`, `alloc`
 //! or Python, nothing allocates and nothing panics.
@@ -27,6 +27,7 @@
 compile_error!("hgo-rs needs feature `std` (default) or, without std, feature `libm`");
 
 pub mod covariance;
+mod elementary;
 pub mod error;
 pub mod estimator;
 pub mod gain;

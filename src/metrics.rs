@@ -4,6 +4,8 @@ use crate::Scalar;
 
 /// Samples from k = `from` up to, not including, `to`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Window {
     /// First sample.
     pub from: u64,
@@ -21,6 +23,8 @@ impl Window {
 
 /// Mean, root mean square and largest magnitude of a signal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Moments<T> {
     count: u64,
     sum: T,
@@ -56,6 +60,8 @@ impl<T: Scalar> Moments<T> {
 
 /// Time of the last sample at which a distance was at or above a threshold.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SettlingTime<T> {
     threshold: T,
     last: T,

@@ -26,6 +26,8 @@ pub fn last<T: Scalar, const N: usize>(phi: T) -> SVector<T, N> {
 
 /// Nothing is known: φ = 0. The observer is then a differentiator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Unknown;
 
 impl<T: Scalar, const N: usize, const M: usize> Model<T, N, M> for Unknown {
@@ -44,6 +46,8 @@ impl<T: Scalar, const N: usize, const M: usize> PhaseVariable<T, N, M> for Unkno
 
 /// A chain of integrators driven by one known input: φ = b₀·u.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct InputGain<T> {
     /// Input gain b₀.
     pub b0: T,
@@ -121,6 +125,8 @@ pub trait Plant<T: Scalar>: Copy {
 
 /// A choice among the stochastic schemes of [`crate::integrate`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StochasticIntegrator {
     /// Euler-Maruyama: strong order ½, 1 for additive noise.
     EulerMaruyama,

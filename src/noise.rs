@@ -20,6 +20,8 @@ const fn mix(z: u64) -> u64 {
 /// What a stream is for. Each purpose has a stream of its own, so that adding process noise does
 /// not change the measurement noise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Channel {
     /// Measurement noise.
     Measurement = 0,
@@ -29,8 +31,15 @@ pub enum Channel {
 
 /// A stream of random numbers: the generator xoshiro256++ of Blackman and Vigna.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Stream {
     s: [u64; 4],
+}
+
+crate::error::through_constructor! {
+    [] Stream<>: stream => { s: [u64; 4] = stream.s }
+    => crate::error::require("s", 0.0, s != [0; 4], "a generator's state must not be 0 throughout")
+        .map(|_| Self { s })
 }
 
 impl Stream {
@@ -89,6 +98,8 @@ impl Stream {
 
 /// A sine A sin(ωt + φ).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sine<T> {
     /// Amplitude A.
     pub amplitude: T,
@@ -98,8 +109,11 @@ pub struct Sine<T> {
     pub phase: T,
 }
 
-/// The part of a noise that is drawn at an instant and held.
+/// The part of a noise that is drawn at an instant and held. It borrows its samples: with feature
+/// `serde` it can be written, not read.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Draw<'a, T> {
     /// Always 0.
     None,
@@ -123,6 +137,8 @@ pub enum Draw<'a, T> {
 
 /// Measurement noise: draws held over `hold` steps, plus sines in continuous time.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Noise<'a, T> {
     /// What is drawn.
     pub draw: Draw<'a, T>,
@@ -160,10 +176,20 @@ impl<T: Scalar> Noise<'_, T> {
 
 /// A cascade of S second-order sections (biquads) that colours a sequence, transposed form II.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SecondOrderSections<T, const S: usize> {
     /// b₀, b₁, b₂, a₁, a₂ of every section, a₀ = 1.
     pub coefficients: [[T; 5]; S],
     memory: [[T; 2]; S],
+}
+
+crate::error::through_constructor! {
+    [T: Scalar, const S: usize]
+    SecondOrderSections<T, S>: filter => {
+        coefficients: [[T; 5]; S] = filter.coefficients,
+        memory: [[T; 2]; S] = filter.memory,
+    }
+    => Ok(Self { coefficients, memory })
 }
 
 impl<T: Scalar, const S: usize> SecondOrderSections<T, S> {

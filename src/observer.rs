@@ -9,6 +9,8 @@ use crate::memory::Memory;
 
 /// Whether the estimate at sample k uses the sample y(k) itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Timing {
     /// The estimate at k uses samples up to k − 1 (the papers' recursions).
     Predictor,
@@ -19,6 +21,8 @@ pub enum Timing {
 /// What one step made of its sample. The last three come from an [`crate::Estimator`] only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Status {
     /// The sample was used.
     Updated = 0,
@@ -147,6 +151,8 @@ pub trait Observer<T: Scalar>: Copy {
 
 /// What is frozen over a step of a Runge-Kutta scheme.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Hold {
     /// The sample y: the innovation is formed anew at every stage.
     Measurement,
@@ -170,6 +176,8 @@ pub trait Scheme<T: Scalar>: Copy {
 
 /// Forward Euler: z⁺ = z + dt·ż.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Euler;
 
 impl<T: Scalar> Scheme<T> for Euler {
@@ -190,6 +198,8 @@ impl<T: Scalar> Scheme<T> for Euler {
 /// Staggered (semi-implicit) Euler: the chain is swept from the last state to the first, each
 /// one moved by the new value of the next. It keeps the damping that forward Euler loses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StaggeredEuler;
 
 impl<T: Scalar> Scheme<T> for StaggeredEuler {
@@ -209,6 +219,8 @@ impl<T: Scalar> Scheme<T> for StaggeredEuler {
 
 /// A Runge-Kutta scheme with the measurement or the innovation held over the step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct RungeKutta {
     /// Which scheme.
     pub integrator: Integrator,
@@ -242,6 +254,8 @@ impl<T: Scalar> Scheme<T> for RungeKutta {
 
 /// A choice among the schemes at run time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Discretisation {
     /// [`Euler`].
     Euler,
@@ -272,6 +286,8 @@ impl<T: Scalar> Scheme<T> for Discretisation {
 
 /// A continuous law under a discretisation: an observer with predictor timing.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Discretised<L, S> {
     /// The law.
     pub law: L,

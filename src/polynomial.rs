@@ -217,10 +217,11 @@ pub fn coefficients_from_poles<T: Scalar, const N: usize>(
             "a complex pole needs its complex conjugate among the poles",
         )?;
         // times (s − pole)
-        for i in (0..=count).rev() {
-            let previous = if i == 0 { (T::ONE, zero) } else { product[i - 1] };
-            product[i].0 -= previous.0 * *re - previous.1 * *im;
-            product[i].1 -= previous.0 * *im + previous.1 * *re;
+        let mut above = (T::ONE, zero);
+        for c in product.iter_mut().take(count + 1) {
+            let old = *c;
+            *c = (old.0 - (above.0 * *re - above.1 * *im), old.1 - (above.0 * *im + above.1 * *re));
+            above = old;
         }
     }
     Ok(product.map(|(re, _)| re))

@@ -14,6 +14,8 @@ pub trait Saturation<T: Scalar>: Copy {
 
 /// The identity: the low-power observer (5).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct NoSaturation;
 
 impl<T: Scalar> Saturation<T> for NoSaturation {
@@ -25,15 +27,28 @@ impl<T: Scalar> Saturation<T> for NoSaturation {
 
 /// sat(s) = s within ±r, ±r outside: what the paper's tables were computed with.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct HardClip<T, const N: usize> {
     levels: SVector<T, N>,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar, const N: usize] HardClip<T, N>: clip => { levels: SVector<T, N> = clip.levels }
+    => Self::new(levels.into())
 }
 
 /// A strictly increasing C¹ saturation as the paper's text defines it: s within ±r and
 /// ±(r + u/(1 + u)), u = |s| − r, outside; bounded by r + 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SmoothSaturation<T, const N: usize> {
     levels: SVector<T, N>,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar, const N: usize]
+    SmoothSaturation<T, N>: clip => { levels: SVector<T, N> = clip.levels }
+    => Self::new(levels.into())
 }
 
 fn checked_levels<T: Scalar, const N: usize>(levels: [T; N]) -> Result<SVector<T, N>, DesignError> {

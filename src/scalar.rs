@@ -1,9 +1,11 @@
 //! Floor 0. The numbers that every law is written over: `f32` and `f64`.
 //!
-//! Elementary functions come from the `libm` crate in every build, so a notebook, a study and a
-//! microcontroller give the same bits. Only the square root uses the processor's instruction
-//! where `std` is there: IEEE 754 asks it to be correctly rounded, so its bits are the same too.
+//! Elementary functions are the crate's own ([`crate::elementary`]) in every build, so a notebook, a
+//! study and a microcontroller give the same bits. The square root is the processor's instruction
+//! where `std` is there, and the crate `libm`'s elsewhere: IEEE 754 asks it to be correctly rounded,
+//! so its bits are the same too.
 
+use crate::elementary;
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
@@ -35,6 +37,8 @@ pub trait Scalar:
     const ONE: Self;
     /// Nearest value to an `f64`.
     fn from_f64(value: f64) -> Self;
+    /// Nearest value to a whole number.
+    fn from_u64(value: u64) -> Self;
     /// Widened to `f64` (exact).
     fn to_f64(self) -> f64;
     /// Neither NaN nor infinite.
@@ -48,10 +52,10 @@ pub trait Scalar:
     /// √x.
     #[must_use]
     fn sqrt(self) -> Self;
-    /// sin x, x in rad.
+    /// sin x, x in rad; NaN beyond 1e9 rad (`f32`: 2e4), where a float is no angle any more.
     #[must_use]
     fn sin(self) -> Self;
-    /// cos x, x in rad.
+    /// cos x, x in rad; NaN as for [`Scalar::sin`].
     #[must_use]
     fn cos(self) -> Self;
     /// atan x, in rad.
@@ -63,7 +67,7 @@ pub trait Scalar:
     /// eˣ.
     #[must_use]
     fn exp(self) -> Self;
-    /// xᵖ for a real power p.
+    /// xᵖ for x ≥ 0 and a real power p; NaN for x < 0.
     #[must_use]
     fn powf(self, power: Self) -> Self;
 
@@ -102,7 +106,7 @@ pub trait Scalar:
 }
 
 macro_rules! scalar {
-    ($t:ident, $bits:ident, $sqrt:path, $sin:path, $cos:path, $atan:path, $ln:path, $exp:path, $pow:path) => {
+    ($t:ident, $bits:ident, $module:ident) => {
         impl Scalar for $t {
             const ZERO: Self = 0.0;
             const NEG_ZERO: Self = -0.0;
@@ -110,6 +114,10 @@ macro_rules! scalar {
             #[inline(always)]
             #[allow(clippy::cast_possible_truncation, clippy::cast_lossless)]
             fn from_f64(value: f64) -> Self {
+                value as $t
+            }
+            #[inline(always)]
+            fn from_u64(value: u64) -> Self {
                 value as $t
             }
             #[inline(always)]
@@ -133,31 +141,31 @@ macro_rules! scalar {
             }
             #[inline(always)]
             fn sqrt(self) -> Self {
-                $sqrt(self)
+                square_root::$t(self)
             }
             #[inline(always)]
             fn sin(self) -> Self {
-                $sin(self)
+                elementary::$module::sin(self)
             }
             #[inline(always)]
             fn cos(self) -> Self {
-                $cos(self)
+                elementary::$module::cos(self)
             }
             #[inline(always)]
             fn atan(self) -> Self {
-                $atan(self)
+                elementary::$module::atan(self)
             }
             #[inline(always)]
             fn ln(self) -> Self {
-                $ln(self)
+                elementary::$module::ln(self)
             }
             #[inline(always)]
             fn exp(self) -> Self {
-                $exp(self)
+                elementary::$module::exp(self)
             }
             #[inline(always)]
             fn powf(self, power: Self) -> Self {
-                $pow(self, power)
+                elementary::$module::powf(self, power)
             }
         }
     };
@@ -181,25 +189,5 @@ mod square_root {
     pub(super) use libm::{sqrt as f64, sqrtf as f32};
 }
 
-scalar!(
-    f32,
-    u32,
-    square_root::f32,
-    libm::sinf,
-    libm::cosf,
-    libm::atanf,
-    libm::logf,
-    libm::expf,
-    libm::powf
-);
-scalar!(
-    f64,
-    u64,
-    square_root::f64,
-    libm::sin,
-    libm::cos,
-    libm::atan,
-    libm::log,
-    libm::exp,
-    libm::pow
-);
+scalar!(f32, u32, single);
+scalar!(f64, u64, double);

@@ -13,8 +13,14 @@ pub trait Schedule<T: Scalar>: Copy {
 
 /// A fixed sampling period T.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FixedStep<T> {
     dt: T,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar] FixedStep<T>: step => { dt: T = step.dt }
+    => Self::new(dt)
 }
 
 impl<T: Scalar> FixedStep<T> {
@@ -35,7 +41,7 @@ impl<T: Scalar> Schedule<T> for FixedStep<T> {
     /// (k + 1)·T: no rounding is carried on.
     #[inline(always)]
     fn next_time(&self, _: T, k: u64, _: T) -> T {
-        T::from_f64(k as f64 + 1.0) * self.dt
+        T::from_u64(k + 1) * self.dt
     }
 }
 
@@ -44,11 +50,23 @@ impl<T: Scalar> Schedule<T> for FixedStep<T> {
 /// The steps decrease, so that measurement noise averages out. Condition (A.2) of the paper,
 /// Σ a = ∞ and Σ a² < ∞, holds exactly for ½ < p ≤ 1; for p > 1 the clock stops at a finite time.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StochasticApproximation<T> {
     alpha: T,
     epsilon: T,
     k0: T,
     p: T,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar]
+    StochasticApproximation<T>: a => {
+        alpha: T = a.alpha,
+        epsilon: T = a.epsilon,
+        k0: T = a.k0,
+        p: T = a.p,
+    }
+    => Self::new(alpha, epsilon, k0, p)
 }
 
 impl<T: Scalar> StochasticApproximation<T> {
@@ -69,7 +87,7 @@ impl<T: Scalar> StochasticApproximation<T> {
     #[inline(always)]
     #[allow(clippy::float_cmp)]
     pub fn b(&self, k: u64) -> T {
-        let base = T::ONE + T::from_f64(k as f64) / self.k0;
+        let base = T::ONE + T::from_u64(k) / self.k0;
         if self.p == T::ONE { T::ONE / base } else { base.powf(-self.p) }
     }
 }

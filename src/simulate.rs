@@ -18,6 +18,8 @@ pub const DIVERGED: f64 = 1e12;
 
 /// What is the same for every run of an experiment.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Experiment<'a, T, P, S> {
     /// The plant.
     pub plant: P,
@@ -72,6 +74,8 @@ pub trait Probe<T: Scalar> {
 
 /// How a run ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Finish<X, Z> {
     /// Last plant state.
     pub x: X,

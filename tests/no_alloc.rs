@@ -201,3 +201,41 @@ fn a_stochastic_simulation_runs_without_the_heap() {
     assert_eq!(calls, 0);
     assert!(moments[0].rms() > 0.0 && paths.0 != paths.1);
 }
+
+/// Writes every observer in use and reads it again.
+#[cfg(feature = "serde")]
+struct Storer {
+    observers: u64,
+    bytes: usize,
+}
+
+#[cfg(feature = "serde")]
+impl<T: Scalar + catalogue::Stored> Visitor<T> for Storer {
+    fn visit<O>(&mut self, _: &'static str, _: &'static str, observer: O, _: fn(T) -> O::Input)
+    where
+        O: Observer<T> + Debug + catalogue::Stored,
+        O::State: PartialEq + Debug + catalogue::Stored,
+    {
+        let mut buffer = [0; 2048];
+        let written = hgo_rs::Estimator::new(observer, T::ONE)
+            .map(|estimator| postcard::to_slice(&estimator, &mut buffer).map_or(0, |b| b.len()));
+        let length = written.unwrap_or(0);
+        let read = postcard::from_bytes::<hgo_rs::Estimator<T, O>>(&buffer[..length]);
+        self.observers += u64::from(read.is_ok());
+        self.bytes = self.bytes.max(length);
+    }
+}
+
+#[cfg(feature = "serde")]
+#[test]
+fn every_observer_is_written_and_read_without_the_heap() {
+    let mut storer = Storer { observers: 0, bytes: 0 };
+    let (calls, built) = allocations(|| {
+        visit_all::<f64>(&mut storer)?;
+        visit_all::<f32>(&mut storer)
+    });
+    built.unwrap();
+    assert_eq!(calls, 0);
+    assert_eq!(storer.observers, 2 * (14 * 5 + 2));
+    assert!(storer.bytes < 512, "{}", storer.bytes);
+}

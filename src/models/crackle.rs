@@ -11,8 +11,14 @@ use nalgebra::{SVector, Vector5};
 
 /// Plant (20) and the bound of its observer's `φ_s`.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Crackle<T> {
     phi_max: T,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar] Crackle<T>: plant => { phi_max: T = plant.phi_max }
+    => Self::new(phi_max)
 }
 
 impl<T: Scalar> Crackle<T> {

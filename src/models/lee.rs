@@ -6,6 +6,8 @@ use nalgebra::{SVector, Vector2};
 
 /// Plant (38).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Lee;
 
 impl<T: Scalar> PhaseVariable<T, 2> for Lee {

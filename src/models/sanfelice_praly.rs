@@ -9,9 +9,15 @@ use nalgebra::{SVector, Vector2};
 
 /// Plant (19) with the known ν₁ and the unknown ν₂.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SanfelicePraly<T> {
     nu1: T,
     nu2: T,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar] SanfelicePraly<T>: plant => { nu1: T = plant.nu1, nu2: T = plant.nu2 }
+    => Self::new(nu1, nu2)
 }
 
 impl<T: Scalar> SanfelicePraly<T> {

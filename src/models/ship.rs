@@ -28,9 +28,15 @@ pub type ShipState<T> = (Vector3<T>, Vector3<T>);
 
 /// Plant (20) with model uncertainty δ̄ and disturbance w.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Ship<T> {
     delta: T,
     w: Vector3<T>,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar] Ship<T>: ship => { delta: T = ship.delta, w: Vector3<T> = ship.w }
+    => Self::new(delta, w.into())
 }
 
 impl<T: Scalar> Ship<T> {

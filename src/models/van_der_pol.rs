@@ -11,6 +11,8 @@ use nalgebra::{SVector, Vector2};
 
 /// Where the process noise enters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Diffusion {
     /// g = σ, as in the paper.
     Additive,
@@ -20,6 +22,8 @@ pub enum Diffusion {
 
 /// Which first correction gain l₁ the observer uses, with μ = ε(1 − y²).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Correction {
     /// l₁ = (5 + μ)T: the error matrix has the constant spectrum {−2, −3}.
     Derived,
@@ -29,11 +33,23 @@ pub enum Correction {
 
 /// Plant (18) and its observer's correction.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct VanDerPol<T> {
     epsilon: T,
     sigma: T,
     diffusion: Diffusion,
     correction: Correction,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar]
+    VanDerPol<T>: plant => {
+        epsilon: T = plant.epsilon,
+        sigma: T = plant.sigma,
+        diffusion: Diffusion = plant.diffusion,
+        correction: Correction = plant.correction,
+    }
+    => Self::new(epsilon, sigma, diffusion, correction)
 }
 
 impl<T: Scalar> VanDerPol<T> {

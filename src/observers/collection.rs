@@ -17,9 +17,21 @@ pub type CopyState<T, const N: usize> = (SVector<T, N>, T);
 
 /// C repelled copies, Sanfelice and Praly (23); the estimate is the first copy's.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct RepelledCollection<T, Md, const N: usize, const C: usize, const M: usize = 0> {
     copy: StandardObserver<T, AdaptiveGain<T>, Md, N, M>,
     k_bar: SVector<T, N>,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usize]
+    RepelledCollection<T, Md, N, C, M>: collection => {
+        k: SVector<T, N> = collection.copy.k,
+        k_bar: SVector<T, N> = collection.k_bar,
+        gain: AdaptiveGain<T> = collection.copy.gain,
+        model: Md = collection.copy.model,
+    }
+    => Self::new(k.into(), k_bar.into(), gain, model)
 }
 
 impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usize>
@@ -115,9 +127,18 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
 
 /// The modified observer, Sanfelice and Praly (25): gain r·r̄, with r̄ from a collection beside it.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ModifiedObserver<T, Md, const N: usize, const C: usize, const M: usize = 0> {
     /// The collection that learns the nominal gain.
     pub collection: RepelledCollection<T, Md, N, C, M>,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usize]
+    ModifiedObserver<T, Md, N, C, M>: modified => {
+        collection: RepelledCollection<T, Md, N, C, M> = modified.collection,
+    }
+    => Ok(Self { collection })
 }
 
 impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usize> ContinuousLaw<T>

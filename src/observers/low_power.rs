@@ -22,11 +22,18 @@ use nalgebra::SVector;
 
 /// x̂ (N entries) and η (N − 1 entries; the N-th slot is never read or moved).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LowPowerState<T, const N: usize> {
     /// Estimates of x₁ … xₙ.
     pub x_hat: SVector<T, N>,
     /// Estimates of x₂ … xₙ, auxiliary.
     pub eta: SVector<T, N>,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar, const N: usize]
+    LowPowerState<T, N>: z => { x_hat: SVector<T, N> = z.x_hat, eta: SVector<T, N> = z.eta }
+    => Ok(Self { x_hat, eta })
 }
 
 impl<T: Scalar, const N: usize> Memory<T> for LowPowerState<T, N> {
@@ -59,6 +66,7 @@ impl<T: Scalar, const N: usize> Memory<T> for LowPowerState<T, N> {
 
 /// The structure of (5) and (11): N blocks, saturation S; memory (x̂, η, gain memory).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LowPower<T, G, Md, S, const N: usize, const M: usize = 0> {
     /// αᵢ ℓ, ℓ the fixed part of the gain.
     alpha: SVector<T, N>,
@@ -67,6 +75,19 @@ pub struct LowPower<T, G, Md, S, const N: usize, const M: usize = 0> {
     gain: G,
     model: Md,
     saturation: S,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar, G: GainLaw<T>, Md: PhaseVariable<T, N, M>, S: Saturation<T>,
+     const N: usize, const M: usize]
+    LowPower<T, G, Md, S, N, M>: observer => {
+        alpha: SVector<T, N> = super::unfolded(&observer.alpha, observer.gain.fixed(), |_| 1),
+        beta: SVector<T, N> = super::unfolded(&observer.beta, observer.gain.fixed(), |_| 2),
+        gain: G = observer.gain,
+        model: Md = observer.model,
+        saturation: S = observer.saturation,
+    }
+    => Self::new(alpha.into(), beta.into(), gain, model, saturation)
 }
 
 /// The low-power observer (5).
@@ -86,7 +107,7 @@ where
     /// # Errors
     /// A coefficient that is not finite; N outside 1 to 12; the characteristic polynomial of the
     /// matrix Mₙ not Hurwitz (the paper's low-power stability requirement); a gain whose square
-    /// is too large for the precision.
+    /// is too large or too small for the precision.
     pub fn new(
         alpha: [T; N],
         beta: [T; N],
@@ -97,8 +118,7 @@ where
         let (alpha, beta) = (checked("alpha", alpha)?, checked("beta", beta)?);
         crate::polynomial::require_low_power_hurwitz(alpha.as_slice(), beta.as_slice())?;
         let ell = gain.fixed();
-        let alpha = folded(alpha.map(|a| a * ell), ell)?;
-        let beta = folded(beta.map(|b| b * (ell * ell)), ell)?;
+        let (alpha, beta) = (folded(&alpha, ell, |_| 1)?, folded(&beta, ell, |_| 2)?);
         Ok(Self { alpha, beta, gain, model, saturation })
     }
 }

@@ -40,14 +40,34 @@ fn checked<T: Scalar, const N: usize>(
     Ok(SVector::from_fn(|i, _| k[i]))
 }
 
-/// Coefficients with powers of the gain ℓ folded in, which the precision must be able to hold.
+/// Coefficient i times ℓ to the power of `exponent(i)`, which the precision must be able to hold.
 fn folded<T: Scalar, const N: usize>(
-    k: SVector<T, N>,
+    k: &SVector<T, N>,
     ell: T,
+    exponent: impl Fn(usize) -> usize,
 ) -> Result<SVector<T, N>, DesignError> {
-    let allowed = "its powers times the coefficients must be finite in the chosen precision";
-    let fits = k.iter().all(|k| k.is_finite());
-    crate::error::require("ell", ell, fits, allowed).map(|_| k)
+    let allowed = "its powers times the coefficients must be finite, and not 0, in the chosen \
+                   precision";
+    let products: SVector<T, N> = SVector::from_fn(|i, _| k[i] * ell.powi(exponent(i)));
+    let held =
+        |(k, product): (&T, &T)| product.is_finite() && (*product != T::ZERO || *k == T::ZERO);
+    let fits = k.iter().zip(products.iter()).all(held);
+    crate::error::require("ell", ell, fits, allowed).map(|_| products)
+}
+
+/// Coefficients that [`folded`] turns into `products` again, bit for bit: a quotient that does not
+/// give its product back is one rounding off, and moved by it.
+#[cfg(feature = "serde")]
+fn unfolded<T: Scalar, const N: usize>(
+    products: &SVector<T, N>,
+    ell: T,
+    exponent: impl Fn(usize) -> usize,
+) -> SVector<T, N> {
+    SVector::from_fn(|i, _| {
+        let (product, power) = (products[i], ell.powi(exponent(i)));
+        let k = product / power;
+        if k * power == product { k } else { k + (product - k * power) / power }
+    })
 }
 
 /// A x̂: the chain of integrators ẋᵢ = xᵢ₊₁.

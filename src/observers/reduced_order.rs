@@ -15,6 +15,7 @@ use nalgebra::SVector;
 
 /// ẑ, the last sample seen, the input held, and the time that has passed (0: no sample yet).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ReducedOrderState<T, const NX: usize, const NZ: usize, const M: usize> {
     /// Estimate ẑ.
     pub z_hat: SVector<T, NZ>,
@@ -26,6 +27,18 @@ pub struct ReducedOrderState<T, const NX: usize, const NZ: usize, const M: usize
     pub elapsed: T,
     /// Length of the step that the next sample closes, in s.
     pub period: T,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar, const NX: usize, const NZ: usize, const M: usize]
+    ReducedOrderState<T, NX, NZ, M>: z => {
+        z_hat: SVector<T, NZ> = z.z_hat,
+        y: SVector<T, NX> = z.y,
+        u: SVector<T, M> = z.u,
+        elapsed: T = z.elapsed,
+        period: T = z.period,
+    }
+    => Ok(Self { z_hat, y, u, elapsed, period })
 }
 
 impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> Memory<T>
@@ -70,9 +83,19 @@ impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> Memory<T>
 
 /// Reduced-order observer for any f₁, g, f₂.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ReducedOrderObserver<T, Md, const NX: usize, const NZ: usize, const M: usize> {
     h: SVector<T, NZ>,
     model: Md,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar, Md: StrictFeedback<T, NX, NZ, M>, const NX: usize, const NZ: usize, const M: usize]
+    ReducedOrderObserver<T, Md, NX, NZ, M>: observer => {
+        h: SVector<T, NZ> = observer.h,
+        model: Md = observer.model,
+    }
+    => Self::from_rates(h, model)
 }
 
 impl<T, Md, const NX: usize, const NZ: usize, const M: usize> ReducedOrderObserver<T, Md, NX, NZ, M>
@@ -83,14 +106,22 @@ where
     /// Gains h̄ᵢ in (0, 1), small parameter ε > 0 in s, model. Stable for T < 2ε/max h̄ (A5).
     ///
     /// # Errors
-    /// An h̄ᵢ outside (0, 1); ε not finite or ≤ 0.
+    /// An h̄ᵢ outside (0, 1); ε not finite or ≤ 0; h̄ᵢ/ε not finite.
     pub fn new(h_bar: [T; NZ], epsilon: T, model: Md) -> Result<Self, DesignError> {
         positive("epsilon", epsilon)?;
         for h in h_bar {
             let inside = h > T::ZERO && h < T::ONE;
             require("h_bar", h, inside, "every entry must lie in (0, 1), Katayama A5")?;
         }
-        Ok(Self { h: checked("h_bar", h_bar)?.map(|h| h / epsilon), model })
+        Self::from_rates(SVector::from_fn(|i, _| h_bar[i] / epsilon), model)
+    }
+
+    /// From the diagonal h̄/ε of H.
+    fn from_rates(h: SVector<T, NZ>, model: Md) -> Result<Self, DesignError> {
+        for rate in h.iter() {
+            positive("h (h_bar / epsilon)", *rate)?;
+        }
+        Ok(Self { h: checked("h", h.into())?, model })
     }
 }
 

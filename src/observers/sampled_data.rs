@@ -9,6 +9,8 @@ use nalgebra::SVector;
 
 /// Sampled-data observer for any f and `K_T`; memory x̂.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SampledDataObserver<Md, const N: usize, const M: usize = 0> {
     /// f and `K_T`.
     pub model: Md,

@@ -18,11 +18,22 @@ use nalgebra::SVector;
 
 /// Standard high-gain observer of order N with M known inputs; memory (x̂, gain memory).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StandardObserver<T, G, Md, const N: usize, const M: usize = 0> {
     /// kᵢ ℓⁱ, ℓ the fixed part of the gain.
-    k: SVector<T, N>,
-    gain: G,
-    model: Md,
+    pub(super) k: SVector<T, N>,
+    pub(super) gain: G,
+    pub(super) model: Md,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar, G: GainLaw<T>, Md: Model<T, N, M>, const N: usize, const M: usize]
+    StandardObserver<T, G, Md, N, M>: observer => {
+        k: SVector<T, N> = super::unfolded(&observer.k, observer.gain.fixed(), |i| i + 1),
+        gain: G = observer.gain,
+        model: Md = observer.model,
+    }
+    => Self::new(k.into(), gain, model)
 }
 
 impl<T, G, Md, const N: usize, const M: usize> StandardObserver<T, G, Md, N, M>
@@ -35,13 +46,11 @@ where
     ///
     /// # Errors
     /// A coefficient that is not finite; N outside 1 to 12; a polynomial that is not Hurwitz; a
-    /// gain whose N-th power is too large for the precision.
+    /// gain whose N-th power is too large or too small for the precision.
     pub fn new(k: [T; N], gain: G, model: Md) -> Result<Self, DesignError> {
         let k = checked("k", k)?;
         crate::polynomial::require_hurwitz(k.as_slice())?;
-        let ell = gain.fixed();
-        let k = folded(SVector::from_fn(|i, _| k[i] * ell.powi(i + 1)), ell)?;
-        Ok(Self { k, gain, model })
+        Ok(Self { k: folded(&k, gain.fixed(), |i| i + 1)?, gain, model })
     }
 
     /// Rate of x̂ under the moving gain r and the innovation e.

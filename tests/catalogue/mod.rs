@@ -20,6 +20,30 @@ pub const ALPHA: [f64; 5] = [3.0, 3.0, 3.0, 3.0, 2.0];
 /// The last entry is not used.
 pub const BETA: [f64; 5] = [60.0 / 7.0, 3.212_245, 1.426_736, 0.534_670, 0.0];
 
+/// A trait that stands for `bounds` where `feature` is on, and for nothing where it is off.
+macro_rules! under_feature {
+    ($feature:literal, $(#[$doc:meta])* $name:ident: $($bounds:tt)+) => {
+        $(#[$doc])*
+        #[cfg(feature = $feature)]
+        pub trait $name: $($bounds)+ {}
+        #[cfg(feature = $feature)]
+        impl<X: $($bounds)+> $name for X {}
+        $(#[$doc])*
+        #[cfg(not(feature = $feature))]
+        pub trait $name {}
+        #[cfg(not(feature = $feature))]
+        impl<X> $name for X {}
+    };
+}
+under_feature! { "serde",
+    /// Can be written and read again.
+    Stored: serde::Serialize + serde::de::DeserializeOwned
+}
+under_feature! { "defmt",
+    /// Can be logged by a chip.
+    Logged: defmt::Format
+}
+
 /// What a test does with each observer.
 pub trait Visitor<T: Scalar> {
     /// `law` and `scheme` name the observer; `input` fills its known input with one value.
@@ -30,8 +54,8 @@ pub trait Visitor<T: Scalar> {
         observer: O,
         input: fn(T) -> O::Input,
     ) where
-        O: Observer<T>,
-        O::State: PartialEq + Debug;
+        O: Observer<T> + Debug + Stored + Logged,
+        O::State: PartialEq + Debug + Stored + Logged;
 }
 
 /// The schemes of a continuous law, by their names.
@@ -53,9 +77,9 @@ fn each_scheme<T, L>(
     law: L,
     input: fn(T) -> L::Input,
 ) where
-    T: Scalar,
-    L: ContinuousLaw<T>,
-    L::State: PartialEq + Debug,
+    T: Scalar + Stored + Logged,
+    L: ContinuousLaw<T> + Debug + Stored + Logged,
+    L::State: PartialEq + Debug + Stored + Logged,
 {
     for (scheme_name, scheme) in SCHEMES {
         visitor.visit(name, scheme_name, Discretised { law, scheme }, input);
@@ -67,7 +91,10 @@ fn fill<T: Scalar, const M: usize>(value: T) -> SVector<T, M> {
 }
 
 /// Construct every observer and show it to the visitor.
-pub fn visit_all<T: Scalar>(visitor: &mut impl Visitor<T>) -> Result<(), DesignError> {
+pub fn visit_all<T>(visitor: &mut impl Visitor<T>) -> Result<(), DesignError>
+where
+    T: Scalar + Stored + Logged,
+{
     let c = T::from_f64;
     let ell = |value: f64| ConstantGain::new(c(value));
     let adaptive = AdaptiveGain::new(c(10.0), c(0.0025), c(0.183))?;

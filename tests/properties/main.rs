@@ -5,6 +5,7 @@
 #[path = "../catalogue/mod.rs"]
 mod catalogue;
 mod designs;
+mod elementary;
 mod estimators;
 mod gains;
 mod laws;

@@ -1,13 +1,14 @@
 //! The cases on a Cortex-M, one line each by semihosting:
-//! `row <observer>|<n>|<scalar>|<digest>|<samples>|<instructions>|<most>|<stack>|<step>|<clock>`:
+//! `row <case>|<observer>|<n>|<scalar>|<digest>|<samples>|<steps>|<instructions>|<most>|<stack>|<step>|<clock>`:
 //! instructions of all steps and of the longest one, deepest stack of a step in bytes, addresses
 //! of the step's function and of the clock's (0: none).
 #![no_std]
 #![no_main]
 
+mod beside;
 mod meter;
 
-use cases::{Case, Visitor, run, visit_all};
+use cases::{Case, Digest, Visitor, run, visit_all};
 use core::fmt::Write;
 use cortex_m_rt::entry;
 use cortex_m_semihosting::debug::{EXIT_FAILURE, EXIT_SUCCESS, exit};
@@ -22,6 +23,20 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
     loop {}
 }
 
+/// Report a run: who, its digest, and what the meter saw.
+fn row(
+    out: &mut HostStream,
+    (symbol, name, n, scalar): (&str, &str, usize, &str),
+    digest: Digest,
+) -> core::fmt::Result {
+    let Counter { steps, total, most, stack, step, clock } = meter::read();
+    let Digest { hash, samples } = digest;
+    writeln!(
+        out,
+        "row {symbol}|{name}|{n}|{scalar}|{hash:016x}|{samples}|{steps}|{total}|{most}|{stack}|{step:x}|{clock:x}"
+    )
+}
+
 struct Rows {
     out: HostStream,
     refused: bool,
@@ -34,22 +49,7 @@ impl Visitor for Rows {
             self.refused = true;
             return;
         };
-        let Counter { total, most, stack, step, clock } = meter::read();
-        let written = writeln!(
-            self.out,
-            "row {}|{}|{}|{:016x}|{}|{}|{}|{}|{:x}|{:x}",
-            C::NAME,
-            C::N,
-            scalar,
-            digest.hash,
-            digest.samples,
-            total,
-            most,
-            stack,
-            step,
-            clock
-        );
-        self.refused |= written.is_err();
+        self.refused |= row(&mut self.out, (C::SYMBOL, C::NAME, C::N, scalar), digest).is_err();
     }
 }
 
@@ -60,6 +60,7 @@ fn main() -> ! {
     if let Ok(out) = hstdout() {
         let mut rows = Rows { out, refused: false };
         visit_all(&mut rows);
+        rows.refused |= beside::report(&mut rows.out).is_err();
         refused = rows.refused;
     }
     exit(if refused { EXIT_FAILURE } else { EXIT_SUCCESS });

@@ -22,6 +22,8 @@ const PAINT: u32 = 0xC0DE_50DA;
 
 /// What was seen of one case.
 pub struct Counter {
+    /// Steps that were counted.
+    pub steps: u32,
     /// Instructions of all steps.
     pub total: u32,
     /// Of the longest step.
@@ -34,6 +36,7 @@ pub struct Counter {
     pub clock: u32,
 }
 
+static STEPS: AtomicU32 = AtomicU32::new(0);
 static TOTAL: AtomicU32 = AtomicU32::new(0);
 static MOST: AtomicU32 = AtomicU32::new(0);
 static STACK: AtomicU32 = AtomicU32::new(0);
@@ -67,7 +70,7 @@ pub fn start() {
 
 /// Forget what was seen.
 pub fn reset() {
-    for cell in [&TOTAL, &MOST, &STACK, &STEP, &CLOCK, &TICKED, &CALLS] {
+    for cell in [&STEPS, &TOTAL, &MOST, &STACK, &STEP, &CLOCK, &TICKED, &CALLS] {
         cell.store(0, Relaxed);
     }
 }
@@ -75,6 +78,7 @@ pub fn reset() {
 /// What was seen since the last reset.
 pub fn read() -> Counter {
     Counter {
+        steps: STEPS.load(Relaxed),
         total: TOTAL.load(Relaxed),
         most: MOST.load(Relaxed),
         stack: STACK.load(Relaxed),
@@ -89,44 +93,65 @@ fn now() -> u32 {
     unsafe { read_volatile(TIMER.add(1)) }
 }
 
-/// A call, timed and, every so often, with the stack below it painted: its result and ticks.
-macro_rules! timed {
-    ($function:expr, $paint:expr, $($argument:expr),+) => {{
-        let function = black_box($function);
-        let bottom: usize;
-        // SAFETY: reads the stack pointer.
-        unsafe { asm!("mov {}, sp", out(reg) bottom, options(nomem, nostack)) };
-        let lowest = (bottom - PAINTED) as *mut u32;
-        if $paint {
-            for i in 0..PAINTED / 4 {
-                // SAFETY: below the stack pointer, within the stack's memory; nothing lives there.
-                unsafe { write_volatile(lowest.add(i), PAINT) };
-            }
-        }
-        let before = now();
-        let result = function($($argument),+);
-        let ticks = before.wrapping_sub(now());
-        if $paint {
-            let mut i = 0;
-            // SAFETY: as above.
-            while i < PAINTED / 4 && unsafe { read_volatile(lowest.add(i)) } == PAINT {
-                i += 1;
-            }
-            STACK.fetch_max((PAINTED - 4 * i) as u32, Relaxed);
-        }
-        (result, ticks)
-    }};
+/// Make the call `call(function)`, count its instructions and look at its stack.
+///
+/// The call is made twice, by the same machine code: first with a function of one instruction in
+/// the place of `function`, which gives what the measurement itself costs.
+///
+/// # Safety
+/// F is a function pointer whose result may be any bits.
+pub unsafe fn count<F: Copy, R>(function: F, mut call: impl FnMut(F) -> R) -> (R, u32) {
+    let one = hgo_one_instruction as unsafe extern "C" fn();
+    // SAFETY: F is a function pointer by this function's contract, and as large as `one`.
+    let one = unsafe { core::mem::transmute_copy::<_, F>(&one) };
+    let (_, of_one) = timed(one, false, &mut call);
+    let paint = CALLS.fetch_add(1, Relaxed) % PAINT_EVERY == 0;
+    let (result, ticks) = timed(function, paint, &mut call);
+    // 25.6 ticks an instruction, rounded
+    (result, (10 * ticks.wrapping_sub(of_one) + 128) / 256 + 1)
 }
 
-/// Instructions in a call, from its ticks and those of a call of one instruction.
-fn instructions(ticks: u32, of_one: u32) -> u32 {
-    (10 * ticks.wrapping_sub(of_one) + 128) / 256 + 1
+/// A call and its ticks, with the stack below it painted before if so wanted, and looked at after.
+#[inline(never)]
+fn timed<F: Copy, R>(function: F, paint: bool, call: &mut impl FnMut(F) -> R) -> (R, u32) {
+    let function = black_box(function);
+    let bottom: usize;
+    // SAFETY: reads the stack pointer.
+    unsafe { asm!("mov {}, sp", out(reg) bottom, options(nomem, nostack)) };
+    let lowest = (bottom - PAINTED) as *mut u32;
+    if paint {
+        for i in 0..PAINTED / 4 {
+            // SAFETY: below the stack pointer, within the stack's memory; nothing lives there.
+            unsafe { write_volatile(lowest.add(i), PAINT) };
+        }
+    }
+    let before = now();
+    let result = call(function);
+    let ticks = before.wrapping_sub(now());
+    if paint {
+        let mut untouched = 0;
+        // SAFETY: as above.
+        while untouched < PAINTED / 4 && unsafe { read_volatile(lowest.add(untouched)) } == PAINT {
+            untouched += 1;
+        }
+        STACK.fetch_max((PAINTED - 4 * untouched) as u32, Relaxed);
+    }
+    (result, ticks)
+}
+
+/// Take down a step of so many instructions by the function at `address`.
+pub fn record(instructions: u32, address: *const ()) {
+    let count = instructions + TICKED.swap(0, Relaxed);
+    STEPS.fetch_add(1, Relaxed);
+    TOTAL.fetch_add(count, Relaxed);
+    MOST.fetch_max(count, Relaxed);
+    STEP.store(address as u32, Relaxed);
 }
 
 /// The instrument of the cases on the board.
 pub struct Meter;
 
-/// What is counted: a step as a user's program calls it. The status is a number so that a function
+/// What is counted: a step as a user's program calls it. The status is a number, so that a function
 /// of one instruction can stand in for it.
 #[inline(never)]
 fn step<T: Scalar, O: Observer<T>>(
@@ -150,30 +175,8 @@ type Step<T, O> = fn(
 ) -> u8;
 
 #[inline(never)]
-fn timed_step<T: Scalar, O: Observer<T>>(
-    function: Step<T, O>,
-    paint: bool,
-    observer: &O,
-    z: &mut O::State,
-    (y, u): (&O::Measurement, &O::Input),
-    (t, dt): (T, T),
-) -> (u8, u32) {
-    timed!(function, paint, observer, z, y, u, t, dt)
-}
-
-#[inline(never)]
 fn dt<T: Scalar, S: Schedule<T>>(schedule: &S, k: u64) -> T {
     schedule.dt(k)
-}
-
-#[inline(never)]
-fn timed_dt<T: Scalar, S: Schedule<T>>(
-    function: fn(&S, u64) -> T,
-    paint: bool,
-    schedule: &S,
-    k: u64,
-) -> (T, u32) {
-    timed!(function, paint, schedule, k)
 }
 
 impl<T: Scalar> Instrument<T> for Meter {
@@ -185,16 +188,11 @@ impl<T: Scalar> Instrument<T> for Meter {
         t: T,
         dt: T,
     ) -> Status {
-        // SAFETY: it takes nothing and returns at once; any byte is a result.
-        let one: Step<T, O> =
-            unsafe { core::mem::transmute(hgo_one_instruction as unsafe extern "C" fn()) };
-        let paint = CALLS.fetch_add(1, Relaxed) % PAINT_EVERY == 0;
-        let (_, of_one) = timed_step(one, false, observer, z, (y, u), (t, dt));
-        let (status, ticks) = timed_step(step::<T, O>, paint, observer, z, (y, u), (t, dt));
-        let count = instructions(ticks, of_one) + TICKED.swap(0, Relaxed);
-        TOTAL.fetch_add(count, Relaxed);
-        MOST.fetch_max(count, Relaxed);
-        STEP.store(step::<T, O> as *const () as u32, Relaxed);
+        let function: Step<T, O> = step::<T, O>;
+        // SAFETY: a function pointer; any byte is a result.
+        let (status, instructions) =
+            unsafe { count(function, |step| step(observer, z, y, u, t, dt)) };
+        record(instructions, function as *const ());
         match status {
             0 => Status::Updated,
             1 => Status::Predicted,
@@ -203,14 +201,11 @@ impl<T: Scalar> Instrument<T> for Meter {
     }
 
     fn dt<S: Schedule<T>>(schedule: &S, k: u64) -> T {
-        // SAFETY: it takes nothing and returns at once; any bits are a number.
-        let one: fn(&S, u64) -> T =
-            unsafe { core::mem::transmute(hgo_one_instruction as unsafe extern "C" fn()) };
-        let (_, of_one) = timed_dt(one, false, schedule, k);
-        let paint = k % u64::from(PAINT_EVERY) == 0;
-        let (value, ticks) = timed_dt(dt::<T, S>, paint, schedule, k);
-        TICKED.store(instructions(ticks, of_one), Relaxed);
-        CLOCK.store(dt::<T, S> as *const () as u32, Relaxed);
+        let function: fn(&S, u64) -> T = dt::<T, S>;
+        // SAFETY: a function pointer; any bits are a number.
+        let (value, instructions) = unsafe { count(function, |dt| dt(schedule, k)) };
+        TICKED.store(instructions, Relaxed);
+        CLOCK.store(function as *const () as u32, Relaxed);
         value
     }
 }

@@ -199,7 +199,25 @@ impl<T: Scalar> Probe<T> for Digest {
 /// None with the papers' numbers.
 pub fn run<T: Scalar, C: Case<T>, I: Instrument<T>>() -> Result<Digest, DesignError> {
     let observer = Watched::<_, I>::new(C::observer(T::from_f64)?);
-    let Scenario { plant, scheme, draw, x0, z0 } = C::scenario()?;
+    run_instead::<T, C, I, _>(&observer, C::scenario()?.z0)
+}
+
+/// Run a case's scenario with another observer in the place of its own.
+///
+/// # Errors
+/// None with the papers' numbers.
+pub fn run_instead<T: Scalar, C: Case<T>, I: Instrument<T>, O>(
+    observer: &O,
+    z0: O::State,
+) -> Result<Digest, DesignError>
+where
+    O: Observer<
+            T,
+            Measurement = <C::Observer as Observer<T>>::Measurement,
+            Input = <C::Observer as Observer<T>>::Input,
+        >,
+{
+    let Scenario { plant, scheme, draw, x0, .. } = C::scenario()?;
     let experiment = Experiment {
         plant,
         plant_scheme: scheme,
@@ -212,7 +230,7 @@ pub fn run<T: Scalar, C: Case<T>, I: Instrument<T>>() -> Result<Digest, DesignEr
     };
     experiment.check()?;
     let mut digest = Digest::default();
-    experiment.sampled(&observer, |u| *u, 0, x0, z0, &mut digest);
+    experiment.sampled(observer, |u| *u, 0, x0, z0, &mut digest);
     Ok(digest)
 }
 

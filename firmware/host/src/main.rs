@@ -1,6 +1,6 @@
-//! The cases on this computer: one line each, `row <observer>|<n>|<scalar>|<digest>`.
+//! The cases on this computer: one line each, `row <case>|<observer>|<n>|<scalar>|<digest>|<samples>`.
 
-use cases::{Case, Plain, Visitor, run, visit_all};
+use cases::{Case, Digest, Plain, Visitor, run, visit_all};
 use hgo_rs::Scalar;
 use std::process::ExitCode;
 
@@ -11,13 +11,10 @@ struct Rows {
 impl Visitor for Rows {
     fn visit<T: Scalar, C: Case<T>>(&mut self, scalar: &'static str) {
         match run::<T, C, Plain>() {
-            Ok(digest) => println!(
-                "row {}|{}|{scalar}|{:016x}|{}",
-                C::NAME,
-                C::N,
-                digest.hash,
-                digest.samples
-            ),
+            Ok(Digest { hash, samples }) => {
+                let (symbol, name, n) = (C::SYMBOL, C::NAME, C::N);
+                println!("row {symbol}|{name}|{n}|{scalar}|{hash:016x}|{samples}");
+            }
             Err(error) => {
                 eprintln!("{}, {scalar}: {error}", C::NAME);
                 self.refused = true;

@@ -6,6 +6,7 @@
 
 use cases::Case;
 use core::hint::black_box;
+use hgo_rs::polynomial::euler_limit;
 use hgo_rs::prelude::*;
 
 #[panic_handler]
@@ -38,7 +39,8 @@ fn estimate<T: Scalar, C: Case<T>>(observer: &Of<T, C>, z: &Memory<T, C>, i: usi
     observer.estimate(z).get(i).copied().unwrap_or(T::ZERO)
 }
 
-/// The roots `<case>_<scalar>_new`, `_step` and `_estimate` of cases in one precision.
+/// The roots `<case>_<scalar>_new`, `_step`, `_estimate` and, for use on line, `_online` of cases in
+/// one precision.
 macro_rules! roots {
     ($scalar:ident: $($case:ident)*) => {$(const _: () = {
         type Observer = Of<$scalar, cases::$case>;
@@ -58,6 +60,15 @@ macro_rules! roots {
             dt: $scalar,
         ) -> Status {
             observer.step(z, y, u, t, dt)
+        }
+        #[unsafe(export_name = concat!(stringify!($case), "_", stringify!($scalar), "_online"))]
+        fn online_root(
+            estimator: &mut Estimator<$scalar, Observer>,
+            y: &<Observer as hgo_rs::Observer<$scalar>>::Measurement,
+            u: &<Observer as hgo_rs::Observer<$scalar>>::Input,
+            dt: $scalar,
+        ) -> Status {
+            estimator.step(y, u, dt)
         }
         #[unsafe(export_name = concat!(stringify!($case), "_", stringify!($scalar), "_estimate"))]
         fn estimate_root(observer: &Observer, z: &State, i: usize) -> $scalar {
@@ -101,6 +112,15 @@ macro_rules! with_a_clock {
             *t = clock.next_time(*t, k, dt);
             status
         }
+        #[unsafe(export_name = concat!("StochasticApproximation2_", stringify!($scalar), "_online"))]
+        fn online_root(
+            estimator: &mut Estimator<$scalar, Of<$scalar, Case>>,
+            clock: &StochasticApproximation<$scalar>,
+            y: &$scalar,
+            k: u64,
+        ) -> Status {
+            estimator.step(y, &no_input(), clock.dt(k))
+        }
         #[unsafe(export_name = concat!("StochasticApproximation2_", stringify!($scalar), "_estimate"))]
         fn estimate_root((observer, _): &Observer, (z, _): &State, i: usize) -> $scalar {
             estimate::<$scalar, Case>(observer, z, i)
@@ -109,3 +129,19 @@ macro_rules! with_a_clock {
 }
 
 with_a_clock! { f32 f64 }
+
+/// Designs made on the chip itself: coefficients from poles, and the step limit.
+macro_rules! design {
+    ($($name:literal $scalar:ident)*) => {$(const _: () = {
+        #[unsafe(export_name = $name)]
+        fn design(poles: &[($scalar, $scalar); 9], out: &mut [[$scalar; 5]; 3]) -> $scalar {
+            let [a, b, c, d, e, ..] = *poles;
+            let Ok(k) = coefficients_from_poles([a, b, c, d, e]) else { return 0.0 };
+            let Ok((alpha, beta)) = low_power_coefficients_from_poles(*poles) else { return 0.0 };
+            *out = [k, alpha, beta];
+            euler_limit(&k)
+        }
+    };)*};
+}
+
+design! { "design_f32" f32 "design_f64" f64 }

@@ -1,0 +1,272 @@
+"""`make firmware`: every observer on two Cortex-M, compared with this computer, counted and proven.
+
+    python firmware/tools/firmware.py [--out out] [--readme]
+
+Builds and runs the cases on this computer, on QEMU's Cortex-M4F and Cortex-M7 and as WebAssembly;
+compares the digests of every state of every step; counts instructions; proves on the linked images
+that no allocator is in them and no panic is reachable, and bounds the stack. Prints a table; writes
+`firmware.json` and `firmware.md`. Exits with 1 if anything does not hold.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import interface
+from image import Image
+from report import Row, Run, report, update_readme
+from toolchain import FIRMWARE, THUMB, WASM, Toolchain, ToolchainError, require, say, versions
+
+TARGET = FIRMWARE / "target"
+BOARDS = {"cortex-m4": "mps2-an386", "cortex-m7": "mps2-an500"}
+RUN_SECONDS = 300  # a run takes about 6 s
+
+
+class FirmwareError(RuntimeError):
+    """A build or a run failed; the message says which."""
+
+
+def execute(
+    command: Sequence[str], env: dict[str, str] | None = None, seconds: float = 1800
+) -> str:
+    """A command's output; its error output if it fails."""
+    try:
+        done = subprocess.run(
+            command,
+            cwd=FIRMWARE,
+            env=env,
+            capture_output=True,
+            text=True,
+            timeout=seconds,
+            check=False,
+            stdin=subprocess.DEVNULL,
+        )
+    except subprocess.TimeoutExpired:
+        raise FirmwareError(f"{command[0]} did not end in {seconds:g} s: {command}") from None
+    if done.returncode:
+        tail = "\n".join((done.stdout + done.stderr).strip().splitlines()[-30:])
+        raise FirmwareError(f"{' '.join(command)}\nended with {done.returncode}:\n{tail}")
+    return done.stdout
+
+
+def rows(text: str, fields: int) -> Iterator[list[str]]:
+    """The lines `row a|b|...` of a program's output; any other line is an error."""
+    for line in text.splitlines():
+        parts = line.removeprefix("row ").split("|")
+        if not line.startswith("row ") or len(parts) != fields:
+            raise FirmwareError(f"not a line of {fields} fields: {line!r}")
+        yield parts
+
+
+def run_host() -> dict[tuple[str, str], str]:
+    """The digest of each case and precision on this computer."""
+    target = ["--target-dir", str(TARGET / "host")]
+    text = execute(["cargo", "run", "--quiet", "--release", "--package", "host", *target])
+    return {(case, scalar): digest for case, _, _, scalar, digest, _ in rows(text, 6)}
+
+
+def run_web() -> dict[tuple[str, str], str]:
+    """The same as WebAssembly."""
+    toolchain = Toolchain.find(WASM)
+    folder = build(toolchain, "web")
+    text = execute(["node", "web/run.mjs", str(folder / "web.wasm")])
+    return {(case, scalar): digest for case, scalar, digest in rows(text, 3)}
+
+
+def build(toolchain: Toolchain, *packages: str) -> Path:
+    """Compile packages for a chip; the folder with what was made."""
+    target = TARGET / toolchain.name
+    env = toolchain.environment() | {"HGO_CPU": toolchain.cpu}
+    chosen = [f"--package={package}" for package in packages]
+    execute(toolchain.cargo("--quiet", "--target-dir", str(target), *chosen), env)
+    return target / toolchain.target / "release"
+
+
+def qemu(cpu: str, elf: Path) -> str:
+    """What an image prints by semihosting; 1024 ns of the board's time an instruction."""
+    command = f"qemu-system-arm -M {BOARDS[cpu]} -nodefaults -display none -serial none"
+    command += " -monitor none -icount shift=10,align=off,sleep=off -chardev stdio,id=sh"
+    command += " -semihosting-config enable=on,target=native,chardev=sh -kernel"
+    return execute([*command.split(), str(elf)], seconds=RUN_SECONDS)
+
+
+def run_board(cpu: str, elf: Path) -> list[Run]:
+    """Run an image of the cases on a board."""
+    runs = []
+    for case, observer, n, scalar, digest, _, *counts in rows(qemu(cpu, elf), 12):
+        steps, instructions, most, stack = map(int, counts[:4])
+        functions = tuple(int(address, 16) & ~1 for address in counts[4:] if address != "0")
+        key = (case, observer, int(n), scalar, digest)
+        runs.append(Run(*key, steps, instructions, most, stack, functions))
+    return runs
+
+
+def panic_free(archive: Path, roots: Sequence[str], image: Path) -> bool:
+    """Link an image with nothing but the roots: it links only if they reach no panic."""
+    wanted = [option for root in roots for option in ("--undefined", root)]
+    command = ["arm-none-eabi-ld", "--gc-sections", "--entry", roots[0], *wanted]
+    try:
+        execute([*command, str(archive), "-o", str(image)])
+    except FirmwareError as error:
+        if "hgo_panic_is_reachable" not in str(error):
+            raise
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class Chip:
+    """What one processor gave: a row for each observer, and what runs beside them."""
+
+    rows: list[Row]
+    beside: list[Run]
+    failures: list[str]
+
+
+def chip(cpu: str, expected: Callable[[], list[dict[tuple[str, str], str]]]) -> Chip:
+    """Build, run, compare, count and prove for one processor."""
+    toolchain = Toolchain.find(THUMB, cpu)
+    say(f"{cpu}: compiling (core: {toolchain.kind})")
+    folder = build(toolchain, "board", "proof")
+    say(f"{cpu}: running")
+    runs = run_board(cpu, folder / "board")
+    whole = Image.load(folder / "board")
+    references = expected()
+    proofs = TARGET / "proofs" / cpu
+    proofs.mkdir(parents=True, exist_ok=True)
+    say(f"{cpu}: proving")
+    lines, failures = [], []
+    archive = folder / "libproof.a"
+    failures += [f"{cpu}: a panic is reachable from {root}" for root in design_panics(archive)]
+    for run in runs:
+        digests = [reference.get((run.case, run.scalar)) for reference in references]
+        if digests == [None] * len(references):
+            continue  # a program of others, run beside
+        name = f"{run.case}_{run.scalar}"
+        elf = proofs / f"{name}.elf"
+        proven = panic_free(
+            archive, [f"{name}_{what}" for what in ("step", "new", "estimate")], elf
+        )
+        online = panic_free(archive, [f"{name}_online"], proofs / f"{name}-online.elf")
+        image = Image.load(elf) if proven else None
+        heap = whole.allocator_symbols() + (image.allocator_symbols() if image else [])
+        functions = [whole.functions[address].name for address in run.functions]
+        bound = max(map(whole.stack_bound, functions))
+        lines.append(
+            Row(
+                observer=run.observer,
+                n=run.n,
+                scalar=run.scalar,
+                cpu=cpu,
+                instructions_per_step=run.instructions / run.steps,
+                instructions_most=run.most,
+                text_bytes=image.text_total() if image else 0,
+                step_text_bytes=sum(map(whole.text_bytes, functions)),
+                stack_bytes=bound,
+                stack_painted_bytes=run.stack,
+                identical=all(digest == run.digest for digest in digests),
+                panic_free=proven and online,
+                heap_free=not heap,
+            )
+        )
+        if run.stack > bound:
+            failures.append(f"{cpu}, {name}: a step took {run.stack} B of stack, bound {bound} B")
+    if len(lines) != len(references[0]):
+        failures.append(f"{cpu}: {len(lines)} of {len(references[0])} cases ran")
+    beside = [run for run in runs if run.case == run.observer]
+    return Chip(lines, beside, failures)
+
+
+def design_panics(archive: Path) -> list[str]:
+    """Which of the functions for designs on the chip reach a panic."""
+    image = archive.parent / "design.elf"
+    roots = [f"design_{scalar}" for scalar in ("f32", "f64")]
+    return [root for root in roots if not panic_free(archive, [root], image)]
+
+
+def limits(found: Sequence[Row], beside: Sequence[Run]) -> Iterator[str]:
+    """What is promised for single precision on the Cortex-M4F, and does not hold."""
+    most = {("standard", 2): 30, ("standard", 5): 75, ("low-power", 5): 140}
+    yardstick = {
+        "C standard": ("standard", 2),
+        "C low-power": ("low-power", 5),
+        "C adaptive": ("adaptive", 2),
+    }
+    small = {row.observer for row in found} - {"collection of 3", "modified"}
+    for row in found:
+        if (row.scalar, row.cpu) != ("f32", "cortex-m4"):
+            continue
+        key = (row.observer, row.n)
+        if row.instructions_most > most.get(key, row.instructions_most):
+            yield f"{key}: {row.instructions_most} instructions, promised {most[key]}"
+        if row.observer in small and row.stack_bytes > 512:
+            yield f"{key}: {row.stack_bytes} B of stack, promised 512"
+        if key == ("standard", 2) and row.text_bytes >= 4096:
+            yield f"{key}: an image of {row.text_bytes} B, promised under 4096"
+        for run in beside:
+            plain = run.instructions / run.steps
+            if yardstick.get(run.observer) == key and row.instructions_per_step > 1.1 * plain:
+                yield f"{key}: {row.instructions_per_step:.1f} instructions, plain C {plain:.1f}"
+
+
+def main() -> int:
+    """The whole of it."""
+    parser = argparse.ArgumentParser(
+        description="Observers on the chip: run, compare, count, prove."
+    )
+    parser.add_argument("--out", type=Path, default=FIRMWARE.parent / "out")
+    parser.add_argument("--readme", action="store_true", help="write the table into README.md")
+    options = parser.parse_args()
+    require()
+    with ThreadPoolExecutor(max_workers=max(2, os.cpu_count() or 2)) as pool:
+        say("this computer and WebAssembly: compiling and running")
+        references = [pool.submit(run_host), pool.submit(run_web)]
+        chips = [
+            pool.submit(chip, cpu, lambda: [reference.result() for reference in references])
+            for cpu in BOARDS
+        ]
+        done = [future.result() for future in chips]
+    found = [row for result in done for row in result.rows]
+    failures = [failure for result in done for failure in result.failures]
+    for row in found:
+        for claim in ("identical", "panic_free", "heap_free"):
+            if not getattr(row, claim):
+                failures.append(
+                    f"{row.observer}, n = {row.n}, {row.scalar}, {row.cpu}: not {claim}"
+                )
+    failures += limits(found, done[0].beside)
+    say("the C interface: board and this computer")
+    failures += interface.check()
+    tools = versions(Toolchain.find(THUMB))
+    text = report(found, dict(zip(BOARDS, (result.beside for result in done), strict=True)), tools)
+    print(text)
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "firmware.md").write_text(text, encoding="utf-8")
+    listed = json.dumps([asdict(row) for row in found], indent=1)
+    (options.out / "firmware.json").write_text(listed + "\n", encoding="utf-8")
+    failures += update_readme(
+        FIRMWARE.parent / "README.md", found, done[0].beside, tools, options.readme
+    )
+    for failure in failures:
+        say(f"FAILED: {failure}")
+    say(f"{len(found)} rows, {len(failures)} failures; {options.out / 'firmware.json'}")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except (FirmwareError, ToolchainError) as error:
+        say(f"FAILED: {error}")
+        sys.exit(1)
+    except KeyboardInterrupt:
+        say("interrupted")
+        sys.exit(130)

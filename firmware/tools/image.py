@@ -1,0 +1,207 @@
+"""A linked ELF image of a Cortex-M: its functions, its call graph, proven stack bounds.
+
+    image = Image.load("firmware.elf")
+    image.stack_bound("step")         # bytes, or the error Unproved
+    image.text_bytes("step")          # code of all that step reaches
+    image.allocator_symbols()         # []: no heap
+
+The binutils read the file; thumb.py understands what they print and stack.py walks it.
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from stack import Bounds, Unproved
+from thumb import ImageError, Instruction, Listing, demangle, run
+
+__all__ = ["Function", "Image", "ImageError", "Unproved"]
+
+# A symbol that only a heap needs, of C, of C++ or of Rust.
+ALLOCATOR = re.compile(
+    r"^_?(malloc|calloc|realloc|reallocarray|free|memalign|aligned_alloc|sbrk)(_r)?(\.|$)"
+    r"|^operator (new|delete)|__r(ust|g|dl)_\w*alloc|(?<![\w:])alloc::"
+)
+# Num: Value Size Type Bind Vis Ndx Name
+SYMBOL = re.compile(r"\s*\d+: ([0-9a-f]+)\s+(\w+) (\w+)\s+(\w+)\s+\w+\s.*?(\w+) (\S+)$")
+
+
+@dataclass
+class Function:
+    """A function symbol and its code."""
+
+    name: str
+    """As the linker has it."""
+    demangled: str
+    """As the source has it, without hashes."""
+    names: tuple[str, ...]
+    """All symbols of the address, mangled and demangled."""
+    address: int
+    size: int
+    """In bytes, with literal pools and jump tables."""
+    instructions: list[Instruction] = field(default_factory=list)
+    calls: set[int] = field(default_factory=set)
+    """Addresses outside its own code that it calls or jumps to, and its own if it calls itself."""
+    indirect: list[Instruction] = field(default_factory=list)
+    """Its calls and jumps to addresses that only the running program knows."""
+
+    def __contains__(self, address: int) -> bool:
+        return self.address <= address < self.address + self.size
+
+
+class Image:
+    """A linked image. Functions are asked for by mangled or by demangled name."""
+
+    def __init__(self, path: Path, listing: Listing) -> None:
+        self.path = path
+        self.listing = listing
+        self.functions: dict[int, Function] = {}
+        self._symbols: set[str] = set()
+        self._undefined: set[str] = set()
+        self._bounds = Bounds(self)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Image:
+        """Reads an executable ELF file."""
+        kind = re.search(r"Type:\s+(\w+)", run("arm-none-eabi-readelf", "-h", str(path)))
+        if kind is None or kind[1] != "EXEC":
+            raise ImageError(f"{path} is not a linked executable: link it first")
+        listing = run("arm-none-eabi-objdump", "-dz", "--no-show-raw-insn", str(path))
+        image = cls(Path(path), Listing.parse(listing))
+        image._read_symbols(run("arm-none-eabi-readelf", "-sW", str(path)))
+        if not image.functions:
+            raise ImageError(f"{path} has no function symbols: link it without stripping")
+        for function in image.functions.values():
+            image._connect(function)
+        return image
+
+    def _read_symbols(self, table: str) -> None:
+        entries: dict[int, tuple[int, list[str]]] = {}
+        for match in filter(None, map(SYMBOL.match, table.splitlines())):
+            value, size, kind, binding, section, name = match.groups()
+            if kind in ("FILE", "SECTION"):
+                continue
+            if section == "UND":
+                if binding != "WEAK":
+                    self._undefined.add(name)
+                continue
+            self._symbols.add(name)
+            address = int(value, 16) - 1  # the lowest bit says that it is thumb code
+            if kind == "FUNC" and address + 1 in self.listing.code:
+                raise ImageError(f"{self.path}: {name} is ARM code, which no Cortex-M runs")
+            if kind == "FUNC" and address in self.listing.code:
+                largest, names = entries.get(address, (0, []))
+                entries[address] = max(largest, int(size, 0)), [*names, name]
+        mangled = [name for _, names in entries.values() for name in names]
+        plain = dict(zip(mangled, demangle(mangled), strict=True))
+        starts = [*sorted(entries), 1 << 32]
+        for address, (size, names) in entries.items():
+            if size == 0:  # assembly that does not say: up to the next function, data or gap
+                end, stop = address, starts[bisect_right(starts, address)]
+                while end < stop and end in self.listing.following:
+                    end = self.listing.following[end]
+                size = end - address
+            both = tuple(dict.fromkeys([*names, *(plain[name] for name in names)]))
+            self.functions[address] = Function(names[0], plain[names[0]], both, address, size)
+
+    def _connect(self, function: Function) -> None:
+        places = range(function.address, function.address + function.size, 2)
+        for instruction in filter(None, map(self.listing.code.get, places)):
+            function.instructions.append(instruction)
+            target = instruction.target
+            if instruction.indirect:
+                function.indirect.append(instruction)
+            elif target is not None and (instruction.mnemonic == "bl" or target not in function):
+                function.calls.add(target)
+        # Assembly may run on into the next function. (A call that comes last does not come back.)
+        last = function.instructions[-1]
+        after = self.listing.following.get(last.address)
+        if after in self.functions and not last.ends and last.mnemonic != "bl":
+            function.calls.add(after)
+
+    def function(self, name: str) -> Function:
+        """The function of a name, mangled or demangled."""
+        found = [function for function in self.functions.values() if name in function.names]
+        if len(found) == 1:
+            return found[0]
+        many = f"{len(found)} functions" if found else "no function"
+        raise ImageError(f"{self.path} has {many} of the name {name!r}")
+
+    def owner(self, address: int) -> Function | None:
+        """The function whose code holds an address."""
+        if address in self.functions:
+            return self.functions[address]
+        return next((f for f in self.functions.values() if address in f), None)
+
+    def name(self, address: int) -> str:
+        """Of the function that holds an address."""
+        function = self.owner(address)
+        return function.demangled if function else f"{address:#x}"
+
+    def reachable(self, root: str, *, indirect: bool = False) -> set[str]:
+        """The functions that a call of `root` may execute, itself included.
+
+        A call through a register is `Unproved`, unless `indirect=True` says that what such calls
+        reach may be left out.
+        """
+        return {function.name for function in self._reach(root, indirect)}
+
+    def _reach(self, root: str, indirect: bool) -> list[Function]:
+        found: dict[int, Function] = {}
+        todo = [self.function(root)]
+        while todo:
+            function = todo.pop()
+            if function.address in found:
+                continue
+            found[function.address] = function
+            if function.indirect and not indirect:
+                reason = "goes to an address that is not known"
+                raise Unproved(function.demangled, function.indirect[0], reason)
+            todo += filter(None, map(self.owner, function.calls))
+        return list(found.values())
+
+    def text_bytes(self, root: str, *, indirect: bool = False) -> int:
+        """Bytes of code of all that `root` reaches: with literal pools, without .rodata."""
+        covered: set[int] = set()
+        for function in self._reach(root, indirect):
+            covered.update(range(function.address, function.address + function.size))
+        return len(covered)
+
+    def text_total(self) -> int:
+        """Bytes of flash for code, vectors and constants (.rodata): the text that `size` counts."""
+        return int(run("arm-none-eabi-size", str(self.path)).splitlines()[1].split()[0])
+
+    def allocator_symbols(self) -> list[str]:
+        """Symbols of a heap, demangled, defined or wanted. None: the image is heap free."""
+        names = demangle(self._symbols | self._undefined)
+        return sorted({name for name in names if ALLOCATOR.search(name)})
+
+    def undefined(self) -> list[str]:
+        """Symbols that the link left undefined, but for weak ones, which may be absent."""
+        return sorted(self._undefined)
+
+    def count_instructions(self, name: str) -> int:
+        """Instructions in the code of one function (not the number that a call executes)."""
+        return len(self.function(name).instructions)
+
+    def stack_bound(self, root: str) -> int:
+        """The most bytes of stack that a call of `root` takes, counted from its entry."""
+        return self._bounds.of(self.function(root).address).total
+
+    def frame(self, name: str) -> int:
+        """The most bytes of stack that the function itself takes, without its callees."""
+        return self._bounds.of(self.function(name).address).frame
+
+    def stack_path(self, root: str) -> list[tuple[str, int]]:
+        """The deepest path: each function with the bytes it has taken when it calls the next."""
+        path: list[tuple[str, int]] = []
+        address: int | None = self.function(root).address
+        while address is not None:
+            bound = self._bounds.of(address)
+            callee, depth = bound.via or (None, bound.frame)
+            path.append((self.name(address), depth))
+            address = callee
+        return path

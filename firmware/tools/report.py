@@ -1,0 +1,160 @@
+"""The table of `make firmware`, in full and as the README has it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+BEGIN, END = "<!-- firmware -->", "<!-- end of firmware -->"
+
+
+@dataclass(frozen=True)
+class Run:
+    """One line of a board: a case, its digest, and what was counted."""
+
+    case: str
+    observer: str
+    n: int
+    scalar: str
+    digest: str
+    steps: int
+    instructions: int
+    most: int
+    stack: int
+    functions: tuple[int, ...]
+    """Addresses of the step and, if it has one, of the clock."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the report: an observer in one precision on one processor."""
+
+    observer: str
+    n: int
+    scalar: str
+    cpu: str
+    instructions_per_step: float
+    """Mean over the run, from the step's first instruction to its return."""
+    instructions_most: int
+    text_bytes: int
+    """Code and constants of an image with construction, step and estimate, and nothing else."""
+    step_text_bytes: int
+    """Code of the step with all that it calls."""
+    stack_bytes: int
+    """Proven bound of a step."""
+    stack_painted_bytes: int
+    """What steps were seen to take."""
+    identical: bool
+    """Every state of every step has the bits of this computer's run and of the WebAssembly run."""
+    panic_free: bool
+    heap_free: bool
+
+
+def table(head: Sequence[str], lines: Sequence[Sequence[object]]) -> str:
+    """A Markdown table; every column but the first is aligned to the right."""
+    rule = ["---", *["---:"] * (len(head) - 1)]
+    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in (head, rule, *lines))
+
+
+def count(mean: float, most: int) -> str:
+    """A number of instructions; the largest beside the mean where they differ."""
+    return str(most) if round(mean) == most else f"{mean:.0f} (≤ {most})"
+
+
+def report(
+    rows: Sequence[Row], beside: Mapping[str, Sequence[Run]], versions: Mapping[str, str]
+) -> str:
+    """Everything that was counted and proven, as Markdown."""
+    head = ["observer", "n", "scalar", "cpu", "instructions a step", "image text (B)"]
+    head += ["step text (B)", "stack bound (B)", "stack seen (B)", "identical", "panic", "heap"]
+    lines: list[Sequence[object]] = []
+    for row in rows:
+        proofs = [
+            "yes" if row.identical else "NO",
+            "none" if row.panic_free else "REACHABLE",
+            "none" if row.heap_free else "USED",
+        ]
+        counted = count(row.instructions_per_step, row.instructions_most)
+        sizes = [row.text_bytes, row.step_text_bytes, row.stack_bytes, row.stack_painted_bytes]
+        lines.append([row.observer, row.n, row.scalar, row.cpu, counted, *sizes, *proofs])
+    others: list[Sequence[object]] = [
+        [run.observer, run.n, "f32", cpu, count(run.instructions / run.steps, run.most), run.stack]
+        for cpu, runs in beside.items()
+        for run in runs
+    ]
+    tools = "\n".join(f"- {tool}: {version}" for tool, version in versions.items())
+    return "\n\n".join(
+        [
+            "# On the chip",
+            table(head, lines),
+            "Beside them, on the same samples (C: arm-none-eabi-gcc -O2):",
+            table(
+                ["program", "n", "scalar", "cpu", "instructions a step", "stack seen (B)"], others
+            ),
+            tools + "\n",
+        ]
+    )
+
+
+def short(rows: Sequence[Row], beside: Sequence[Run], versions: Mapping[str, str]) -> str:
+    """The README's table: single precision on the M4F, double on the M7."""
+    plain = {
+        run.observer.removeprefix("C "): run for run in beside if run.observer.startswith("C ")
+    }
+    lines: list[Sequence[object]] = []
+    by_key = {(row.observer, row.n, row.scalar, row.cpu): row for row in rows}
+    for row in rows:
+        if (row.scalar, row.cpu) != ("f32", "cortex-m4"):
+            continue
+        double = by_key[row.observer, row.n, "f64", "cortex-m7"]
+        yardstick = plain.get(row.observer)
+        own = yardstick is not None and yardstick.n == row.n
+        c = f"{yardstick.instructions / yardstick.steps:.0f}" if own and yardstick else ""
+        lines.append(
+            [
+                row.observer,
+                row.n,
+                count(row.instructions_per_step, row.instructions_most),
+                c,
+                row.text_bytes,
+                row.stack_bytes,
+                count(double.instructions_per_step, double.instructions_most),
+            ]
+        )
+    lines += [
+        [f"{run.observer} (crate adskalman)", run.n, count(run.instructions / run.steps, run.most)]
+        + [""] * 4
+        for run in beside
+        if not run.observer.startswith("C ")
+    ]
+    head = ["observer", "n", "M4F, f32", "plain C", "image (B)", "stack (B)", "M7, f64"]
+    made = f"{versions['rustc']}; {versions['arm-none-eabi-gcc']}; {versions['qemu']}"
+    return f"{table(head, lines)}\n\nMade with {made}.\n"
+
+
+def update_readme(
+    readme: Path,
+    rows: Sequence[Row],
+    beside: Sequence[Run],
+    versions: Mapping[str, str],
+    write: bool,
+) -> list[str]:
+    """Write the README's table, or say in which way it is not what was counted now.
+
+    Another compiler counts a little differently: the table is held to the letter only by the tools
+    that it names.
+    """
+    text = readme.read_text(encoding="utf-8")
+    found = re.search(re.escape(BEGIN) + r"\n(.*?)" + re.escape(END), text, re.DOTALL)
+    if found is None:
+        return [f"{readme.name} has no table between {BEGIN} and {END}"]
+    now = short(rows, beside, versions)
+    if write:
+        readme.write_text(text[: found.start(1)] + now + text[found.end(1) :], encoding="utf-8")
+        return []
+    same_tools = found[1].rstrip().splitlines()[-1:] == now.rstrip().splitlines()[-1:]
+    if same_tools and found[1] != now:
+        return [f"{readme.name}: the table is not what was counted now; --readme writes it"]
+    return []

@@ -1,0 +1,133 @@
+//! Elementary functions against the operating system's, in units in the last place.
+
+use hgo_rs::Scalar;
+use hgo_rs::noise::{Channel, Stream};
+
+/// Distance of two numbers in units in the last place of the second; 0 if both are NaN.
+fn ulps(ours: f64, exact: f64, mantissa: i32) -> f64 {
+    if ours == exact || (ours.is_nan() && exact.is_nan()) {
+        return 0.0;
+    }
+    let exponent = exact.abs().log2().floor().max(if mantissa == 23 { -126.0 } else { -1022.0 });
+    (ours - exact).abs() / 2.0_f64.powf(exponent - f64::from(mantissa)).max(5e-324)
+}
+
+/// The largest error of `ours` over 400,000 arguments, uniform on [low, high) or, for low > 0, on a
+/// logarithmic scale.
+fn worst<T: Scalar>(
+    name: &str,
+    (low, high): (f64, f64),
+    ours: impl Fn(T) -> T,
+    exact: impl Fn(f64) -> f64,
+) -> f64 {
+    let mantissa = if size_of::<T>() == 4 { 23 } else { 52 };
+    let mut stream = Stream::new(7, 0, Channel::Measurement);
+    let (mut largest, mut at) = (0.0, 0.0);
+    for _ in 0..400_000 {
+        let u = stream.uniform();
+        let drawn = if low > 0.0 { low * (high / low).powf(u) } else { low + (high - low) * u };
+        let x = T::from_f64(drawn);
+        let error = ulps(ours(x).to_f64(), exact(x.to_f64()), mantissa);
+        if error > largest || error.is_nan() {
+            (largest, at) = (error, x.to_f64());
+        }
+    }
+    println!("{name}: {largest} at {at}");
+    largest
+}
+
+/// The bound that `exact`, itself good to a unit in double precision, leaves.
+fn all<T: Scalar>(far: f64, smallest: f64, tiny: f64) {
+    let close = |error: f64| assert!(error <= 2.0, "{error}");
+    close(worst::<T>("exp", (-80.0, 80.0), T::exp, f64::exp));
+    close(worst::<T>("exp", (-1.0, 1.0), T::exp, f64::exp));
+    close(worst::<T>("ln", (1e-30, 1e30), T::ln, f64::ln));
+    close(worst::<T>("ln", (0.5, 2.0), T::ln, f64::ln));
+    close(worst::<T>("ln of subnormals", (tiny, smallest), T::ln, f64::ln));
+    for span in [1.0, 10.0, far] {
+        // around a zero only the absolute error is kept small: the angle itself is rounded there
+        let sin = |x: T| if x.sin().abs() < T::from_f64(1e-3) { x } else { x.sin() };
+        let cos = |x: T| if x.cos().abs() < T::from_f64(1e-3) { x } else { x.cos() };
+        let exact_sin =
+            |x: f64| if T::from_f64(x).sin().abs() < T::from_f64(1e-3) { x } else { x.sin() };
+        let exact_cos =
+            |x: f64| if T::from_f64(x).cos().abs() < T::from_f64(1e-3) { x } else { x.cos() };
+        close(worst::<T>("sin", (-span, span), sin, exact_sin));
+        close(worst::<T>("cos", (-span, span), cos, exact_cos));
+    }
+    close(worst::<T>("sin of little", (tiny, 0.1), T::sin, f64::sin));
+    close(worst::<T>("atan", (-3.0, 3.0), T::atan, f64::atan));
+    close(worst::<T>("atan", (1e-30, 1e30), T::atan, f64::atan));
+    for power in [-1.0, 0.183, 0.634, 2.5] {
+        let p = T::from_f64(power);
+        let error = worst::<T>("powf", (1e-3, 1e3), |x| x.powf(p), |x| x.powf(p.to_f64()));
+        assert!(error < 2.0 * (1.0 + power.abs() * 1e3_f64.ln()), "{error}");
+    }
+}
+
+#[test]
+fn double_precision() {
+    all::<f64>(1e5, f64::MIN_POSITIVE, 5e-324);
+}
+
+#[test]
+fn single_precision() {
+    all::<f32>(1e4, f64::from(f32::MIN_POSITIVE), 2e-45);
+}
+
+#[test]
+fn sine_and_cosine_of_large_angles() {
+    for k in 1..2000_u32 {
+        let x = f64::from(k) * 499_979.3;
+        assert!((Scalar::sin(x) - x.sin()).abs() < 1e-15, "{x}");
+        assert!((Scalar::cos(x) - x.cos()).abs() < 1e-15, "{x}");
+    }
+    assert!(Scalar::sin(1.1e9_f64).is_nan() && Scalar::cos(-1.1e9_f64).is_nan());
+    assert!(Scalar::sin(2.1e4_f32).is_nan() && Scalar::cos(f32::INFINITY).is_nan());
+}
+
+fn special<T: Scalar>() {
+    let c = T::from_f64;
+    let (nan, inf) = (c(f64::NAN), c(f64::INFINITY));
+    let is_nan = |x: T| x.to_f64().is_nan();
+    assert!(
+        [nan.exp(), nan.ln(), nan.sin(), nan.cos(), nan.atan(), nan.powf(T::ONE)]
+            .into_iter()
+            .all(is_nan)
+    );
+    assert!(
+        is_nan(inf.sin()) && is_nan((-inf).cos()) && is_nan(c(-1.0).ln()) && is_nan((-inf).ln())
+    );
+    assert_eq!([inf.exp(), inf.ln(), c(1000.0).exp()], [inf; 3]);
+    assert_eq!(
+        [(-inf).exp(), c(-1000.0).exp(), T::ONE.ln(), T::ZERO.sin(), T::ZERO.atan()],
+        [T::ZERO; 5]
+    );
+    assert_eq!(
+        [T::ZERO.exp(), T::ZERO.cos(), T::ZERO.powf(T::ZERO), nan.powf(T::ZERO)],
+        [T::ONE; 4]
+    );
+    assert_eq!([T::ZERO.ln(), -inf], [-inf; 2]);
+    assert_eq!(T::ZERO.powf(c(0.5)), T::ZERO);
+    assert!(is_nan(c(-2.0).powf(c(2.0))));
+    assert!((inf.atan().to_f64() - core::f64::consts::FRAC_PI_2).abs() < 1e-7);
+    assert!(((-inf).atan().to_f64() + core::f64::consts::FRAC_PI_2).abs() < 1e-7);
+    assert!((-T::ZERO).atan().to_f64().is_sign_negative());
+}
+
+#[test]
+fn special_values() {
+    special::<f64>();
+    special::<f32>();
+}
+
+/// exp between the largest number and infinity, and between the smallest and 0.
+#[test]
+fn exp_at_the_ends() {
+    assert!(ulps(Scalar::exp(709.7), 709.7_f64.exp(), 52) < 2.0);
+    assert_eq!(Scalar::exp(709.79), f64::INFINITY);
+    assert!(ulps(Scalar::exp(-745.0), (-745.0_f64).exp(), 52) <= 1.0);
+    assert!(ulps(Scalar::exp(-740.3), (-740.3_f64).exp(), 52) <= 1.0);
+    assert!(ulps(f64::from(Scalar::exp(88.7_f32)), f64::from(88.7_f32).exp(), 23) < 2.0);
+    assert!(ulps(f64::from(Scalar::exp(-103.0_f32)), f64::from(-103.0_f32).exp(), 23) <= 1.0);
+}
