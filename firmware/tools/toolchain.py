@@ -295,3 +295,10 @@ def versions(toolchain: Toolchain) -> dict[str, str]:
         "qemu": first_line("qemu-system-arm", "--version"),
         "node": first_line("node", "--version"),
     }
+
+
+if __name__ == "__main__":
+    try:
+        require()
+    except ToolchainError as error:
+        sys.exit(str(error))

@@ -1,0 +1,298 @@
+//! From a C configuration to an estimator of the core. Nothing here is unsafe.
+
+use hgo_rs::error::{DesignError, require};
+use hgo_rs::nalgebra::SVector;
+use hgo_rs::observer::{ContinuousLaw, Timing};
+use hgo_rs::observers::LowPower;
+use hgo_rs::polynomial::{euler_limit, low_power_polynomial};
+use hgo_rs::prelude::*;
+
+/// Standard observer with a fixed gain.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct StandardConfig<T> {
+    /// k_1 ... k_n, 0 beyond n; s^n + k_1 s^(n-1) + ... + k_n must be stable
+    pub k: [T; 5],
+    /// gain [1/s], > 0
+    pub ell: T,
+    /// longest step [s], > 0: at most what step_limit gives
+    pub dt_max: T,
+}
+
+/// Standard observer with a gain r >= 1 that moves: adaptive, or with a dead zone.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct AdaptiveConfig<T> {
+    /// k_1 ... k_n, 0 beyond n; s^n + k_1 s^(n-1) + ... + k_n must be stable
+    pub k: [T; 5],
+    /// speed of the gain [1/s per squared unit of y], > 0
+    pub p1: T,
+    /// squared output error [squared unit of y] beyond which the gain grows, > 0
+    pub p2: T,
+    /// exponent, between 0 and 1/2
+    pub b: T,
+    /// longest step at r = 1 [s], > 0: at most what step_limit gives; at r it is dt_max/r
+    pub dt_max: T,
+}
+
+/// Low-power observer with a fixed gain.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct LowPowerConfig<T> {
+    /// alpha_1 ... alpha_n; 0 beyond n
+    pub alpha: [T; 5],
+    /// beta_1 ... beta_(n-1); 0 beyond n - 1
+    pub beta: [T; 4],
+    /// gain [1/s], > 0
+    pub ell: T,
+    /// longest step [s], > 0: at most what step_limit gives
+    pub dt_max: T,
+}
+
+/// Peaking-free observer with a fixed gain.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PeakingFreeConfig<T> {
+    /// alpha_1 ... alpha_n; 0 beyond n
+    pub alpha: [T; 5],
+    /// beta_1 ... beta_(n-1); 0 beyond n - 1
+    pub beta: [T; 4],
+    /// bounds of |x_2| ... |x_n| [unit of the state], > 0; 0 beyond n - 1
+    pub saturation: [T; 4],
+    /// gain [1/s], > 0
+    pub ell: T,
+    /// longest step [s], > 0: at most what step_limit gives
+    pub dt_max: T,
+}
+
+/// A model whose φ the caller computes before the step and hands over as the input.
+#[derive(Clone, Copy)]
+pub struct Given;
+
+impl<T: Scalar, const N: usize> Model<T, N, 1> for Given {
+    #[inline(always)]
+    fn f_hat(&self, _: T, _: &SVector<T, N>, phi: &SVector<T, 1>) -> SVector<T, N> {
+        last(phi.x)
+    }
+}
+
+impl<T: Scalar, const N: usize> PhaseVariable<T, N, 1> for Given {
+    #[inline(always)]
+    fn phi(&self, _: T, _: &SVector<T, N>, phi: &SVector<T, 1>) -> T {
+        phi.x
+    }
+}
+
+/// A law under forward Euler that holds its estimate where φ is not finite.
+#[derive(Clone, Copy)]
+pub struct Guarded<L>(Discretised<L, Euler>);
+
+impl<T, L> Observer<T> for Guarded<L>
+where
+    T: Scalar,
+    L: ContinuousLaw<T, Input = SVector<T, 1>>,
+{
+    type State = L::State;
+    type Measurement = T;
+    type Input = SVector<T, 1>;
+    const TIMING: Timing = Timing::Predictor;
+
+    #[inline(always)]
+    fn initial(&self) -> L::State {
+        self.0.initial()
+    }
+
+    #[inline(always)]
+    fn step(&self, z: &mut L::State, y: &T, phi: &SVector<T, 1>, t: T, dt: T) -> Status {
+        if phi.x.is_finite() { self.0.step(z, y, phi, t, dt) } else { Status::ModelUndefined }
+    }
+
+    #[inline(always)]
+    fn speed(&self, z: &L::State) -> T {
+        self.0.speed(z)
+    }
+
+    #[inline(always)]
+    fn estimate<'a>(&self, z: &'a L::State) -> &'a [T] {
+        self.0.estimate(z)
+    }
+
+    #[inline(always)]
+    fn innovation(&self, z: &L::State, y: &T) -> T {
+        self.0.innovation(z, y)
+    }
+}
+
+/// A law that C can configure.
+pub trait Law<T: Scalar>: ContinuousLaw<T, Input = SVector<T, 1>> {
+    /// Order n: the first n numbers of the memory are x̂.
+    const ORDER: usize;
+    /// Whether the last number of the memory is a gain r ≥ 1.
+    const GAIN_MOVES: bool;
+    /// As C gives it.
+    type Config: Copy;
+    /// The law.
+    fn law(config: &Self::Config) -> Result<Self, DesignError>;
+    /// The longest step as configured.
+    fn dt_max(config: &Self::Config) -> T;
+    /// Its stability limit under forward Euler, of coefficients that make a law.
+    fn euler_limit(config: &Self::Config) -> T;
+
+    /// An estimator at x̂ = 0.
+    fn estimator(config: &Self::Config) -> Result<Estimator<T, Guarded<Self>>, DesignError> {
+        let (law, dt_max) = (Self::law(config)?, Self::dt_max(config));
+        let allowed = "it must be finite and > 0; step_limit computes the largest";
+        require("dt_max", dt_max, dt_max.is_finite() && dt_max > T::ZERO, allowed)?;
+        Estimator::new(Guarded(Discretised { law, scheme: Euler }), dt_max)
+    }
+
+    /// The largest `dt_max`.
+    fn limit(config: &Self::Config) -> Result<T, DesignError> {
+        Self::law(config)?;
+        let limit = Self::euler_limit(config);
+        let allowed = "the computed limit is not finite and > 0; scale the coefficients";
+        require("dt_max", limit, limit.is_finite() && limit > T::ZERO, allowed)
+    }
+
+    /// The memory that starts with `numbers`: the rest is 0, and r is 1.
+    fn memory(numbers: &[T]) -> Self::State {
+        let (mut z, mut place) = (Self::State::zero(), 0);
+        z.visit_mut(&mut |entry| {
+            let is_gain = Self::GAIN_MOVES && place + 1 == Self::State::LEN;
+            let start = if is_gain { T::ONE } else { T::ZERO };
+            *entry = numbers.get(place).copied().unwrap_or(start);
+            place += 1;
+        });
+        z
+    }
+
+    /// Whether a memory that starts with `numbers` is one of this law's.
+    fn admits(numbers: &[T]) -> bool {
+        let whole = Self::GAIN_MOVES && numbers.len() == Self::State::LEN;
+        let gain = if whole { numbers.last() } else { None };
+        numbers.iter().all(|x| x.is_finite()) && gain.is_none_or(|r| *r >= T::ONE)
+    }
+}
+
+/// The first `count` of the numbers in an array of a configuration; the others must be 0.
+fn head<T: Scalar, const N: usize>(
+    name: &'static str,
+    numbers: &[T],
+    count: usize,
+) -> Result<[T; N], DesignError> {
+    for beyond in numbers.iter().skip(count) {
+        let allowed = "entries beyond the observer's order must be 0";
+        require(name, *beyond, *beyond == T::ZERO, allowed)?;
+    }
+    let entry = |i| numbers.iter().take(count).nth(i).copied().unwrap_or(T::ZERO);
+    Ok(core::array::from_fn(entry))
+}
+
+/// c of a low-power law of order N. In double precision, which products of coefficients need.
+fn low_power_limit<T: Scalar, const N: usize>(alpha: &[T; 5], beta: &[T; 4]) -> f64 {
+    let (alpha, beta) = (alpha.map(T::to_f64), beta.map(T::to_f64));
+    let mut polynomial = [0.0; 9];
+    low_power_polynomial(alpha.get(..N).unwrap_or(&[]), &beta, &mut polynomial);
+    euler_limit(polynomial.get(..2 * N - 1).unwrap_or(&[]))
+}
+
+/// c of a block that a clip has cut off from the next one: x̂' = η + α e, η' = β e.
+fn block_limit<T: Scalar, const N: usize>(alpha: &[T; 5], beta: &[T; 4]) -> f64 {
+    let mut least = f64::INFINITY;
+    for (i, a) in alpha.iter().enumerate().take(N) {
+        let block = [a.to_f64(), beta.get(i).map_or(0.0, |b| b.to_f64())];
+        least = least.min(euler_limit(block.get(..if i + 1 < N { 2 } else { 1 }).unwrap_or(&[])));
+    }
+    least
+}
+
+/// Standard observer, fixed gain.
+pub type Standard<T, const N: usize> = StandardObserver<T, ConstantGain<T>, Given, N, 1>;
+
+impl<T: Scalar, const N: usize> Law<T> for Standard<T, N> {
+    const ORDER: usize = N;
+    const GAIN_MOVES: bool = false;
+    type Config = StandardConfig<T>;
+    fn law(c: &Self::Config) -> Result<Self, DesignError> {
+        StandardObserver::new(head("k", &c.k, N)?, ConstantGain::new(c.ell)?, Given)
+    }
+    fn dt_max(c: &Self::Config) -> T {
+        c.dt_max
+    }
+    fn euler_limit(c: &Self::Config) -> T {
+        euler_limit(c.k.get(..N).unwrap_or(&[])) / c.ell
+    }
+}
+
+macro_rules! standard_with_moving_gain {
+    ($(#[$doc:meta])* $name:ident, $gain:ident) => {
+        $(#[$doc])*
+        pub type $name<T, const N: usize> = StandardObserver<T, $gain<T>, Given, N, 1>;
+
+        impl<T: Scalar, const N: usize> Law<T> for $name<T, N> {
+            const ORDER: usize = N;
+            const GAIN_MOVES: bool = true;
+            type Config = AdaptiveConfig<T>;
+            fn law(c: &Self::Config) -> Result<Self, DesignError> {
+                StandardObserver::new(head("k", &c.k, N)?, $gain::new(c.p1, c.p2, c.b)?, Given)
+            }
+            fn dt_max(c: &Self::Config) -> T {
+                c.dt_max
+            }
+            fn euler_limit(c: &Self::Config) -> T {
+                euler_limit(c.k.get(..N).unwrap_or(&[]))
+            }
+        }
+    };
+}
+
+standard_with_moving_gain! {
+    /// Standard observer, adaptive gain.
+    Adaptive, AdaptiveGain
+}
+standard_with_moving_gain! {
+    /// Standard observer, gain with a dead zone.
+    DeadZone, DeadZoneGain
+}
+
+/// Low-power observer, fixed gain.
+pub type LowPowerFixed<T, const N: usize> = LowPowerObserver<T, ConstantGain<T>, Given, N, 1>;
+
+impl<T: Scalar, const N: usize> Law<T> for LowPowerFixed<T, N> {
+    const ORDER: usize = N;
+    const GAIN_MOVES: bool = false;
+    type Config = LowPowerConfig<T>;
+    fn law(c: &Self::Config) -> Result<Self, DesignError> {
+        let (alpha, beta) = (head("alpha", &c.alpha, N)?, head("beta", &c.beta, N - 1)?);
+        LowPower::new(alpha, beta, ConstantGain::new(c.ell)?, Given, NoSaturation)
+    }
+    fn dt_max(c: &Self::Config) -> T {
+        c.dt_max
+    }
+    fn euler_limit(c: &Self::Config) -> T {
+        T::from_f64(low_power_limit::<T, N>(&c.alpha, &c.beta)) / c.ell
+    }
+}
+
+/// Peaking-free observer with hard clips, fixed gain.
+pub type PeakingFree<T, const N: usize> =
+    PeakingFreeObserver<T, ConstantGain<T>, Given, HardClip<T, N>, N, 1>;
+
+impl<T: Scalar, const N: usize> Law<T> for PeakingFree<T, N> {
+    const ORDER: usize = N;
+    const GAIN_MOVES: bool = false;
+    type Config = PeakingFreeConfig<T>;
+    fn law(c: &Self::Config) -> Result<Self, DesignError> {
+        let (alpha, beta) = (head("alpha", &c.alpha, N)?, head("beta", &c.beta, N - 1)?);
+        let levels = HardClip::new(head("saturation", &c.saturation, N - 1)?)?;
+        LowPower::new(alpha, beta, ConstantGain::new(c.ell)?, Given, levels)
+    }
+    fn dt_max(c: &Self::Config) -> T {
+        c.dt_max
+    }
+    fn euler_limit(c: &Self::Config) -> T {
+        // as in Python: of the whole, and of every block alone
+        let whole = low_power_limit::<T, N>(&c.alpha, &c.beta);
+        T::from_f64(whole.min(block_limit::<T, N>(&c.alpha, &c.beta))) / c.ell
+    }
+}
