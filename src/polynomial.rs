@@ -227,10 +227,9 @@ pub fn coefficients_from_poles<T: Scalar, const N: usize>(
     Ok(product.map(|(re, _)| re))
 }
 
-/// P_m of the low-power recursion: P₀ = 1, Pᵢ = s(s + αᵢ)Pᵢ₋₁ + β₁…βᵢ.
+/// Turn P₀ = 1 into P_m of the low-power recursion Pᵢ = s(s + αᵢ)Pᵢ₋₁ + β₁…βᵢ.
 #[inline(never)]
-fn low_power_inner<T: Scalar>(alpha: &[T], beta: &[T]) -> Ascending<T> {
-    let mut p = Ascending::one();
+fn low_power_inner<T: Scalar>(p: &mut Ascending<T>, alpha: &[T], beta: &[T]) {
     let mut product = T::ONE;
     for (a, b) in alpha.iter().zip(beta) {
         product *= *b;
@@ -238,7 +237,6 @@ fn low_power_inner<T: Scalar>(alpha: &[T], beta: &[T]) -> Ascending<T> {
         p.times_linear(T::ZERO);
         p.c[0] = product;
     }
-    p
 }
 
 /// Characteristic polynomial of the matrix Mₙ of the low-power observer, Astolfi et al. (6):
@@ -247,7 +245,8 @@ fn low_power_inner<T: Scalar>(alpha: &[T], beta: &[T]) -> Ascending<T> {
 /// α has n entries, the first n − 1 of β count.
 pub fn low_power_polynomial<T: Scalar>(alpha: &[T], beta: &[T], out: &mut [T]) {
     let Some((last, inner)) = alpha.split_last() else { return };
-    let mut p = low_power_inner(inner, beta);
+    let mut p = Ascending::one();
+    low_power_inner(&mut p, inner, beta);
     p.times_linear(*last);
     for (slot, c) in out.iter_mut().zip(p.trailing()) {
         *slot = c;
@@ -262,7 +261,8 @@ pub fn require_low_power_hurwitz<T: Scalar>(alpha: &[T], beta: &[T]) -> Result<(
     let allowed = "alpha and beta must make the matrix M_n Hurwitz (low-power stability)";
     let Some((last, inner)) = alpha.split_last() else { return Ok(()) };
     require("alpha", *last, *last > T::ZERO, allowed)?;
-    let p = low_power_inner(inner, beta);
+    let mut p = Ascending::one();
+    low_power_inner(&mut p, inner, beta);
     let mut trailing = [T::ZERO; MAX_DEGREE];
     for (slot, c) in trailing.iter_mut().zip(p.trailing()) {
         *slot = c;
