@@ -3,24 +3,46 @@
 //! Deterministic schemes work on any right-hand side `f(t, x)`, so the plant alone, an observer
 //! alone, or both together as one system are integrated by the same few lines.
 
+// A right-hand side is a pair of references: it goes by value.
+#![allow(clippy::needless_pass_by_value)]
+
 use crate::Scalar;
 use crate::memory::Memory;
 use crate::model::Plant;
 pub use crate::model::StochasticIntegrator;
 
+/// A right-hand side ẋ = f(t, x): any `Fn(T, &X) -> X`, or a type whose method is sure to be inlined,
+/// as a closure's is not.
+pub trait RightHandSide<T, X> {
+    /// f(t, x).
+    fn at(&self, t: T, x: &X) -> X;
+}
+
+impl<T, X, F: Fn(T, &X) -> X> RightHandSide<T, X> for F {
+    #[inline(always)]
+    fn at(&self, t: T, x: &X) -> X {
+        self(t, x)
+    }
+}
+
 /// Forward Euler, order 1.
 #[inline(always)]
-pub fn euler<T: Scalar, X: Memory<T>>(f: impl Fn(T, &X) -> X, t: T, x: &X, h: T) -> X {
-    x.plus(h, &f(t, x))
+pub fn euler<T: Scalar, X: Memory<T>>(f: impl RightHandSide<T, X>, t: T, x: &X, h: T) -> X {
+    x.plus(h, &f.at(t, x))
 }
 
 /// Bogacki and Shampine's third-order pair, used with a fixed step.
 #[inline(always)]
-pub fn bogacki_shampine<T: Scalar, X: Memory<T>>(f: impl Fn(T, &X) -> X, t: T, x: &X, h: T) -> X {
+pub fn bogacki_shampine<T: Scalar, X: Memory<T>>(
+    f: impl RightHandSide<T, X>,
+    t: T,
+    x: &X,
+    h: T,
+) -> X {
     let [half, three_quarters] = [0.5, 0.75].map(|c| T::from_f64(c) * h);
-    let k1 = f(t, x);
-    let k2 = f(t + half, &x.plus(half, &k1));
-    let k3 = f(t + three_quarters, &x.plus(three_quarters, &k2));
+    let k1 = f.at(t, x);
+    let k2 = f.at(t + half, &x.plus(half, &k1));
+    let k3 = f.at(t + three_quarters, &x.plus(three_quarters, &k2));
     let [two, three, four, ninth] = [2.0, 3.0, 4.0, 9.0].map(T::from_f64);
     let weighted = k1.zip(&k2, |a, b| two * a + three * b).plus(four, &k3);
     x.plus(h / ninth, &weighted)
@@ -28,12 +50,12 @@ pub fn bogacki_shampine<T: Scalar, X: Memory<T>>(f: impl Fn(T, &X) -> X, t: T, x
 
 /// The classical Runge-Kutta scheme, order 4.
 #[inline(always)]
-pub fn rk4<T: Scalar, X: Memory<T>>(f: impl Fn(T, &X) -> X, t: T, x: &X, h: T) -> X {
+pub fn rk4<T: Scalar, X: Memory<T>>(f: impl RightHandSide<T, X>, t: T, x: &X, h: T) -> X {
     let half = T::from_f64(0.5) * h;
-    let k1 = f(t, x);
-    let k2 = f(t + half, &x.plus(half, &k1));
-    let k3 = f(t + half, &x.plus(half, &k2));
-    let k4 = f(t + h, &x.plus(h, &k3));
+    let k1 = f.at(t, x);
+    let k2 = f.at(t + half, &x.plus(half, &k1));
+    let k3 = f.at(t + half, &x.plus(half, &k2));
+    let k4 = f.at(t + h, &x.plus(h, &k3));
     let two = T::from_f64(2.0);
     let weighted = k1.zip(&k4, |a, d| a + d).plus(two, &k2.zip(&k3, |b, c| b + c));
     x.plus(h / T::from_f64(6.0), &weighted)
@@ -55,7 +77,13 @@ pub enum Integrator {
 impl Integrator {
     /// One step of length h from (t, x).
     #[inline(always)]
-    pub fn step<T: Scalar, X: Memory<T>>(self, f: impl Fn(T, &X) -> X, t: T, x: &X, h: T) -> X {
+    pub fn step<T: Scalar, X: Memory<T>>(
+        self,
+        f: impl RightHandSide<T, X>,
+        t: T,
+        x: &X,
+        h: T,
+    ) -> X {
         match self {
             Self::Euler => euler(f, t, x, h),
             Self::BogackiShampine => bogacki_shampine(f, t, x, h),
@@ -137,6 +165,19 @@ pub enum PlantScheme {
     Stochastic(StochasticIntegrator),
 }
 
+/// A plant under an input that is held.
+struct Driven<'a, P, U> {
+    plant: &'a P,
+    u: &'a U,
+}
+
+impl<T: Scalar, P: Plant<T>> RightHandSide<T, P::State> for Driven<'_, P, P::Input> {
+    #[inline(always)]
+    fn at(&self, t: T, x: &P::State) -> P::State {
+        self.plant.drift(t, x, self.u)
+    }
+}
+
 /// One deterministic step of a plant under an input held over it.
 #[inline(always)]
 pub fn plant_step<T: Scalar, P: Plant<T>>(
@@ -147,5 +188,5 @@ pub fn plant_step<T: Scalar, P: Plant<T>>(
     u: &P::Input,
     h: T,
 ) -> P::State {
-    scheme.step(|time, state: &P::State| plant.drift(time, state, u), t, x, h)
+    scheme.step(Driven { plant, u }, t, x, h)
 }

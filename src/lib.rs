@@ -17,9 +17,9 @@
 //!
 //! # Floors
 //!
-//! A file uses lower floors only, or what is named before it on its own: `elementary`, `scalar`, `error`, `memory`, `polynomial` (0); `gain`,
+//! A file uses lower floors only, or what is named before it on its own: `vectors`, `elementary`, `scalar`, `error`, `memory`, `polynomial` (0); `gain`,
 //! `schedule`, `saturation`, `model`, `integrate`, `observer`, `noise`, `metrics` (1); `models`, `observers` (2);
-//! `simulate`, `covariance`, `estimator` (3); the Python module (4). Up to floor 3 nothing names `std`, `alloc`
+//! `simulate`, `covariance`, `ensemble`, `estimator` (3); the Python module (4). Up to floor 3 nothing names `std`, `alloc`
 //! or Python, nothing allocates and nothing panics.
 #![cfg_attr(not(feature = "std"), no_std)]
 
@@ -28,6 +28,7 @@ compile_error!("hgo-rs needs feature `std` (default) or, without std, feature `l
 
 pub mod covariance;
 mod elementary;
+pub mod ensemble;
 pub mod error;
 pub mod estimator;
 pub mod gain;
@@ -46,6 +47,7 @@ pub mod saturation;
 pub mod scalar;
 pub mod schedule;
 pub mod simulate;
+pub mod vectors;
 
 pub use error::DesignError;
 pub use estimator::Estimator;

@@ -22,6 +22,15 @@ pub trait Memory<T: Scalar>: Copy {
     /// Visit and change every scalar in order.
     fn visit_mut(&mut self, f: &mut impl FnMut(&mut T));
 
+    /// L memories by columns: each scalar of all of them side by side.
+    type Columns<const L: usize>: Copy;
+    /// L times this memory.
+    fn in_columns<const L: usize>(&self) -> Self::Columns<L>;
+    /// Memory number `lane`.
+    fn load<const L: usize>(columns: &Self::Columns<L>, lane: usize) -> Self;
+    /// Put this memory in the place of number `lane`.
+    fn store<const L: usize>(&self, columns: &mut Self::Columns<L>, lane: usize);
+
     /// self + h·rate.
     #[inline(always)]
     #[must_use]
@@ -64,6 +73,13 @@ pub trait Memory<T: Scalar>: Copy {
 
 impl<T: Scalar> Memory<T> for () {
     const LEN: usize = 0;
+    type Columns<const L: usize> = ();
+    #[inline(always)]
+    fn in_columns<const L: usize>(&self) {}
+    #[inline(always)]
+    fn load<const L: usize>((): &(), _: usize) {}
+    #[inline(always)]
+    fn store<const L: usize>(&self, (): &mut (), _: usize) {}
     #[inline(always)]
     fn zero() -> Self {}
     #[inline(always)]
@@ -76,6 +92,19 @@ impl<T: Scalar> Memory<T> for () {
 
 impl<T: Scalar> Memory<T> for T {
     const LEN: usize = 1;
+    type Columns<const L: usize> = [T; L];
+    #[inline(always)]
+    fn in_columns<const L: usize>(&self) -> [T; L] {
+        [*self; L]
+    }
+    #[inline(always)]
+    fn load<const L: usize>(column: &[T; L], lane: usize) -> Self {
+        column[lane]
+    }
+    #[inline(always)]
+    fn store<const L: usize>(&self, column: &mut [T; L], lane: usize) {
+        column[lane] = *self;
+    }
     #[inline(always)]
     fn zero() -> Self {
         T::ZERO
@@ -96,26 +125,63 @@ impl<T: Scalar> Memory<T> for T {
 
 impl<T: Scalar, const N: usize> Memory<T> for SVector<T, N> {
     const LEN: usize = N;
+    type Columns<const L: usize> = [[T; L]; N];
+    #[inline(always)]
+    fn in_columns<const L: usize>(&self) -> [[T; L]; N] {
+        core::array::from_fn(|i| [self[i]; L])
+    }
+    #[inline(always)]
+    fn load<const L: usize>(columns: &[[T; L]; N], lane: usize) -> Self {
+        Self::from_fn(|i, _| columns[i][lane])
+    }
+    #[inline(always)]
+    fn store<const L: usize>(&self, columns: &mut [[T; L]; N], lane: usize) {
+        for (column, x) in columns.iter_mut().zip(self.iter()) {
+            column[lane] = *x;
+        }
+    }
     #[inline(always)]
     fn zero() -> Self {
         SVector::from_element(T::ZERO)
     }
     #[inline(always)]
     fn zip(&self, other: &Self, f: impl Fn(T, T) -> T + Copy) -> Self {
-        self.zip_map(other, f)
+        let mut zipped = *self;
+        for i in 0..N {
+            zipped[i] = f(self[i], other[i]);
+        }
+        zipped
     }
     #[inline(always)]
     fn visit(&self, f: &mut impl FnMut(T)) {
-        self.iter().for_each(|x| f(*x));
+        for i in 0..N {
+            f(self[i]);
+        }
     }
     #[inline(always)]
     fn visit_mut(&mut self, f: &mut impl FnMut(&mut T)) {
-        self.iter_mut().for_each(f);
+        for i in 0..N {
+            f(&mut self[i]);
+        }
     }
 }
 
 impl<T: Scalar, A: Memory<T>, B: Memory<T>> Memory<T> for (A, B) {
     const LEN: usize = A::LEN + B::LEN;
+    type Columns<const L: usize> = (A::Columns<L>, B::Columns<L>);
+    #[inline(always)]
+    fn in_columns<const L: usize>(&self) -> Self::Columns<L> {
+        (self.0.in_columns(), self.1.in_columns())
+    }
+    #[inline(always)]
+    fn load<const L: usize>(columns: &Self::Columns<L>, lane: usize) -> Self {
+        (A::load(&columns.0, lane), B::load(&columns.1, lane))
+    }
+    #[inline(always)]
+    fn store<const L: usize>(&self, columns: &mut Self::Columns<L>, lane: usize) {
+        self.0.store(&mut columns.0, lane);
+        self.1.store(&mut columns.1, lane);
+    }
     #[inline(always)]
     fn zero() -> Self {
         (A::zero(), B::zero())
@@ -138,6 +204,21 @@ impl<T: Scalar, A: Memory<T>, B: Memory<T>> Memory<T> for (A, B) {
 
 impl<T: Scalar, A: Memory<T>, const C: usize> Memory<T> for [A; C] {
     const LEN: usize = C * A::LEN;
+    type Columns<const L: usize> = [A::Columns<L>; C];
+    #[inline(always)]
+    fn in_columns<const L: usize>(&self) -> Self::Columns<L> {
+        core::array::from_fn(|i| self[i].in_columns())
+    }
+    #[inline(always)]
+    fn load<const L: usize>(columns: &Self::Columns<L>, lane: usize) -> Self {
+        core::array::from_fn(|i| A::load(&columns[i], lane))
+    }
+    #[inline(always)]
+    fn store<const L: usize>(&self, columns: &mut Self::Columns<L>, lane: usize) {
+        for (column, a) in columns.iter_mut().zip(self) {
+            a.store(column, lane);
+        }
+    }
     #[inline(always)]
     fn zero() -> Self {
         [A::zero(); C]

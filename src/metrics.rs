@@ -42,6 +42,11 @@ impl<T: Scalar> Moments<T> {
         self.max = self.max.max(value.abs());
     }
 
+    /// From what was added up elsewhere.
+    pub(crate) fn from_sums(count: u64, sum: T, sum_of_squares: T, max: T) -> Self {
+        Self { count, sum, sum_of_squares, max }
+    }
+
     /// Arithmetic mean; NaN before the first value.
     pub fn mean(&self) -> T {
         self.sum / T::from_f64(self.count as f64)

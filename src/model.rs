@@ -80,9 +80,13 @@ pub trait Plant<T: Scalar>: Copy {
     /// State x.
     type State: Memory<T>;
     /// Control input u.
-    type Input: Copy;
+    type Input: Memory<T>;
     /// Measured output y, without measurement noise.
     type Output: Copy;
+    /// Where in the state the entries stand that an observer is asked for: the first, and how many.
+    const TRUTH: (usize, usize);
+    /// Whether there can be process noise.
+    const NOISY: bool = false;
     /// a(t, x, u).
     fn drift(&self, t: T, x: &Self::State, u: &Self::Input) -> Self::State;
     /// h(x).

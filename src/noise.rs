@@ -61,6 +61,11 @@ impl Stream {
         Self { s }
     }
 
+    /// The generator's 256 bits of state.
+    pub(crate) const fn state(&self) -> [u64; 4] {
+        self.s
+    }
+
     /// The next 64 random bits.
     #[inline(always)]
     pub const fn next_u64(&mut self) -> u64 {
@@ -107,6 +112,18 @@ pub struct Sine<T> {
     pub omega: T,
     /// Phase φ in rad.
     pub phase: T,
+}
+
+impl<T: Scalar> Sine<T> {
+    /// Σ A sin(ωt + φ).
+    #[inline(always)]
+    pub fn sum(sines: &[Self], t: T) -> T {
+        let mut sum = T::ZERO;
+        for sine in sines {
+            sum += sine.amplitude * (sine.omega * t + sine.phase).sin();
+        }
+        sum
+    }
 }
 
 /// The part of a noise that is drawn at an instant and held. It borrows its samples: with feature
@@ -166,11 +183,7 @@ impl<T: Scalar> Noise<'_, T> {
     /// Σ A sin(ωt + φ).
     #[inline(always)]
     pub fn sines(&self, t: T) -> T {
-        let mut sum = T::ZERO;
-        for sine in self.sines {
-            sum += sine.amplitude * (sine.omega * t + sine.phase).sin();
-        }
-        sum
+        Sine::sum(self.sines, t)
     }
 }
 

@@ -4,7 +4,7 @@
 //! together with the plant. A *sampled* law gives its own recursion. Both end as an [`Observer`].
 
 use crate::Scalar;
-use crate::integrate::Integrator;
+use crate::integrate::{Integrator, RightHandSide};
 use crate::memory::Memory;
 
 /// Whether the estimate at sample k uses the sample y(k) itself.
@@ -38,12 +38,26 @@ pub enum Status {
     Diverged = 5,
 }
 
+/// Where the entries of a measurement come from: any `FnMut() -> T`, or a type whose method is
+/// sure to be inlined, as a closure's is not.
+pub trait Entries<T> {
+    /// The next one.
+    fn next_entry(&mut self) -> T;
+}
+
+impl<T, F: FnMut() -> T> Entries<T> for F {
+    #[inline(always)]
+    fn next_entry(&mut self) -> T {
+        self()
+    }
+}
+
 /// A measured value: one scalar, or a vector of them.
-pub trait Measurement<T: Scalar>: Copy {
+pub trait Measurement<T: Scalar>: Memory<T> {
     /// No entry is NaN or infinite.
     fn is_present(&self) -> bool;
-    /// Every entry from `entry`, in order.
-    fn fill(entry: impl FnMut() -> T) -> Self;
+    /// Every entry from `entries`, in order.
+    fn fill(entries: impl Entries<T>) -> Self;
     /// Entry by entry sum.
     #[must_use]
     fn plus(self, other: Self) -> Self;
@@ -57,8 +71,8 @@ impl<T: Scalar> Measurement<T> for T {
         self.is_finite()
     }
     #[inline(always)]
-    fn fill(mut entry: impl FnMut() -> T) -> T {
-        entry()
+    fn fill(mut entries: impl Entries<T>) -> T {
+        entries.next_entry()
     }
     #[inline(always)]
     fn plus(self, other: T) -> T {
@@ -76,8 +90,12 @@ impl<T: Scalar, const N: usize> Measurement<T> for nalgebra::SVector<T, N> {
         self.iter().all(|y| y.is_finite())
     }
     #[inline(always)]
-    fn fill(mut entry: impl FnMut() -> T) -> Self {
-        Self::from_fn(|_, _| entry())
+    fn fill(mut entries: impl Entries<T>) -> Self {
+        let mut filled = Self::zero();
+        for slot in filled.iter_mut() {
+            *slot = entries.next_entry();
+        }
+        filled
     }
     #[inline(always)]
     fn plus(self, other: Self) -> Self {
@@ -97,6 +115,8 @@ pub trait ContinuousLaw<T: Scalar>: Copy {
     type Input: Copy;
     /// Innovation(s): one scalar, or one for each copy of a collection.
     type Innovation: Copy;
+    /// How many states are estimated: the first entries of the memory.
+    const ESTIMATED: usize;
     /// Memory at x̂ = 0 (and r = 1 where the gain moves).
     fn initial(&self) -> Self::State;
     /// e = y − x̂₁; 0 where y is missing.
@@ -127,6 +147,8 @@ pub trait Observer<T: Scalar>: Copy {
     type Input: Copy;
     /// Whether `estimate` after a step with y(k) is meant for k or for k + 1.
     const TIMING: Timing;
+    /// How many states are estimated: the first entries of the memory.
+    const ESTIMATED: usize;
     /// Memory to start from when nothing is known.
     fn initial(&self) -> Self::State;
     /// Take the sample y and the input u at time t; advance by `dt`.
@@ -240,15 +262,42 @@ impl<T: Scalar> Scheme<T> for RungeKutta {
         dt: T,
     ) -> L::State {
         match self.hold {
-            Hold::Measurement => {
-                let rate = |time, s: &L::State| law.rate(time, s, &law.innovation(s, y), u);
-                self.integrator.step(rate, t, z, dt)
-            }
+            Hold::Measurement => self.integrator.step(Measured { law, y, u }, t, z, dt),
             Hold::Innovation => {
-                let e = law.innovation(z, y);
-                self.integrator.step(|time, s: &L::State| law.rate(time, s, &e, u), t, z, dt)
+                let e = &law.innovation(z, y);
+                self.integrator.step(Innovated { law, e, u }, t, z, dt)
             }
         }
+    }
+}
+
+/// A law under a measurement that is held.
+struct Measured<'a, T, L, U> {
+    law: &'a L,
+    y: T,
+    u: &'a U,
+}
+
+impl<T: Scalar, L: ContinuousLaw<T>> RightHandSide<T, L::State> for Measured<'_, T, L, L::Input> {
+    #[inline(always)]
+    fn at(&self, t: T, z: &L::State) -> L::State {
+        self.law.rate(t, z, &self.law.innovation(z, self.y), self.u)
+    }
+}
+
+/// A law under an innovation that is held.
+struct Innovated<'a, L, E, U> {
+    law: &'a L,
+    e: &'a E,
+    u: &'a U,
+}
+
+impl<T: Scalar, L: ContinuousLaw<T>> RightHandSide<T, L::State>
+    for Innovated<'_, L, L::Innovation, L::Input>
+{
+    #[inline(always)]
+    fn at(&self, t: T, z: &L::State) -> L::State {
+        self.law.rate(t, z, self.e, self.u)
     }
 }
 
@@ -266,7 +315,7 @@ pub enum Discretisation {
 }
 
 impl<T: Scalar> Scheme<T> for Discretisation {
-    #[inline]
+    #[inline(always)]
     fn advance<L: ContinuousLaw<T>>(
         &self,
         law: &L,
@@ -281,6 +330,41 @@ impl<T: Scalar> Scheme<T> for Discretisation {
             Self::StaggeredEuler => StaggeredEuler.advance(law, t, z, y, u, dt),
             Self::RungeKutta(scheme) => scheme.advance(law, t, z, y, u, dt),
         }
+    }
+}
+
+/// A scheme that is fixed in its type: number METHOD of [`METHODS`]. A loop over many runs then has no
+/// choice left in it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Method<const METHOD: usize>;
+
+/// The schemes by number.
+pub const METHODS: [Discretisation; 5] = {
+    use Discretisation::RungeKutta as Rk;
+    use Hold::{Innovation, Measurement};
+    [
+        Discretisation::Euler,
+        Discretisation::StaggeredEuler,
+        Rk(RungeKutta { integrator: Integrator::Rk4, hold: Measurement }),
+        Rk(RungeKutta { integrator: Integrator::Rk4, hold: Innovation }),
+        Rk(RungeKutta { integrator: Integrator::BogackiShampine, hold: Measurement }),
+    ]
+};
+
+impl<T: Scalar, const METHOD: usize> Scheme<T> for Method<METHOD> {
+    #[inline(always)]
+    fn advance<L: ContinuousLaw<T>>(
+        &self,
+        law: &L,
+        t: T,
+        z: &L::State,
+        y: T,
+        u: &L::Input,
+        dt: T,
+    ) -> L::State {
+        const { METHODS[METHOD] }.advance(law, t, z, y, u, dt)
     }
 }
 
@@ -305,6 +389,7 @@ where
     type Measurement = T;
     type Input = L::Input;
     const TIMING: Timing = Timing::Predictor;
+    const ESTIMATED: usize = L::ESTIMATED;
 
     #[inline(always)]
     fn initial(&self) -> L::State {
@@ -313,7 +398,8 @@ where
 
     #[inline(always)]
     fn step(&self, z: &mut L::State, y: &T, u: &L::Input, t: T, dt: T) -> Status {
-        *z = self.law.admissible(self.scheme.advance(&self.law, t, z, *y, u, dt));
+        let next = self.law.admissible(self.scheme.advance(&self.law, t, z, *y, u, dt));
+        *z = z.zip(&next, |_, new| new);
         if y.is_present() { Status::Updated } else { Status::Predicted }
     }
 

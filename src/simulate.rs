@@ -5,11 +5,11 @@
 
 use crate::Scalar;
 use crate::error::DesignError;
-use crate::integrate::{Integrator, PlantScheme, WienerIncrement, plant_step};
+use crate::integrate::{Integrator, PlantScheme, RightHandSide, WienerIncrement, plant_step};
 use crate::memory::Memory;
 use crate::metrics::{LogHistogram, Moments, SettlingTime, Window};
 use crate::model::{Plant, StochasticIntegrator};
-use crate::noise::{Channel, Noise, Stream};
+use crate::noise::{Channel, Noise, Sine, Stream};
 use crate::observer::{ContinuousLaw, Measurement, Observer, Status, Timing};
 use crate::schedule::Schedule;
 
@@ -117,6 +117,28 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         Ok(())
     }
 
+    /// The plant's state after one of the substeps, of length h.
+    #[inline(always)]
+    pub(crate) fn substep(
+        &self,
+        scheme: PlantScheme,
+        process: &mut Stream,
+        t: T,
+        x: &P::State,
+        u: &P::Input,
+        h: T,
+    ) -> P::State {
+        match scheme {
+            PlantScheme::Held => *x,
+            PlantScheme::Deterministic(scheme) => plant_step(scheme, &self.plant, t, x, u, h),
+            PlantScheme::Stochastic(scheme) => {
+                let (xi1, xi2) = process.normal_pair();
+                let xi = (T::from_f64(xi1), T::from_f64(xi2));
+                scheme.step(&self.plant, t, x, u, h, WienerIncrement::from_normals(xi, h))
+            }
+        }
+    }
+
     /// The plant's state after a step of length dt under the input u.
     #[inline(always)]
     fn move_plant(
@@ -134,18 +156,7 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         let mut state = *x;
         for i in 0..self.substeps {
             let time = t + T::from_f64(f64::from(i)) * h;
-            state = match self.plant_scheme {
-                PlantScheme::Held => state,
-                PlantScheme::Deterministic(scheme) => {
-                    plant_step(scheme, &self.plant, time, &state, u, h)
-                }
-                PlantScheme::Stochastic(scheme) => {
-                    let (xi1, xi2) = process.normal_pair();
-                    let xi = (T::from_f64(xi1), T::from_f64(xi2));
-                    let w = WienerIncrement::from_normals(xi, h);
-                    scheme.step(&self.plant, time, &state, u, h, w)
-                }
-            };
+            state = self.substep(self.plant_scheme, process, time, &state, u, h);
         }
         state
     }
@@ -216,6 +227,23 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         end
     }
 
+    /// Plant and observer as one differential equation.
+    #[inline(always)]
+    pub(crate) fn both<'a, L: ContinuousLaw<T>>(
+        &'a self,
+        law: &'a L,
+        sines: &'a [Sine<T>],
+        held: T,
+        frozen: bool,
+        u: &'a P::Input,
+        told: &'a L::Input,
+    ) -> Both<'a, T, P, L>
+    where
+        P: Plant<T, Output = T>,
+    {
+        Both { plant: &self.plant, sines, law, held, frozen, u, told }
+    }
+
     /// Run `run` with plant and observer integrated together as one differential equation. The
     /// drawn noise is held over each step; sines are continuous in time.
     #[allow(clippy::too_many_arguments)]
@@ -263,13 +291,8 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
             if k < self.steps {
                 let u = self.plant.control(&end.x, dt);
                 let told = tell(&u);
-                let rate = |time: T, (x, z): &(P::State, L::State)| {
-                    let y = self.plant.output(x) + held + self.noise.sines(time);
-                    let x_rate =
-                        if frozen { P::State::zero() } else { self.plant.drift(time, x, &u) };
-                    (x_rate, law.rate(time, z, &law.innovation(z, y), &told))
-                };
-                let (x, z) = integrator.step(rate, t, &(end.x, end.z), dt);
+                let both = self.both(law, self.noise.sines, held, frozen, &u, &told);
+                let (x, z) = integrator.step(both, t, &(end.x, end.z), dt);
                 end.x = x;
                 end.z = law.admissible(z);
                 t = self.schedule.next_time(t, k, dt);
@@ -279,10 +302,32 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
     }
 }
 
+/// Plant and observer as one differential equation, the drawn noise held.
+pub(crate) struct Both<'a, T: Scalar, P: Plant<T>, L: ContinuousLaw<T>> {
+    plant: &'a P,
+    sines: &'a [Sine<T>],
+    law: &'a L,
+    held: T,
+    frozen: bool,
+    u: &'a P::Input,
+    told: &'a L::Input,
+}
+
+impl<T: Scalar, P: Plant<T, Output = T>, L: ContinuousLaw<T>> RightHandSide<T, (P::State, L::State)>
+    for Both<'_, T, P, L>
+{
+    #[inline(always)]
+    fn at(&self, t: T, (x, z): &(P::State, L::State)) -> (P::State, L::State) {
+        let y = self.plant.output(x) + self.held + Sine::sum(self.sines, t);
+        let x_rate = if self.frozen { P::State::zero() } else { self.plant.drift(t, x, self.u) };
+        (x_rate, self.law.rate(t, z, &self.law.innovation(z, y), self.told))
+    }
+}
+
 impl<T: Scalar> Noise<'_, T> {
     /// The drawn part of a measurement's noise at step k, entry by entry.
     #[inline(always)]
-    fn draw<Y: Measurement<T>>(&self, stream: &mut Stream, k: u64, held: Y) -> Y {
+    pub(crate) fn draw<Y: Measurement<T>>(&self, stream: &mut Stream, k: u64, held: Y) -> Y {
         if self.hold > 1 && !k.is_multiple_of(self.hold) {
             return held;
         }

@@ -7,6 +7,7 @@ macro_rules! first_state_measured {
         type State = nalgebra::SVector<T, $n>;
         type Input = nalgebra::SVector<T, 0>;
         type Output = T;
+        const TRUTH: (usize, usize) = (0, $n);
         #[inline(always)]
         fn output(&self, x: &Self::State) -> T {
             x.x

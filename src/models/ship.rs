@@ -92,6 +92,7 @@ impl<T: Scalar> Plant<T> for Ship<T> {
     type State = ShipState<T>;
     type Input = Vector2<T>;
     type Output = Vector3<T>;
+    const TRUTH: (usize, usize) = (3, 3);
 
     #[inline(always)]
     fn drift(&self, _: T, (x, z): &ShipState<T>, u: &Vector2<T>) -> ShipState<T> {

@@ -68,6 +68,7 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
     type State = [CopyState<T, N>; C];
     type Input = SVector<T, M>;
     type Innovation = [T; C];
+    const ESTIMATED: usize = N;
 
     #[inline(always)]
     fn initial(&self) -> Self::State {
@@ -147,6 +148,7 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
     type State = (CopyState<T, N>, [CopyState<T, N>; C]);
     type Input = SVector<T, M>;
     type Innovation = (T, [T; C]);
+    const ESTIMATED: usize = N;
 
     #[inline(always)]
     fn initial(&self) -> Self::State {

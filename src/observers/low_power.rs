@@ -38,6 +38,20 @@ crate::error::through_constructor! {
 
 impl<T: Scalar, const N: usize> Memory<T> for LowPowerState<T, N> {
     const LEN: usize = 2 * N - 1;
+    type Columns<const L: usize> = ([[T; L]; N], [[T; L]; N]);
+    #[inline(always)]
+    fn in_columns<const L: usize>(&self) -> Self::Columns<L> {
+        (self.x_hat.in_columns(), self.eta.in_columns())
+    }
+    #[inline(always)]
+    fn load<const L: usize>(columns: &Self::Columns<L>, lane: usize) -> Self {
+        Self { x_hat: SVector::load(&columns.0, lane), eta: SVector::load(&columns.1, lane) }
+    }
+    #[inline(always)]
+    fn store<const L: usize>(&self, columns: &mut Self::Columns<L>, lane: usize) {
+        self.x_hat.store(&mut columns.0, lane);
+        self.eta.store(&mut columns.1, lane);
+    }
     #[inline(always)]
     fn zero() -> Self {
         let zero = SVector::from_element(T::ZERO);
@@ -56,11 +70,17 @@ impl<T: Scalar, const N: usize> Memory<T> for LowPowerState<T, N> {
     }
     #[inline(always)]
     fn visit(&self, f: &mut impl FnMut(T)) {
-        self.x_hat.iter().chain(self.eta.iter().take(N - 1)).for_each(|x| f(*x));
+        self.x_hat.visit(f);
+        for i in 0..N - 1 {
+            f(self.eta[i]);
+        }
     }
     #[inline(always)]
     fn visit_mut(&mut self, f: &mut impl FnMut(&mut T)) {
-        self.x_hat.iter_mut().chain(self.eta.iter_mut().take(N - 1)).for_each(f);
+        self.x_hat.visit_mut(f);
+        for i in 0..N - 1 {
+            f(&mut self.eta[i]);
+        }
     }
 }
 
@@ -123,6 +143,26 @@ where
     }
 }
 
+#[cfg(feature = "python")]
+impl<T: Scalar, G: Copy, Md: Copy, S: Copy, const N: usize, const M: usize>
+    LowPower<T, G, Md, S, N, M>
+{
+    /// The same observer with model and saturation in other types: the same numbers, seen by the
+    /// compiler.
+    pub(crate) fn typed<Md2, S2, const M2: usize>(
+        &self,
+        model: Md2,
+        saturation: S2,
+    ) -> LowPower<T, G, Md2, S2, N, M2> {
+        LowPower { alpha: self.alpha, beta: self.beta, gain: self.gain, model, saturation }
+    }
+
+    /// Its model and saturation.
+    pub(crate) fn parts(&self) -> (Md, S) {
+        (self.model, self.saturation)
+    }
+}
+
 impl<T, G, Md, S, const N: usize, const M: usize> ContinuousLaw<T> for LowPower<T, G, Md, S, N, M>
 where
     T: Scalar,
@@ -133,6 +173,7 @@ where
     type State = (LowPowerState<T, N>, G::Memory);
     type Input = SVector<T, M>;
     type Innovation = T;
+    const ESTIMATED: usize = N;
 
     #[inline(always)]
     fn initial(&self) -> Self::State {

@@ -45,6 +45,31 @@ impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> Memory<T>
     for ReducedOrderState<T, NX, NZ, M>
 {
     const LEN: usize = NZ + NX + M + 2;
+    type Columns<const L: usize> = ([[T; L]; NZ], [[T; L]; NX], [[T; L]; M], [T; L], [T; L]);
+    #[inline(always)]
+    fn in_columns<const L: usize>(&self) -> Self::Columns<L> {
+        let Self { z_hat, y, u, elapsed, period } = self;
+        (z_hat.in_columns(), y.in_columns(), u.in_columns(), [*elapsed; L], [*period; L])
+    }
+    #[inline(always)]
+    fn load<const L: usize>(columns: &Self::Columns<L>, lane: usize) -> Self {
+        let (z_hat, y, u, elapsed, period) = columns;
+        Self {
+            z_hat: SVector::load(z_hat, lane),
+            y: SVector::load(y, lane),
+            u: SVector::load(u, lane),
+            elapsed: elapsed[lane],
+            period: period[lane],
+        }
+    }
+    #[inline(always)]
+    fn store<const L: usize>(&self, columns: &mut Self::Columns<L>, lane: usize) {
+        let (z_hat, y, u, elapsed, period) = columns;
+        self.z_hat.store(z_hat, lane);
+        self.y.store(y, lane);
+        self.u.store(u, lane);
+        (elapsed[lane], period[lane]) = (self.elapsed, self.period);
+    }
     #[inline(always)]
     fn zero() -> Self {
         Self {
@@ -67,7 +92,9 @@ impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> Memory<T>
     }
     #[inline(always)]
     fn visit(&self, f: &mut impl FnMut(T)) {
-        self.z_hat.iter().chain(self.y.iter()).chain(self.u.iter()).for_each(|x| f(*x));
+        self.z_hat.visit(f);
+        self.y.visit(f);
+        self.u.visit(f);
         f(self.elapsed);
         f(self.period);
     }
@@ -135,6 +162,7 @@ where
     type Measurement = SVector<T, NX>;
     type Input = SVector<T, M>;
     const TIMING: Timing = Timing::Current;
+    const ESTIMATED: usize = NZ;
 
     #[inline(always)]
     fn initial(&self) -> Self::State {

@@ -23,6 +23,7 @@ impl<T: Scalar, Md: SampledModel<T, N, M>, const N: usize, const M: usize> Obser
     type Measurement = T;
     type Input = SVector<T, M>;
     const TIMING: Timing = Timing::Predictor;
+    const ESTIMATED: usize = N;
 
     #[inline(always)]
     fn initial(&self) -> Self::State {

@@ -53,6 +53,23 @@ where
         Ok(Self { k: folded(&k, gain.fixed(), |i| i + 1)?, gain, model })
     }
 
+    /// The same observer with its gain law and model in other types: the same numbers, seen by the
+    /// compiler.
+    #[cfg(feature = "python")]
+    pub(crate) fn typed<G2, Md2, const M2: usize>(
+        &self,
+        gain: G2,
+        model: Md2,
+    ) -> StandardObserver<T, G2, Md2, N, M2> {
+        StandardObserver { k: self.k, gain, model }
+    }
+
+    /// Its gain law and model.
+    #[cfg(feature = "python")]
+    pub(crate) fn parts(&self) -> (G, Md) {
+        (self.gain, self.model)
+    }
+
     /// Rate of x̂ under the moving gain r and the innovation e.
     #[inline(always)]
     pub(super) fn rate_under(
@@ -87,6 +104,7 @@ where
     type State = (SVector<T, N>, G::Memory);
     type Input = SVector<T, M>;
     type Innovation = T;
+    const ESTIMATED: usize = N;
 
     #[inline(always)]
     fn initial(&self) -> Self::State {

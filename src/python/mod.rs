@@ -6,6 +6,7 @@ mod design;
 mod errors;
 mod functions;
 mod interrupt;
+mod lanes;
 mod observers;
 mod spec;
 mod study;

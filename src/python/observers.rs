@@ -25,7 +25,7 @@ use pyo3::types::PyDict;
 
 /// The adaptive and the dead-zone law behind one memory r.
 #[derive(Clone, Copy)]
-enum MovingGain {
+pub enum MovingGain {
     Adaptive(AdaptiveGain<f64>),
     DeadZone(DeadZoneGain<f64>),
 }
@@ -91,7 +91,7 @@ impl AnyGain {
 }
 
 #[derive(Clone, Copy)]
-enum AnySaturation<const N: usize> {
+pub enum AnySaturation<const N: usize> {
     None,
     Hard(HardClip<f64, N>),
     Smooth(SmoothSaturation<f64, N>),

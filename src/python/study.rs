@@ -2,8 +2,10 @@
 
 use super::errors::refused;
 use super::interrupt::StopFlag;
+use super::lanes::{self, BlockOf};
 use super::spec::{Spec, matrix};
 use super::systems::AnyPlant;
+use crate::ensemble::{Block, LANES, LaneMetrics, LaneMoments};
 use crate::integrate::{Integrator, PlantScheme};
 use crate::memory::Memory;
 use crate::metrics::{LogHistogram, Moments, SettlingTime, Window};
@@ -310,6 +312,107 @@ impl Plan {
             }
         };
         Noise { draw, hold: self.hold, sines: &self.sines }
+    }
+
+    /// Entries of the observer's memory.
+    pub fn memory_len(&self) -> usize {
+        self.memory_len
+    }
+
+    /// Whether plant and observer are one differential equation.
+    pub fn is_joint(&self) -> bool {
+        self.joint
+    }
+
+    /// Whether the noise is drawn only.
+    pub fn has_no_sines(&self) -> bool {
+        self.sines.is_empty()
+    }
+
+    /// Whether there are runs for a block, and nothing is asked for that only single runs give:
+    /// frames, a histogram, each run's own recorded noise, more memory than a block keeps.
+    pub fn fits_lanes(&self, runs: usize, signals: usize) -> bool {
+        self.runs >= runs
+            && self.memory_len <= signals
+            && self.every == 0
+            && self.histogram.is_none()
+            && !matches!(self.draw, DrawKind::Samples(..))
+    }
+
+    /// All runs of the experiment with `plant`, a block at a time; `kept` entries of the memory have
+    /// metrics, `go` performs a block. `None` if this processor cannot.
+    pub fn execute_blocks<P, Z>(
+        &self,
+        plant: P,
+        kept: usize,
+        go: impl Fn(
+            &Experiment<'_, f64, P, AnySchedule>,
+            u64,
+            BlockOf<P::State, Z>,
+            &mut LaneMetrics<'_, f64>,
+        ) -> Option<BlockOf<P::State, Z>>
+        + Sync,
+    ) -> Option<PyResult<StudyResult>>
+    where
+        P: Plant<f64> + Send + Sync,
+        Z: Memory<f64>,
+    {
+        let experiment = Experiment {
+            plant,
+            plant_scheme: self.plant_scheme,
+            substeps: self.substeps,
+            schedule: self.schedule,
+            plant_schedule: self.plant_schedule,
+            noise: self.noise(0),
+            steps: self.steps,
+            seed: self.seed,
+        };
+        if let Err(error) = self.check_method(&plant).and_then(|()| Ok(experiment.check()?)) {
+            return Some(Err(error));
+        }
+        let one = |number: usize| -> Option<Vec<RunResult>> {
+            let first = number * LANES;
+            let mut moments = vec![LaneMoments::new(); self.windows.len() * kept];
+            let mut peak = vec![[0.0; LANES]; kept];
+            let mut metrics = LaneMetrics {
+                windows: &self.windows,
+                signals: kept,
+                moments: &mut moments,
+                peak: &mut peak,
+                settling: self.settle.map(|threshold| (threshold, [0.0; LANES])),
+            };
+            let mut x = P::State::zero().in_columns::<LANES>();
+            let mut z = Z::zero().in_columns::<LANES>();
+            for lane in 0..LANES {
+                // the last block is filled up with its last run
+                let run = (first + lane).min(self.runs - 1);
+                P::State::read(row(&self.x0, P::State::LEN, run)).store(&mut x, lane);
+                Z::read(row(&self.memory0, Z::LEN, run)).store(&mut z, lane);
+            }
+            let index = self.first_run.wrapping_add(first as u64);
+            let end = go(&experiment, index, Block::new(x, z), &mut metrics)?;
+            let settling = metrics.settling.map(|(_, times)| times);
+            let of_lane = |lane| {
+                let mut result = RunResult {
+                    moments: moments.iter().map(|m| m.of(lane)).collect(),
+                    peak: peak.iter().map(|p| p[lane]).collect(),
+                    settling_time: settling.map_or(f64::NAN, |times| times[lane]),
+                    frames: Frames::default(),
+                    final_x: vec![0.0; P::State::LEN],
+                    final_memory: vec![0.0; Z::LEN],
+                    diverged_at: Some(end.sound[lane]).filter(|k| *k <= self.steps),
+                    undefined_at: Some(end.undefined_at[lane]).filter(|k| *k != u64::MAX),
+                };
+                P::State::load(&end.x, lane).write(&mut result.final_x);
+                Z::load(&end.z, lane).write(&mut result.final_memory);
+                result
+            };
+            Some((0..LANES.min(self.runs - first)).map(of_lane).collect())
+        };
+        let blocks = self.runs.div_ceil(LANES);
+        let done: Option<Vec<Vec<RunResult>>> = (0..blocks).into_par_iter().map(one).collect();
+        let runs = done?.into_iter().flatten().collect();
+        Some(Ok(StudyResult { runs, signals: kept, counts: Vec::new() }))
     }
 
     /// Refuse, by its name, a scheme that the plant does not take.
@@ -619,8 +722,11 @@ where
 /// Laws of order 2 with the plants of order 2.
 pub fn of_order_2<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult>
 where
-    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync,
+    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync + 'static,
 {
+    if let Some(studied) = lanes::order_2(&o.law, o.scheme, plan, stop) {
+        return studied;
+    }
     match plan.plant {
         AnyPlant::Lee(plant) => with_plant(o, plant, plan, stop),
         AnyPlant::SanfelicePraly(plant) => with_plant(o, plant, plan, stop),
@@ -632,8 +738,11 @@ where
 /// Laws of order 5 with the plant of order 5.
 pub fn of_order_5<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult>
 where
-    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync,
+    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync + 'static,
 {
+    if let Some(studied) = lanes::order_5(&o.law, o.scheme, plan, stop) {
+        return studied;
+    }
     match plan.plant {
         AnyPlant::Crackle(plant) => with_plant(o, plant, plan, stop),
         _ => Err(refused(NO_PLANT)),
@@ -652,6 +761,9 @@ pub fn of_sampled_data(
     if plan.joint {
         return Err(refused(SAMPLED_ONLY));
     }
+    if let Some(studied) = lanes::sampled_data(observer, plant, plan, stop) {
+        return studied;
+    }
     plan.execute(plant, 2, 2, stop, |experiment, run, x0, z0, watch| {
         experiment.sampled(observer, |u| *u, run, x0, z0, watch)
     })
@@ -665,6 +777,9 @@ pub fn of_reduced_order(
     let AnyPlant::Ship(plant) = plan.plant else { return Err(refused(NO_PLANT)) };
     if plan.joint {
         return Err(refused(SAMPLED_ONLY));
+    }
+    if let Some(studied) = lanes::reduced_order(observer, plant, plan, stop) {
+        return studied;
     }
     plan.execute(plant, 3, 3, stop, |experiment, run, x0, z0, watch| {
         experiment.sampled(observer, |u: &Vector2<f64>| *u, run, x0, z0, watch)

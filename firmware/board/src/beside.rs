@@ -35,6 +35,7 @@ impl<const P: usize, const L: usize> Observer<f32> for PlainC<P, L> {
     type Measurement = f32;
     type Input = SVector<f32, 0>;
     const TIMING: Timing = Timing::Predictor;
+    const ESTIMATED: usize = 2;
 
     fn initial(&self) -> Self::State {
         SVector::zeros()
@@ -114,6 +115,7 @@ impl Observer<f32> for ConstantVelocity {
     type Measurement = f32;
     type Input = SVector<f32, 0>;
     const TIMING: Timing = Timing::Current;
+    const ESTIMATED: usize = 2;
 
     fn initial(&self) -> KalmanMemory {
         Vector6::new(0.0, 0.0, 1.0, 0.0, 0.0, 1.0)

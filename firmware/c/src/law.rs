@@ -96,6 +96,7 @@ where
     type Measurement = T;
     type Input = SVector<T, 1>;
     const TIMING: Timing = Timing::Predictor;
+    const ESTIMATED: usize = L::ESTIMATED;
 
     #[inline(always)]
     fn initial(&self) -> L::State {

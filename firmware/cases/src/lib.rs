@@ -135,6 +135,7 @@ impl<T: Scalar, O: Observer<T>, I: Instrument<T>> Observer<T> for Watched<O, I> 
     type Measurement = O::Measurement;
     type Input = O::Input;
     const TIMING: Timing = O::TIMING;
+    const ESTIMATED: usize = O::ESTIMATED;
     fn initial(&self) -> O::State {
         self.watched.initial()
     }

@@ -1,0 +1,272 @@
+//! Studies in vector code: which pairs of plant and observer it is compiled for, and their blocks.
+//!
+//! The types that Python chooses at run time (model, gain law, saturation, scheme) are named here, so
+//! that nothing is left to choose in the loop over runs. What is not named runs one run at a time,
+//! with the same bits.
+
+use super::interrupt::StopFlag;
+use super::observers::{AnySaturation, MovingGain};
+use super::study::{AnySchedule, Plan, StudyResult};
+use super::systems::{AnyModel, AnyPlant};
+use crate::ensemble::{Block, LANES, LaneMetrics, MAX_SIGNALS};
+use crate::gain::ConstantGain;
+use crate::integrate::Integrator;
+use crate::memory::Memory;
+use crate::model::{Plant, Unknown};
+use crate::models::{Ship, VanDerPol};
+use crate::observer::{
+    ContinuousLaw, Discretisation, Discretised, METHODS, Measurement, Method, Observer,
+};
+use crate::observers::{
+    LowPower, NoSaturation, ReducedOrderObserver, SampledDataObserver, StandardObserver,
+};
+use crate::simulate::Experiment;
+use crate::vectors::{Task, Vectors};
+use nalgebra::SVector;
+use pyo3::prelude::*;
+use std::any::Any;
+
+/// What a study of a continuous law gives, if its types are named here.
+type Studied = Option<PyResult<StudyResult>>;
+
+type NoInput = SVector<f64, 0>;
+
+/// The instructions of a study that gains from them and asks for nothing that only single runs give:
+/// the widest of this processor, or those that `HGO_INSTRUCTION_SET` allows (plain: none, avx2).
+fn vectors(plan: &Plan) -> Option<Vectors> {
+    if !plan.fits_lanes(LANES / 4, MAX_SIGNALS) {
+        return None;
+    }
+    match std::env::var("HGO_INSTRUCTION_SET").as_deref() {
+        Ok("plain") => None,
+        Ok("avx2") => Some(Vectors::Avx2).filter(|vectors| vectors.are_available()),
+        _ => Vectors::widest(),
+    }
+}
+
+/// A block of runs with an observer in discrete time.
+struct Sampled<'a, 'b, P, O>
+where
+    P: Plant<f64>,
+    O: Observer<f64, Measurement = P::Output, Input = P::Input>,
+    P::Output: Measurement<f64>,
+{
+    experiment: &'a Experiment<'a, f64, P, AnySchedule>,
+    observer: &'a O,
+    first_run: u64,
+    block: BlockOf<P::State, O::State>,
+    metrics: &'a mut LaneMetrics<'b, f64>,
+    stop: &'a StopFlag,
+}
+
+/// A block of runs in columns.
+pub type BlockOf<X, Z> =
+    Block<<X as Memory<f64>>::Columns<LANES>, <Z as Memory<f64>>::Columns<LANES>>;
+
+impl<P, O> Task for Sampled<'_, '_, P, O>
+where
+    P: Plant<f64>,
+    O: Observer<f64, Measurement = P::Output, Input = P::Input>,
+    P::Output: Measurement<f64>,
+{
+    type Output = BlockOf<P::State, O::State>;
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let stop = || self.stop.is_set();
+        let Self { experiment, observer, first_run, block, metrics, .. } = self;
+        experiment.sampled_block(observer, |u| *u, first_run, block, metrics, stop)
+    }
+}
+
+/// A block of runs with plant and law as one differential equation.
+struct Joint<'a, 'b, P, L>
+where
+    P: Plant<f64, Output = f64>,
+    L: ContinuousLaw<f64, Input = P::Input>,
+{
+    experiment: &'a Experiment<'a, f64, P, AnySchedule>,
+    law: &'a L,
+    integrator: Integrator,
+    first_run: u64,
+    block: BlockOf<P::State, L::State>,
+    metrics: &'a mut LaneMetrics<'b, f64>,
+    stop: &'a StopFlag,
+}
+
+impl<P, L> Task for Joint<'_, '_, P, L>
+where
+    P: Plant<f64, Output = f64>,
+    L: ContinuousLaw<f64, Input = P::Input>,
+{
+    type Output = BlockOf<P::State, L::State>;
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let stop = || self.stop.is_set();
+        let Self { experiment, law, integrator, first_run, block, metrics, .. } = self;
+        match integrator {
+            Integrator::BogackiShampine => {
+                let scheme = Integrator::BogackiShampine;
+                experiment.joint_block(law, |u| *u, scheme, first_run, block, metrics, stop)
+            }
+            // `continuous` lets no other through
+            Integrator::Rk4 | Integrator::Euler => {
+                let scheme = Integrator::Rk4;
+                experiment.joint_block(law, |u| *u, scheme, first_run, block, metrics, stop)
+            }
+        }
+    }
+}
+
+/// All runs of a study with an observer in discrete time.
+fn sampled<P, O>(observer: O, plant: P, plan: &Plan, stop: &StopFlag, kept: usize) -> Studied
+where
+    P: Plant<f64> + Send + Sync,
+    O: Observer<f64, Measurement = P::Output, Input = P::Input> + Sync,
+    P::Output: Measurement<f64>,
+{
+    let vectors = vectors(plan)?;
+    plan.execute_blocks::<P, O::State>(plant, kept, |experiment, first_run, block, metrics| {
+        vectors.run(Sampled { experiment, observer: &observer, first_run, block, metrics, stop })
+    })
+}
+
+/// All runs of a study of a continuous law, sampled or joint.
+fn continuous<P, L>(
+    law: L,
+    scheme: Discretisation,
+    plant: P,
+    plan: &Plan,
+    stop: &StopFlag,
+) -> Studied
+where
+    P: Plant<f64, Output = f64, Input = NoInput> + Send + Sync,
+    L: ContinuousLaw<f64, Input = NoInput> + Sync,
+{
+    let kept = plan.memory_len();
+    if plan.is_joint() {
+        let integrator = if scheme == METHODS[2] {
+            Integrator::Rk4
+        } else if scheme == METHODS[4] {
+            Integrator::BogackiShampine
+        } else {
+            return None;
+        };
+        if !plan.has_no_sines() {
+            return None;
+        }
+        let vectors = vectors(plan)?;
+        return plan.execute_blocks::<P, L::State>(
+            plant,
+            kept,
+            |experiment, first_run, block, metrics| {
+                vectors.run(Joint {
+                    experiment,
+                    law: &law,
+                    integrator,
+                    first_run,
+                    block,
+                    metrics,
+                    stop,
+                })
+            },
+        );
+    }
+    if scheme == METHODS[0] {
+        sampled(Discretised { law, scheme: Method::<0> }, plant, plan, stop, kept)
+    } else if scheme == METHODS[2] {
+        sampled(Discretised { law, scheme: Method::<2> }, plant, plan, stop, kept)
+    } else {
+        None
+    }
+}
+
+/// A study of a law of order 2, if its types and the plant are named here.
+pub fn order_2<L: 'static>(
+    law: &L,
+    scheme: Discretisation,
+    plan: &Plan,
+    stop: &StopFlag,
+) -> Studied {
+    type Standard<G> = StandardObserver<f64, G, AnyModel, 2, 1>;
+    let law: &dyn Any = law;
+    if let Some(law) = law.downcast_ref::<Standard<ConstantGain<f64>>>() {
+        let (gain, model) = law.parts();
+        return match (plan.plant, model) {
+            (AnyPlant::Lee(plant), AnyModel::Unknown) => {
+                continuous(law.typed::<_, _, 0>(gain, Unknown), scheme, plant, plan, stop)
+            }
+            (AnyPlant::Lee(plant), AnyModel::Lee(own)) => {
+                continuous(law.typed::<_, _, 0>(gain, own), scheme, plant, plan, stop)
+            }
+            _ => None,
+        };
+    }
+    if let Some(law) = law.downcast_ref::<Standard<MovingGain>>() {
+        let (AnyPlant::SanfelicePraly(plant), (gain, AnyModel::SanfelicePraly(own))) =
+            (plan.plant, law.parts())
+        else {
+            return None;
+        };
+        return match gain {
+            MovingGain::Adaptive(gain) => {
+                continuous(law.typed::<_, _, 0>(gain, own), scheme, plant, plan, stop)
+            }
+            MovingGain::DeadZone(gain) => {
+                continuous(law.typed::<_, _, 0>(gain, own), scheme, plant, plan, stop)
+            }
+        };
+    }
+    None
+}
+
+/// A study of a law of order 5, if its types are named here.
+pub fn order_5<L: 'static>(
+    law: &L,
+    scheme: Discretisation,
+    plan: &Plan,
+    stop: &StopFlag,
+) -> Studied {
+    type Fixed = ConstantGain<f64>;
+    let AnyPlant::Crackle(plant) = plan.plant else { return None };
+    let law: &dyn Any = law;
+    if let Some(law) = law.downcast_ref::<StandardObserver<f64, Fixed, AnyModel, 5, 1>>() {
+        let (gain, AnyModel::Crackle(own)) = law.parts() else { return None };
+        return continuous(law.typed::<_, _, 0>(gain, own), scheme, plant, plan, stop);
+    }
+    if let Some(law) = law.downcast_ref::<LowPower<f64, Fixed, AnyModel, AnySaturation<5>, 5, 1>>()
+    {
+        let (AnyModel::Crackle(own), saturation) = law.parts() else { return None };
+        return match saturation {
+            AnySaturation::None => {
+                continuous(law.typed::<_, _, 0>(own, NoSaturation), scheme, plant, plan, stop)
+            }
+            AnySaturation::Hard(clip) => {
+                continuous(law.typed::<_, _, 0>(own, clip), scheme, plant, plan, stop)
+            }
+            AnySaturation::Smooth(smooth) => {
+                continuous(law.typed::<_, _, 0>(own, smooth), scheme, plant, plan, stop)
+            }
+        };
+    }
+    None
+}
+
+/// A study of the sampled-data observer.
+pub fn sampled_data(
+    observer: &SampledDataObserver<VanDerPol<f64>, 2>,
+    plant: VanDerPol<f64>,
+    plan: &Plan,
+    stop: &StopFlag,
+) -> Studied {
+    sampled(*observer, plant, plan, stop, 2)
+}
+
+/// A study of the reduced-order observer.
+pub fn reduced_order(
+    observer: &ReducedOrderObserver<f64, Ship<f64>, 3, 3, 2>,
+    plant: Ship<f64>,
+    plan: &Plan,
+    stop: &StopFlag,
+) -> Studied {
+    sampled(*observer, plant, plan, stop, 3)
+}

@@ -1,0 +1,270 @@
+//! Many runs at once against one run at a time: the same bits, whatever the instructions.
+
+use hgo_rs::ensemble::{Block, LANES, LaneMetrics, LaneMoments};
+use hgo_rs::gain::{AdaptiveGain, ConstantGain};
+use hgo_rs::integrate::{Integrator, PlantScheme, StochasticIntegrator};
+use hgo_rs::memory::Memory;
+use hgo_rs::metrics::{Moments, SettlingTime, Window};
+use hgo_rs::model::{Plant, Unknown};
+use hgo_rs::models::{Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, VanDerPol};
+use hgo_rs::noise::{Draw, Noise};
+use hgo_rs::observer::{ContinuousLaw, Discretised, Euler, Measurement, Method, Observer};
+use hgo_rs::observers::{
+    HardClip, PeakingFreeObserver, ReducedOrderObserver, SampledDataObserver, StandardObserver,
+};
+use hgo_rs::schedule::{FixedStep, Schedule, StochasticApproximation};
+use hgo_rs::simulate::{Experiment, Finish, RunMetrics};
+use hgo_rs::vectors::{Task, Vectors};
+use nalgebra::{SVector, Vector2, Vector3};
+
+const WINDOWS: [Window; 2] = [Window { from: 0, to: 40 }, Window { from: 100, to: 701 }];
+const THRESHOLD: f64 = 0.05;
+
+fn experiment<P: Plant<f64>, S: Schedule<f64>>(
+    plant: P,
+    plant_scheme: PlantScheme,
+    schedule: S,
+    noise: Noise<'static, f64>,
+) -> Experiment<'static, f64, P, S> {
+    let (plant_schedule, seed) = (None, 11);
+    Experiment {
+        plant,
+        plant_scheme,
+        substeps: 2,
+        schedule,
+        plant_schedule,
+        noise,
+        steps: 700,
+        seed,
+    }
+}
+
+/// What a run gave, as bits.
+fn bits(
+    moments: &[Moments<f64>],
+    peak: &[f64],
+    settled: f64,
+    x: &impl Memory<f64>,
+    z: &impl Memory<f64>,
+) -> Vec<u64> {
+    let mut all = Vec::new();
+    for m in moments {
+        all.extend([m.mean(), m.rms(), m.max()].map(f64::to_bits));
+    }
+    all.extend(peak.iter().map(|p| p.to_bits()));
+    all.push(settled.to_bits());
+    x.visit(&mut |v| all.push(v.to_bits()));
+    z.visit(&mut |v| all.push(v.to_bits()));
+    all
+}
+
+/// One run alone.
+fn alone<X: Memory<f64>, Z: Memory<f64>>(
+    signals: usize,
+    go: impl FnOnce(&mut RunMetrics<'_, f64>) -> Finish<X, Z>,
+) -> (Vec<u64>, Option<u64>, Option<u64>) {
+    let mut moments = vec![Moments::default(); WINDOWS.len() * signals];
+    let mut peak = vec![0.0; signals];
+    let mut metrics = RunMetrics {
+        windows: &WINDOWS,
+        signals,
+        moments: &mut moments,
+        peak: &mut peak,
+        settling: Some(SettlingTime::new(THRESHOLD)),
+        histogram: None,
+    };
+    let end = go(&mut metrics);
+    let settled = metrics.settling.map_or(0.0, |settling| settling.time());
+    (bits(&moments, &peak, settled, &end.x, &end.z), end.diverged_at, end.undefined_at)
+}
+
+type BlockOf<X, Z> = Block<<X as Memory<f64>>::Columns<LANES>, <Z as Memory<f64>>::Columns<LANES>>;
+
+/// A block by every kind of instructions, each run of it against the run alone.
+fn compare<X: Memory<f64>, Z: Memory<f64>, K: Task<Output = BlockOf<X, Z>>>(
+    signals: usize,
+    steps: u64,
+    task: impl Fn(*mut LaneMetrics<'static, f64>) -> K,
+    one: impl Fn(u64, &mut RunMetrics<'_, f64>) -> Finish<X, Z>,
+) -> (u64, u64) {
+    let (mut diverged, mut kinds) = (0, 0);
+    for vectors in [None, Some(Vectors::Avx2), Some(Vectors::Avx512)] {
+        let moments =
+            Box::leak(vec![LaneMoments::new(); WINDOWS.len() * signals].into_boxed_slice());
+        let peak = Box::leak(vec![[0.0; LANES]; signals].into_boxed_slice());
+        let settling = Some((THRESHOLD, [0.0; LANES]));
+        let mut metrics = LaneMetrics { windows: &WINDOWS, signals, moments, peak, settling };
+        let work = task(&raw mut metrics);
+        let end = match vectors {
+            None => Some(work.run()),
+            Some(vectors) => vectors.run(work),
+        };
+        let Some(end) = end else { continue };
+        kinds += 1;
+        for lane in 0..LANES {
+            let run = 5 + lane as u64;
+            let (expected, diverged_at, undefined_at) = alone(signals, |m| one(run, m));
+            let found: Vec<_> = metrics.moments.iter().map(|m| m.of(lane)).collect();
+            let peak: Vec<_> = metrics.peak.iter().map(|p| p[lane]).collect();
+            let settled = metrics.settling.map_or(0.0, |(_, times)| times[lane]);
+            let (x, z) = (X::load(&end.x, lane), Z::load(&end.z, lane));
+            assert_eq!(bits(&found, &peak, settled, &x, &z), expected, "{vectors:?}, run {run}");
+            assert_eq!(Some(end.sound[lane]).filter(|k| *k <= steps), diverged_at);
+            assert_eq!(Some(end.undefined_at[lane]).filter(|k| *k < u64::MAX), undefined_at);
+            diverged += u64::from(diverged_at.is_some());
+        }
+    }
+    (diverged, kinds)
+}
+
+struct Sampled<'a, P, S, O: Observer<f64>>
+where
+    P: Plant<f64>,
+{
+    experiment: &'a Experiment<'static, f64, P, S>,
+    observer: &'a O,
+    start: (P::State, O::State),
+    metrics: *mut LaneMetrics<'static, f64>,
+}
+
+#[allow(unsafe_code)] // the metrics outlive the task
+impl<P, S, O> Task for Sampled<'_, P, S, O>
+where
+    P: Plant<f64>,
+    S: Schedule<f64>,
+    O: Observer<f64, Measurement = P::Output, Input = P::Input>,
+    P::Output: Measurement<f64>,
+{
+    type Output = BlockOf<P::State, O::State>;
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let (x, z) = (self.start.0.in_columns(), self.start.1.in_columns());
+        // SAFETY: `compare` keeps them alive, and nothing else looks at them.
+        let metrics = unsafe { &mut *self.metrics };
+        let block = Block::new(x, z);
+        self.experiment.sampled_block(self.observer, |u| *u, 5, block, metrics, || false)
+    }
+}
+
+fn sampled<P, S, O>(
+    experiment: &Experiment<'static, f64, P, S>,
+    observer: &O,
+    start: (P::State, O::State),
+) -> (u64, u64)
+where
+    P: Plant<f64>,
+    S: Schedule<f64>,
+    O: Observer<f64, Measurement = P::Output, Input = P::Input>,
+    P::Output: Measurement<f64>,
+{
+    experiment.check().unwrap();
+    compare(
+        O::State::LEN,
+        experiment.steps,
+        |metrics| Sampled { experiment, observer, start, metrics },
+        |run, metrics| experiment.sampled(observer, |u| *u, run, start.0, start.1, metrics),
+    )
+}
+
+const RK4: PlantScheme = PlantScheme::Deterministic(Integrator::Rk4);
+const UNIFORM: Noise<'static, f64> =
+    Noise { draw: Draw::Uniform { low: -0.5, high: 0.5 }, hold: 1, sines: &[] };
+const NORMAL: Noise<'static, f64> =
+    Noise { draw: Draw::Normal { mean: -0.02, std: 0.015 }, hold: 3, sines: &[] };
+const NONE: Noise<'static, f64> = Noise { draw: Draw::None, hold: 1, sines: &[] };
+
+#[test]
+fn lee_under_both_schedules() {
+    let gain = ConstantGain::new(100.0).unwrap();
+    let law = StandardObserver::<f64, _, _, 2>::new([2.0; 2], gain, Unknown).unwrap();
+    let observer = Discretised { law, scheme: Euler };
+    let start = (Vector2::new(10.0, 10.0), (Vector2::zeros(), ()));
+    let fixed = FixedStep::new(4e-4).unwrap();
+    assert!(sampled(&experiment(Lee, RK4, fixed, UNIFORM), &observer, start).1 >= 1);
+    let decreasing = StochasticApproximation::new(0.04, 0.01, 20_000.0, 1.0).unwrap();
+    sampled(&experiment(Lee, RK4, decreasing, UNIFORM), &observer, start);
+}
+
+#[test]
+fn adaptive_gain_at_a_held_plant() {
+    let plant = SanfelicePraly::new(1.9, 0.1).unwrap();
+    let gain = AdaptiveGain::new(10.0, 0.0025, 0.183).unwrap();
+    let law = StandardObserver::<f64, _, _, 2>::new([2.0; 2], gain, plant).unwrap();
+    let observer = Discretised { law, scheme: Method::<2> };
+    let start = (Vector2::new(-0.1 / 1.9, 0.0), (Vector2::new(1.0, 0.0), 1.0));
+    let held = experiment(plant, PlantScheme::Held, FixedStep::new(9e-3).unwrap(), NORMAL);
+    sampled(&held, &observer, start);
+}
+
+#[test]
+fn process_noise_and_runs_that_diverge() {
+    let model = VanDerPol::new(0.8, 0.5, Diffusion::Additive, Correction::Derived).unwrap();
+    let observer = SampledDataObserver::<_, 2> { model };
+    let start = (Vector2::new(1.0, 0.0), Vector2::new(0.0, 1.0));
+    for (scheme, dt) in [
+        (StochasticIntegrator::EulerMaruyama, 0.3),
+        (StochasticIntegrator::Milstein, 0.03),
+        (StochasticIntegrator::Taylor15, 0.1),
+    ] {
+        let schedule = FixedStep::new(dt).unwrap();
+        let study = experiment(model, PlantScheme::Stochastic(scheme), schedule, NONE);
+        let study = Experiment { substeps: 1, ..study };
+        let (diverged, kinds) = sampled(&study, &observer, start);
+        // at 0.3 s some runs diverge beside others that do not
+        let some = diverged > 0 && diverged < kinds * LANES as u64;
+        assert_eq!(some, dt > 0.2, "{diverged}");
+    }
+}
+
+#[test]
+fn a_filter_with_inputs() {
+    let ship = Ship::new(0.1, [0.01, 0.0, 0.0]).unwrap();
+    let observer = ReducedOrderObserver::new([0.1, 0.2, 0.2], 0.1, ship).unwrap();
+    let x0 = (Vector3::new(0.0, 10.0, 0.5), Vector3::new(0.5, -0.5, -0.5));
+    let study = experiment(ship, RK4, FixedStep::new(0.01).unwrap(), NONE);
+    sampled(&study, &observer, (x0, observer.initial()));
+}
+
+struct Joint<'a, P: Plant<f64>, S, L: ContinuousLaw<f64>> {
+    experiment: &'a Experiment<'static, f64, P, S>,
+    law: &'a L,
+    start: (P::State, L::State),
+    metrics: *mut LaneMetrics<'static, f64>,
+}
+
+#[allow(unsafe_code)] // the metrics outlive the task
+impl<P, S, L> Task for Joint<'_, P, S, L>
+where
+    P: Plant<f64, Output = f64>,
+    S: Schedule<f64>,
+    L: ContinuousLaw<f64, Input = P::Input>,
+{
+    type Output = BlockOf<P::State, L::State>;
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let block = Block::new(self.start.0.in_columns(), self.start.1.in_columns());
+        // SAFETY: `compare` keeps them alive, and nothing else looks at them.
+        let metrics = unsafe { &mut *self.metrics };
+        let scheme = Integrator::BogackiShampine;
+        self.experiment.joint_block(self.law, |u| *u, scheme, 5, block, metrics, || false)
+    }
+}
+
+#[test]
+fn plant_and_law_as_one_equation() {
+    let crackle = Crackle::new(3.0).unwrap();
+    let (alpha, beta) = ([3.0, 3.0, 3.0, 3.0, 2.0], [8.5714, 3.2122, 1.4267, 0.5347, 0.0]);
+    let (ell, clip) = (ConstantGain::new(7.0).unwrap(), HardClip::new([3.0; 5]).unwrap());
+    let law = PeakingFreeObserver::<f64, _, _, _, 5>::new(alpha, beta, ell, crackle, clip).unwrap();
+    let x0 = SVector::from([-0.8, 0.0, 0.0, 0.0, 0.0]);
+    let start = (x0, law.initial());
+    let schedule = FixedStep::new(1e-3).unwrap();
+    let experiment = experiment(crackle, RK4, schedule, NORMAL);
+    let scheme = Integrator::BogackiShampine;
+    compare(
+        9,
+        experiment.steps,
+        |metrics| Joint { experiment: &experiment, law: &law, start, metrics },
+        |run, m| experiment.joint(&law, |u| *u, scheme, run, start.0, start.1, m),
+    );
+}
