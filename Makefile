@@ -2,7 +2,7 @@
 #
 #   make reproduce   every table and figure of the five papers -> out/report.html
 #   make test        format, lints, types, Rust and Python tests, doc examples, the wheel alone
-#   make bench       one step of each observer, criterion
+#   make bench       one step of each observer (criterion), then side by side -> out/bench.json
 #   make firmware    every observer on two Cortex-M: bits, instructions, proofs -> out/firmware.json
 #   make docs        the Rust API reference -> target/doc
 #   make wheel       an abi3 wheel -> dist/
@@ -54,6 +54,11 @@ $(VENV)/stamp-dev: $(VENV)/stamp-build
 	env -u CONDA_PREFIX VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --quiet --release --extras all,dev
 	@touch $@
 
+# The same with what `make bench` compares with.
+$(VENV)/stamp-bench: $(VENV)/stamp-build
+	env -u CONDA_PREFIX VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --quiet --release --extras all,bench
+	@touch $@
+
 # --- the verbs -------------------------------------------------------------------------------
 
 reproduce: $(VENV)/stamp-build
@@ -82,8 +87,9 @@ test: $(VENV)/stamp-dev
 	$(call say,pytest: library$(,) doc examples$(,) command line$(,) wheel in an empty environment)
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
-bench:
+bench: $(VENV)/stamp-bench
 	cargo bench
+	$(BIN)/python benches/compare --out out
 
 firmware:
 	@$(PYTHON) firmware/tools/firmware.py --out out

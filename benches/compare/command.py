@@ -1,0 +1,134 @@
+"""`make bench`: lets every implementation do the same work, compares, times, and writes it down."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+
+from compare import summary
+from compare.harness import OURS, Checked, Size, Workload
+from compare.summary import Measured, Row
+from compare.worker import Worker, WorkerError, cores, serve
+
+ROUNDS = {False: 7, True: 5}
+"""Samples of each implementation, full and quick; the medians are reported."""
+
+
+def measure(
+    workload: Workload, places: Sequence[int], *, quick: bool, only: list[str] | None = None
+) -> Measured:
+    """Check, warm up and time a workload; samples are taken in turn, so that all share the weather.
+
+    On one processor; on all; and, ours alone, on all by as many processes of one thread each, which
+    the system may place as it places the threads of one.
+    """
+    done = Measured(workload)
+    with ExitStack() as stack:
+
+        def start(threads: int, where: Sequence[int]) -> Worker:
+            worker = Worker(workload.key, threads, where, quick=quick)
+            stack.callback(worker.close)
+            return worker
+
+        workers, together = [start(1, places[:1])], []
+        if workload.parallel and len(places) > 1:
+            workers.append(start(len(places), places))
+            together = [start(1, places) for _ in places]
+
+        timed: list[tuple[Worker, str, Size]] = []
+        for worker in workers:
+            checked = Checked(**worker.ask("check", only))
+            done.missing |= checked.missing
+            done.fail(checked.failed, worker.threads)
+            for name in checked.distances:
+                if name in checked.failed:
+                    continue
+                try:
+                    timed.append((worker, name, Size(**worker.ask("warm", name))))
+                except WorkerError as error:
+                    done.fail({name: str(error)}, worker.threads)
+        if not {(worker, name) for worker, name, _ in timed} >= {(w, OURS) for w in workers}:
+            together = []
+        for worker in together:
+            worker.ask("warm", OURS)
+
+        samples: dict[tuple[str, int], list[float]] = {}
+        sizes: dict[tuple[str, int], Size] = {}
+        for _ in range(ROUNDS[quick]):
+            for worker, name, size in timed:
+                samples.setdefault((name, worker.threads), []).append(worker.ask("sample", name))
+                sizes[name, worker.threads] = size
+                if together and name == OURS and worker.threads > 1:
+                    for one in together:
+                        one.send("sample", OURS)
+                    rate = sum(1.0 / one.receive() for one in together)
+                    key = f"{OURS}, {len(together)} processes", len(together)
+                    samples.setdefault(key, []).append(1.0 / rate)
+                    sizes[key] = size
+    for (name, threads), values in samples.items():
+        done.add(name, threads, values, sizes[name, threads])
+    return done
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command; 0, or 1 if implementations disagree or fail."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if given[:1] == ["--serve"]:
+        return serve(json.loads(given[1]))
+    from compare.workloads import WORKLOADS
+
+    names = list(dict.fromkeys(workload.name for workload in WORKLOADS))
+    parser = argparse.ArgumentParser(prog="benches/compare", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("out"), help="folder (default: out)")
+    parser.add_argument(
+        "--workload", nargs="+", choices=names, metavar="NAME", help=", ".join(names)
+    )
+    parser.add_argument(
+        "--implementation", nargs="+", metavar="NAME", help="time these alone, and say so"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="small sizes, to try whether all works"
+    )
+    options = parser.parse_args(given)
+    known = {one.name for workload in WORKLOADS for one in workload.implementations}
+    for name in options.implementation or ():
+        if name not in known:
+            parser.error(f"--implementation {name!r}: choose from {', '.join(sorted(known))}")
+
+    machine = summary.Machine.this()
+    print(f"{machine}\n")
+    everything = []
+    for workload in WORKLOADS:
+        if options.workload is not None and workload.name not in options.workload:
+            continue
+        try:
+            done = measure(workload, cores(), quick=options.quick, only=options.implementation)
+        except WorkerError as error:
+            done = Measured(workload, failures=[f"{workload.key}: {error}"])
+        print(summary.table(done, machine.cores), end="\n\n", flush=True)
+        everything.append(done)
+    rows: list[Row] = [row for done in everything for row in done.rows]
+    options.out.mkdir(parents=True, exist_ok=True)
+    listed = json.dumps([asdict(row) for row in rows], indent=1)
+    (options.out / "bench.json").write_text(f"{listed}\n", encoding="utf-8")
+    page = summary.markdown(everything, machine, left_out=options.implementation)
+    (options.out / "bench.md").write_text(page, encoding="utf-8")
+    written = ["bench.json", "bench.md"]
+    if not rows:
+        print("nothing was measured: no chart")
+    elif summary.chart(everything, machine, options.out / "bench.png"):
+        written.append("bench.png")
+    else:
+        print("matplotlib is not installed: no chart")
+    print("wrote " + ", ".join(str(options.out / name) for name in written))
+    if options.implementation is not None:
+        print(f"left out by --implementation: all but {', '.join(options.implementation)}")
+    failures = [text for done in everything for text in done.failures]
+    for text in failures:
+        print(f"FAILED {text}", file=sys.stderr)
+    return 1 if failures else 0

@@ -1,0 +1,100 @@
+"""The C kernels: compiled for this machine when they are first needed, called through ctypes."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from compare.harness import Call, NotInstalled
+
+HERE = Path(__file__).resolve().parent
+FLAGS = (
+    *("-std=gnu11", "-O3", "-march=native", "-fopenmp-simd"),
+    *("-fno-math-errno", "-fno-trapping-math", "-Wno-psabi"),
+)
+COLUMNS = 32
+"""A kernel takes whole multiples of so many runs: up to four blocks of eight."""
+PIECES = 8
+"""Pieces of the work for each thread, so that none waits long for one that is held up."""
+
+
+def compiler() -> str:
+    """The C compiler: CC, or cc."""
+    name = os.environ.get("CC", "cc")
+    found = shutil.which(name)
+    if found is None:
+        raise NotInstalled(f"the C compiler {name} is not installed")
+    return found
+
+
+def literal(value: float | int | Sequence[float]) -> str:
+    """A constant in C."""
+    if isinstance(value, (float, int)):
+        return f"({value!r})"
+    return "{" + ", ".join(repr(float(entry)) for entry in value) + "}"
+
+
+def library(source: str, **constants: float | int | Sequence[float]) -> ctypes.CDLL:
+    """A C source as a loaded library; ``constants`` become macros."""
+    macros = "".join(f"#define {name} {literal(value)}\n" for name, value in constants.items())
+    with tempfile.TemporaryDirectory() as folder:
+        file, built = Path(folder, "kernel.c"), Path(folder, "kernel.so")
+        file.write_text(f'{macros}#include "columns.h"\n{source}', encoding="utf-8")
+        command = [compiler(), *FLAGS, "-shared", "-fPIC", f"-I{HERE}", str(file), "-o", str(built)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise RuntimeError(f"{' '.join(command)}\n{done.stderr}")
+        return ctypes.CDLL(str(built))
+
+
+def value(argument: int | NDArray[Any]) -> Any:
+    """An argument as C takes it: a number, or where an array's numbers stand."""
+    if isinstance(argument, int):
+        return ctypes.c_int64(argument)
+    if not argument.flags.c_contiguous:
+        raise ValueError("a kernel takes contiguous arrays")
+    return argument.ctypes.data_as(ctypes.c_void_p)  # keeps the array alive
+
+
+def call(
+    function: Any, runs: int, threads: int, *arguments: int | NDArray[Any], result: NDArray[Any]
+) -> Call:
+    """A call of ``function(first, last, runs, *arguments, result)`` for all runs; gives the result.
+
+    Several threads share the runs in pieces: ctypes lets go of the interpreter's lock meanwhile.
+    """
+    if runs % COLUMNS:
+        raise ValueError(f"runs = {runs}: the kernels take multiples of {COLUMNS}")
+    given = [value(argument) for argument in (runs, *arguments, result)]
+    function.restype = None
+
+    def piece(first: int, last: int) -> None:
+        function(ctypes.c_int64(first), ctypes.c_int64(last), *given)
+
+    if threads == 1:
+
+        def alone() -> NDArray[Any]:
+            piece(0, runs)
+            return result
+
+        return alone
+    count = min(runs // COLUMNS, PIECES * threads)
+    edges = [COLUMNS * (runs // COLUMNS * i // count) for i in range(count + 1)]
+    pool = ThreadPoolExecutor(threads)
+
+    def together() -> NDArray[Any]:
+        for done in [pool.submit(piece, *pair) for pair in pairwise(edges)]:
+            done.result()
+        return result
+
+    return together

@@ -1,0 +1,261 @@
+"""What was measured, as a table, as Markdown and as a chart, with the machine named."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import shutil
+import statistics
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from compare.harness import OURS, Size, Workload
+from compare.worker import cores
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+NOISY = 0.25
+"""Spread of the middle half of the samples, relative, from which on the table says so."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of bench.json: the median over the samples [ns per run and step]."""
+
+    workload: str
+    implementation: str
+    threads: int
+    ns_per_step: float
+    runs: int
+    steps: int
+
+
+@dataclass
+class Measured:
+    """A workload: rows, what was not there and why, what failed, what was noisy."""
+
+    workload: Workload
+    rows: list[Row] = field(default_factory=list)
+    missing: dict[str, str] = field(default_factory=dict)
+    failures: list[str] = field(default_factory=list)
+    noisy: list[str] = field(default_factory=list)
+    ns: dict[tuple[str, int], float] = field(default_factory=dict)
+
+    def add(self, name: str, threads: int, values: Sequence[float], size: Size) -> None:
+        """Take the samples of an implementation."""
+        value = statistics.median(values)
+        case = f", {self.workload.case}" if self.workload.case else ""
+        row = Row(self.workload.name, name + case, threads, value, size.runs, size.steps)
+        self.rows.append(row)
+        self.ns[name, threads] = value
+        low, _, high = statistics.quantiles(values, n=4)
+        if (high - low) / value > NOISY:
+            self.noisy.append(name if threads == 1 else f"{name} on {threads} threads")
+
+    def fail(self, failed: Mapping[str, str], threads: int) -> None:
+        """Take what went wrong."""
+        for name, text in failed.items():
+            self.failures.append(f"{self.workload.key}, {name}, threads {threads}: {text}")
+
+    def names(self) -> list[str]:
+        """Implementations measured on one thread, in the workload's order."""
+        return [i.name for i in self.workload.implementations if (i.name, 1) in self.ns]
+
+    def factor(self, name: str) -> float | None:
+        """How many times faster ours is on one thread."""
+        ours = self.ns.get((OURS, 1))
+        return None if ours is None else self.ns[name, 1] / ours
+
+    def together(self) -> tuple[int, float, float] | None:
+        """Number of processes, what they reach together, and that over what all cores reach."""
+        for (name, threads), value in self.ns.items():
+            if name.endswith("processes"):
+                return threads, value, value / self.ns[OURS, threads]
+        return None
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Where it was measured, and with what."""
+
+    processor: str
+    cores: int
+    instructions: str
+    versions: str
+
+    @classmethod
+    def this(cls) -> Machine:
+        """This one."""
+        processor, flags = platform.processor() or platform.machine(), ""
+        info = Path("/proc/cpuinfo")
+        if info.exists():
+            text = info.read_text(encoding="utf-8")
+            model = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
+            found = re.search(r"^flags\s*:\s*(.+)$", text, re.MULTILINE)
+            processor = model.group(1) if model else processor
+            flags = found.group(1) if found else ""
+        widest = next((n for n in ("avx512f", "avx2", "sse2") if n in flags.split()), "")
+        names = {"avx512f": "AVX-512", "avx2": "AVX2", "sse2": "SSE2", "": platform.machine()}
+        parts = [f"Python {platform.python_version()}"]
+        for package in ("numpy", "numba", "jax", "scipy", "filterpy"):
+            try:
+                parts.append(f"{package} {metadata.version(package)}")
+            except metadata.PackageNotFoundError:
+                parts.append(f"{package} not installed")
+        return cls(processor, len(cores()), names[widest], ", ".join([*parts, _compiler()]))
+
+    def __str__(self) -> str:
+        return f"{self.processor}, {self.cores} cores, {self.instructions}; {self.versions}"
+
+
+def _compiler() -> str:
+    name = os.environ.get("CC", "cc")
+    if shutil.which(name) is None:
+        return f"{name} not installed"
+    text = subprocess.run([name, "--version"], capture_output=True, text=True, check=False).stdout
+    return text.splitlines()[0] if text else name
+
+
+def short(ns: float) -> str:
+    """Three digits and a unit."""
+    for limit, unit in ((1e3, "ns"), (1e6, "µs"), (1e9, "ms")):
+        if ns < limit:
+            return f"{ns * 1e3 / limit:.3g} {unit}"
+    return f"{ns * 1e-9:.3g} s"
+
+
+def lines(done: Measured, threads: int) -> list[tuple[str, str, str, str]]:
+    """Implementation, one thread, all, factor: what the tables show."""
+    shown = []
+    for name in done.names():
+        factor, many = done.factor(name), done.ns.get((name, threads)) if threads > 1 else None
+        shown.append(
+            (
+                name,
+                short(done.ns[name, 1]),
+                "" if many is None else short(many),
+                "" if factor is None or name == OURS else f"{factor:.3g}",
+            )
+        )
+    return shown
+
+
+def notes(done: Measured) -> list[str]:
+    """What a reader has to know beside the numbers."""
+    said = [f"{name}: {reason}" for name, reason in done.missing.items()]
+    together = done.together()
+    if together is not None:
+        count, value, ratio = together
+        said.append(
+            f"{count} processes of one thread each reach {short(value)} together; all cores in one "
+            f"process reach {ratio:.2f} of that rate"
+        )
+    if done.noisy:
+        names = "; ".join(done.noisy)
+        said.append(
+            f"noisy, the middle half of the samples spreads over {NOISY:.0%} or more: {names}"
+        )
+    return said + [f"FAILED {text}" for text in done.failures]
+
+
+def size(done: Measured) -> str:
+    """Runs and steps of ours, or of the first."""
+    row = next((row for row in done.rows if row.implementation.split(",")[0] == OURS), None)
+    row = row or next(iter(done.rows), None)
+    return "" if row is None else f"{row.runs} runs x {row.steps} steps"
+
+
+def table(done: Measured, threads: int) -> str:
+    """A workload as text."""
+    every = f"{threads} threads" if done.workload.parallel and threads > 1 else ""
+    head = f"{done.workload.key}: {done.workload.title} ({size(done)})"
+    out = [head, f"  {'':<16}{'1 thread':>12}{every:>12}{'ours is faster by':>20}"]
+    out += [f"  {a:<16}{b:>12}{c:>12}{d:>20}" for a, b, c, d in lines(done, threads)]
+    return "\n".join(out + [f"  {note}" for note in notes(done)])
+
+
+def markdown(everything: Sequence[Measured], machine: Machine, left_out: object = None) -> str:
+    """The page bench.md."""
+    out = [
+        "# Side by side",
+        "",
+        f"Measured on {machine}. Medians, warm, time per run and step.",
+        "",
+        f"| workload | implementation | 1 thread | {machine.cores} threads | ours is faster by |",
+        "| --- | --- | ---: | ---: | ---: |",
+    ]
+    for done in everything:
+        shown = lines(done, machine.cores)
+        out += [f"| {done.workload.key} | {a} | {b} | {c} | {d} |" for a, b, c, d in shown]
+    out.append("")
+    for done in everything:
+        out += [f"- {done.workload.key}: {done.workload.title} ({size(done)})"]
+        out += [f"  - {note}" for note in notes(done)]
+    if left_out is not None:
+        out += ["", f"Asked for were these implementations alone: {left_out}."]
+    return "\n".join(out) + "\n"
+
+
+def chart(everything: Sequence[Measured], machine: Machine, file: Path) -> bool:
+    """A panel a workload; False without matplotlib."""
+    try:
+        from hgo_rs.plotting import new_figure, style
+
+        figure = new_figure()
+    except ImportError:
+        return False
+    shown = [done for done in everything if done.names()]
+    columns = 2 if len(shown) > 1 else 1
+    rows = max(1, -(-len(shown) // columns))
+    most = max((len(done.names()) + len(done.missing) for done in shown), default=1)
+    with style():
+        figure.set_size_inches(5.2 * columns, (0.24 * most + 0.9) * rows + 0.9)
+        for place, done in enumerate(shown, 1):
+            _panel(figure.add_subplot(rows, columns, place), done, machine.cores)
+        figure.suptitle(
+            f"Time per run and step\n{machine.processor}, {machine.cores} cores, "
+            f"{machine.instructions}"
+        )
+        figure.savefig(file)
+    return True
+
+
+def _panel(ax: Axes, done: Measured, threads: int) -> None:
+    from hgo_rs.plotting import COLOURS
+
+    names = [*done.names(), *done.missing]
+    smallest = min(done.ns.values())
+    for place, name in enumerate(names):
+        one, many = done.ns.get((name, 1)), done.ns.get((name, threads))
+        colour = COLOURS["vermillion" if name.startswith(OURS) else "blue"]
+        if one is None:
+            ax.text(smallest, place, done.missing[name], color=COLOURS["grey"], va="center")
+            continue
+        if many is not None and threads > 1:
+            ax.plot([many, one], [place, place], color=colour, linewidth=1.0)
+            ax.plot(many, place, "o", color=colour, markerfacecolor="white")
+        ax.plot(one, place, "o", color=colour)
+        ax.annotate(
+            short(one),
+            (max(one, many or 0.0), place),
+            (7, 0),
+            textcoords="offset points",
+            va="center",
+        )
+    ax.set_xscale("log")
+    largest = max(done.ns.values())
+    largest *= 1.6 * (largest / smallest) ** 0.25  # room for the numbers
+    ax.set_xlim(smallest / 1.6, max(largest, 12.0 * smallest))
+    ax.set_yticks(range(len(names)), names)
+    ax.set_ylim(len(names) - 0.4, -0.6)
+    ax.grid(axis="y", visible=False)
+    ax.xaxis.set_major_formatter(lambda value, _: short(value))
+    ax.xaxis.set_minor_formatter(lambda value, _: "")
+    every = f"; ○ {threads} threads" if done.workload.parallel and threads > 1 else ""
+    ax.set_title(f"{done.workload.key}   ● 1 thread{every}")

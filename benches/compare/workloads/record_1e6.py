@@ -1,0 +1,218 @@
+"""record-1e6: an observer over a record of a million samples, in one call.
+
+Two cases: the standard observer, n = 2, and the low-power observer, n = 5, both by Euler, without a
+model. All estimates of all samples are the result, and all are compared. A step is a sample.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from compare import compiled
+from compare.harness import (
+    OURS,
+    SEED,
+    TWIN,
+    Array,
+    Call,
+    Implementation,
+    LeftOut,
+    Size,
+    Workload,
+    need,
+)
+from hgo_rs import LowPowerObserver, StandardObserver, reference
+from hgo_rs.observers import Observer
+
+T, ELL = 1e-3, 50.0
+STANDARD, LOW_POWER = StandardObserver(2, ELL), LowPowerObserver(5, ELL)
+K1, K2 = (k * ELL**i for i, k in enumerate(STANDARD.spec["k"], 1))
+A1, A2, A3, A4, A5 = (alpha * ELL for alpha in LOW_POWER.spec["alpha"])
+B1, B2, B3, B4 = (beta * ELL * ELL for beta in LOW_POWER.spec["beta"])
+
+
+@cache
+def record(samples: int) -> Array:
+    """A noisy position."""
+    noise = np.random.default_rng(SEED).standard_normal(samples)
+    return np.sin(2.0 * T * np.arange(samples)) + 1e-3 * noise
+
+
+def ours(observer: Observer, size: Size) -> Call:
+    y = record(size.steps)
+    return lambda: observer.run(T, y).x_hat
+
+
+def twin(observer: Observer, size: Size) -> Call:
+    y, start, n = record(size.steps), observer.initial_memory(), observer.n
+    t, law = T * np.arange(size.steps), reference.Observer(observer.spec)
+    return lambda: law.run(t, y, None, start)["memory"][:, :n]
+
+
+# --- standard, n = 2 --------------------------------------------------------------------------
+
+
+def standard_lfilter(size: Size, threads: int) -> Call:
+    """The linear observer as transfer functions from y to each estimate."""
+    signal = need("scipy.signal")
+    step = np.array([[1.0 - T * K1, T], [-T * K2, 1.0]])
+    numerators, denominator = signal.ss2tf(step, [[T * K1], [T * K2]], np.eye(2), np.zeros((2, 1)))
+    y = record(size.steps)
+    return lambda: np.column_stack([signal.lfilter(top, denominator, y) for top in numerators])
+
+
+def standard_numba(size: Size, threads: int) -> Call:
+    numba = need("numba")
+
+    @numba.njit(fastmath=True, error_model="numpy")
+    def run(y: Array) -> Array:
+        x_hat = np.empty((len(y), 2))
+        x1, x2 = 0.0, 0.0
+        for k in range(len(y)):
+            x_hat[k, 0], x_hat[k, 1] = x1, x2
+            e = y[k] - x1
+            x1, x2 = x1 + T * (x2 + K1 * e), x2 + T * (K2 * e)
+        return x_hat
+
+    y = record(size.steps)
+    return lambda: run(y)
+
+
+def standard_jax(size: Size, threads: int) -> Call:
+    jax = need("jax")
+    jax.config.update("jax_enable_x64", True)
+
+    def step(x: Any, y: Any) -> Any:
+        e = y - x[0]
+        return (x[0] + T * (x[1] + K1 * e), x[1] + T * (K2 * e)), x
+
+    run = jax.jit(lambda y: jax.numpy.stack(jax.lax.scan(step, (0.0, 0.0), y)[1], axis=1))
+    y = jax.device_put(record(size.steps))
+    return lambda: run(y).block_until_ready()
+
+
+# In the C kernels what the next sample waits for comes last in each sum.
+STANDARD_C = """
+void run(int64_t samples, const double *y, double *x_hat) {
+  double x1 = 0.0, x2 = 0.0;
+  for (int64_t k = 0; k < samples; k++) {
+    x_hat[2 * k] = x1, x_hat[2 * k + 1] = x2;
+    double e = y[k] - x1;
+    x1 = (T * K1 * y[k] + T * x2) + (1.0 - T * K1) * x1, x2 += T * K2 * e;
+  }
+}
+"""
+
+
+# --- low-power, n = 5 -------------------------------------------------------------------------
+
+
+def low_power_numba(size: Size, threads: int) -> Call:
+    numba = need("numba")
+
+    @numba.njit(fastmath=True, error_model="numpy")
+    def run(y: Array) -> Array:
+        x_hat = np.empty((len(y), 5))
+        x1, x2, x3, x4, x5, n1, n2, n3, n4 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(len(y)):
+            x_hat[k, 0], x_hat[k, 1], x_hat[k, 2], x_hat[k, 3], x_hat[k, 4] = x1, x2, x3, x4, x5
+            e1, e2, e3, e4, e5 = y[k] - x1, n1 - x2, n2 - x3, n3 - x4, n4 - x5
+            x1, x2, x3 = x1 + T * (n1 + A1 * e1), x2 + T * (n2 + A2 * e2), x3 + T * (n3 + A3 * e3)
+            x4, x5 = x4 + T * (n4 + A4 * e4), x5 + T * (A5 * e5)
+            n1, n2, n3 = n1 + T * (n2 + B1 * e1), n2 + T * (n3 + B2 * e2), n3 + T * (n4 + B3 * e3)
+            n4 += T * (B4 * e4)
+        return x_hat
+
+    y = record(size.steps)
+    return lambda: run(y)
+
+
+def low_power_jax(size: Size, threads: int) -> Call:
+    jax = need("jax")
+    jax.config.update("jax_enable_x64", True)
+    numpy, alpha, beta = jax.numpy, np.array([A1, A2, A3, A4, A5]), np.array([B1, B2, B3, B4])
+
+    def step(memory: Any, y: Any) -> Any:
+        x, eta = memory
+        e = numpy.concatenate([y[None], eta]) - x
+        x_new = x + T * (numpy.append(eta, 0.0) + alpha * e)
+        return (x_new, eta + T * (numpy.append(eta[1:], 0.0) + beta * e[:4])), x
+
+    run = jax.jit(lambda y: jax.lax.scan(step, (numpy.zeros(5), numpy.zeros(4)), y)[1])
+    y = jax.device_put(record(size.steps))
+    return lambda: run(y).block_until_ready()
+
+
+def low_power_lfilter(size: Size, threads: int) -> Call:
+    raise LeftOut("as one transfer function of order 9 it is off by 3e-4")
+
+
+LOW_POWER_C = """
+#define X(x, a, from, n) x = (T * a * (from) + T * (n)) + (1.0 - T * a) * x
+#define ETA(n, b, e, next) n += T * b * (e) + T * (next)
+void run(int64_t samples, const double *y, double *x_hat) {
+  double x1 = 0, x2 = 0, x3 = 0, x4 = 0, x5 = 0, n1 = 0, n2 = 0, n3 = 0, n4 = 0;
+  for (int64_t k = 0; k < samples; k++, x_hat += 5) {
+    x_hat[0] = x1, x_hat[1] = x2, x_hat[2] = x3, x_hat[3] = x4, x_hat[4] = x5;
+    double e1 = y[k] - x1, e2 = n1 - x2, e3 = n2 - x3, e4 = n3 - x4;
+    X(x1, A1, y[k], n1), X(x2, A2, n1, n2), X(x3, A3, n2, n3), X(x4, A4, n3, n4);
+    X(x5, A5, n4, 0.0);
+    ETA(n1, B1, e1, n2), ETA(n2, B2, e2, n3), ETA(n3, B3, e3, n4), ETA(n4, B4, e4, 0.0);
+  }
+}
+"""
+LOW_POWER_GAINS = {f"A{i}": a for i, a in enumerate((A1, A2, A3, A4, A5), 1)}
+LOW_POWER_GAINS |= {f"B{i}": b for i, b in enumerate((B1, B2, B3, B4), 1)}
+
+
+def in_c(source: str, n: int, size: Size, **constants: float) -> Call:
+    run, y = compiled.library(source, T=T, **constants).run, record(size.steps)
+
+    def call() -> Array:
+        x_hat = np.empty((len(y), n))
+        run(ctypes.c_int64(len(y)), compiled.value(y), compiled.value(x_hat))
+        return x_hat
+
+    return call
+
+
+def case(name: str, observer: Observer, *others: Implementation) -> Workload:
+    """The record through one observer."""
+    return Workload(
+        "record-1e6",
+        "a record of 1e6 samples in one call",
+        (
+            Implementation(OURS, lambda size, _: ours(observer, size)),
+            *others,
+            Implementation(TWIN, lambda size, _: twin(observer, size), share=0.01),
+        ),
+        full=Size(1, 1_000_000),
+        quick=Size(1, 20_000),
+        check=Size(1, 2_000),
+        case=name,
+        parallel=False,
+    )
+
+
+WORKLOADS = (
+    case(
+        "standard n = 2",
+        STANDARD,
+        Implementation("C", lambda size, _: in_c(STANDARD_C, 2, size, K1=K1, K2=K2)),
+        Implementation("Numba", standard_numba),
+        Implementation("lfilter", standard_lfilter),
+        Implementation("JAX", standard_jax, share=0.2),
+    ),
+    case(
+        "low-power n = 5",
+        LOW_POWER,
+        Implementation("C", lambda size, _: in_c(LOW_POWER_C, 5, size, **LOW_POWER_GAINS)),
+        Implementation("Numba", low_power_numba),
+        Implementation("lfilter", low_power_lfilter),
+        Implementation("JAX", low_power_jax, share=0.1),
+    ),
+)

@@ -1,0 +1,236 @@
+"""sanfelice-praly-mc: the observer (20) of Sanfelice and Praly with the adaptive gain (6); the
+plant (19) is held at its equilibrium, normal noise over `HOLD` steps.
+
+Standard deviation of e2 of each run over the second half. A step: one of RK4, with y held, of three
+states; every stage takes a power of r.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from compare import compiled, streams
+from compare.harness import (
+    OURS,
+    SEED,
+    TWIN,
+    Array,
+    Call,
+    Implementation,
+    Size,
+    Workload,
+    forced,
+    in_seconds,
+    need,
+)
+from hgo_rs import (
+    AdaptiveGain,
+    NormalNoise,
+    SanfelicePraly,
+    StandardObserver,
+    reference,
+    simulate,
+)
+from hgo_rs.reference.noise import MEASUREMENT
+from hgo_rs.scenarios import sanfelice_praly as paper
+
+HOLD = 2
+H = paper.HOLD / HOLD
+NU1, P1, P2, B = paper.NU1_STABLE, paper.P1, paper.P2, paper.B
+K1, K2, POWER = paper.K1, paper.K2, 1.0 - 2.0 * paper.B
+MEAN, STD = paper.NOISE_MEAN, paper.NOISE_STD
+X0, START = (paper.equilibrium(NU1), 0.0), paper.printed_start()
+X1 = X0[0]
+Z1, Z2, R0 = START
+
+
+def window(size: Size) -> tuple[int, int]:
+    """Steps over which the standard deviation is taken."""
+    return size.steps // 2, size.steps
+
+
+def ours(size: Size, threads: int) -> Call:
+    plant = SanfelicePraly(NU1, paper.NU2)
+    observer = StandardObserver(2, AdaptiveGain(P1, P2, B), k=(K1, K2), model=plant, method="rk4")
+    seconds = in_seconds(window(size), H)
+
+    def call() -> Array:
+        return simulate(
+            plant,
+            observer,
+            x0=X0,
+            memory0=START,
+            dt=H,
+            steps=size.steps,
+            plant_method="held",
+            noise=NormalNoise(MEAN, STD, hold=paper.HOLD),
+            runs=size.runs,
+            rng=SEED,
+            windows=[seconds],
+        ).std[:, 0, 1:2]
+
+    return call
+
+
+def twin(size: Size, threads: int) -> Call:
+    spec = paper.study(paper.observer(NU1), START, H, H * size.steps, runs=size.runs, seed=SEED)
+    spec |= {"noise": paper.noise(MEAN, HOLD), "windows": [window(size)]}
+
+    def call() -> Array:
+        result = reference.simulate(spec)
+        mean, rms = result["mean"][:, 0, 1:2], result["rms"][:, 0, 1:2]
+        return np.asarray(np.sqrt(rms * rms - mean * mean))
+
+    return call
+
+
+def in_numba(size: Size, threads: int, own: bool = False) -> Call:
+    numba = need("numba")
+    start, _, normal = streams.numba_draws(own)
+    (begin, end), runs = window(size), size.runs
+
+    @numba.njit(fastmath=True, error_model="numpy")
+    def rate(y: float, z1: float, z2: float, r: float) -> tuple[float, float, float]:
+        e, r2 = y - z1, r * r
+        r_rate = P1 * ((e * e - P2) * r**POWER + P2 / (r2 * r2))  # (6)
+        return z2 + NU1 * z1 + K1 * r * e, K2 * r2 * e, r_rate  # (20)
+
+    @numba.njit(fastmath=True, error_model="numpy")
+    def one(words: streams.Words, run: int) -> float:
+        noise = start(words, run)
+        y, z1, z2, r, total, squares = 0.0, Z1, Z2, R0, 0.0, 0.0
+        for k in range(end):
+            if k >= begin:
+                total += z2
+                squares += z2 * z2
+            if k % HOLD == 0:
+                noise, xi = normal(noise)
+                y = X1 + (MEAN + STD * xi)
+            a1, a2, ar = rate(y, z1, z2, r)
+            b1, b2, br = rate(y, z1 + 0.5 * H * a1, z2 + 0.5 * H * a2, r + 0.5 * H * ar)
+            c1, c2, cr = rate(y, z1 + 0.5 * H * b1, z2 + 0.5 * H * b2, r + 0.5 * H * br)
+            d1, d2, dr = rate(y, z1 + H * c1, z2 + H * c2, r + H * cr)
+            z1 += H / 6.0 * (a1 + 2.0 * (b1 + c1) + d1)
+            z2 += H / 6.0 * (a2 + 2.0 * (b2 + c2) + d2)
+            r = max(1.0, r + H / 6.0 * (ar + 2.0 * (br + cr) + dr))
+        mean = total / (end - begin)
+        return np.sqrt(squares / (end - begin) - mean * mean)
+
+    @numba.njit(parallel=threads > 1)
+    def study(words: streams.Words) -> Array:
+        std = np.empty((runs, 1))
+        for run in numba.prange(runs):
+            std[run, 0] = one(words, run)
+        return std
+
+    words = streams.states(runs, MEASUREMENT)
+    return lambda: study(words)
+
+
+def in_jax(size: Size, threads: int) -> Call:
+    jax = need("jax")
+    _, normal = streams.jax_draws()
+    numpy = jax.numpy
+    begin, end = window(size)
+
+    def rate(y: Any, s: Any) -> Any:
+        z1, z2, r = s
+        e = y - z1
+        r_rate = P1 * ((e * e - P2) * r**POWER + P2 / r**4)  # (6)
+        return z2 + NU1 * z1 + K1 * r * e, K2 * r * r * e, r_rate  # (20)
+
+    def plus(s: Any, h: float, d: Any) -> Any:
+        return tuple(a + h * b for a, b in zip(s, d, strict=True))
+
+    def run(words: Any) -> Any:
+        def draw(carry: Any, k: Any) -> Any:
+            noise, s, total, squares = carry
+            noise, xi = normal(noise)
+            y = X1 + (MEAN + STD * xi)
+            for held in range(HOLD):
+                late = k * HOLD + held >= begin
+                total += numpy.where(late, s[1], 0.0)
+                squares += numpy.where(late, s[1] * s[1], 0.0)
+                a = rate(y, s)
+                b = rate(y, plus(s, 0.5 * H, a))
+                c = rate(y, plus(s, 0.5 * H, b))
+                d = rate(y, plus(s, H, c))
+                s = plus(plus(s, H / 6.0, plus(a, 1.0, d)), H / 3.0, plus(b, 1.0, c))
+                s = (s[0], s[1], numpy.maximum(1.0, s[2]))
+            return (noise, s, total, squares), None
+
+        initial = (tuple(words), (Z1, Z2, R0), 0.0, 0.0)
+        _, _, total, squares = jax.lax.scan(draw, initial, numpy.arange(end // HOLD))[0]
+        mean = total / (end - begin)
+        return numpy.sqrt(squares / (end - begin) - mean * mean)[None]
+
+    study = jax.jit(jax.vmap(run, in_axes=1))
+    words = streams.jax_spread(threads)(streams.states(size.runs, MEASUREMENT))
+    return lambda: study(words).block_until_ready()
+
+
+SOURCE = """
+#define BLOCKS 4 /* a power takes long: the four wait for theirs together */
+typedef struct { real z1, z2, r; } state;
+
+INLINE state rate(real y, state s) {
+  real e = y - s.z1, r2 = s.r * s.r, power = exponential(POWER * ln(s.r));
+  real r_rate = P1 * ((e * e - P2) * power + P2 / (r2 * r2)); /* (6) */
+  return (state){s.z2 + NU1 * s.z1 + K1 * s.r * e, K2 * r2 * e, r_rate}; /* (20) */
+}
+INLINE state plus(state s, double h, state d) {
+  return (state){s.z1 + h * d.z1, s.z2 + h * d.z2, s.r + h * d.r};
+}
+
+void sanfelice(int64_t first, int64_t last, int64_t runs, const uint64_t *words, int64_t begin,
+               int64_t end, double *std) {
+  for (int64_t run = first; run < last; run += RUNS * BLOCKS) {
+    stream noise[BLOCKS];
+    state s[BLOCKS], a[BLOCKS], b[BLOCKS], c[BLOCKS];
+    real y[BLOCKS], total[BLOCKS], squares[BLOCKS];
+    EACH noise[q] = stream_of(words, runs, run + RUNS * q);
+    EACH s[q] = (state){all(Z1), all(Z2), all(R0)}, total[q] = squares[q] = all(0.0);
+    for (int64_t k = 0; k < end; k++) {
+      if (k >= begin) EACH total[q] += s[q].z2, squares[q] += s[q].z2 * s[q].z2;
+      if (k % HOLD == 0) EACH y[q] = X1 + (MEAN + STD * normal(&noise[q]));
+      EACH a[q] = rate(y[q], s[q]);
+      EACH b[q] = rate(y[q], plus(s[q], 0.5 * H, a[q]));
+      EACH c[q] = rate(y[q], plus(s[q], 0.5 * H, b[q])), b[q] = plus(b[q], 1.0, c[q]);
+      EACH c[q] = rate(y[q], plus(s[q], H, c[q])), a[q] = plus(a[q], 1.0, c[q]);
+      EACH s[q] = plus(plus(s[q], H / 6.0, a[q]), H / 3.0, b[q]), s[q].r = larger(s[q].r, all(1.0));
+    }
+    EACH total[q] /= (double)(end - begin), squares[q] /= (double)(end - begin);
+    EACH STORE(std + run + RUNS * q, root(squares[q] - total[q] * total[q]));
+  }
+}
+"""
+
+
+def in_c(size: Size, threads: int) -> Call:
+    observer = {"NU1": NU1, "P1": P1, "P2": P2, "K1": K1, "K2": K2, "POWER": POWER}
+    noise = {"MEAN": MEAN, "STD": STD, "HOLD": HOLD}
+    start = {"X1": X1, "Z1": Z1, "Z2": Z2, "R0": R0}
+    kernel = compiled.library(SOURCE, H=H, **observer, **noise, **start).sanfelice
+    words, std = streams.states(size.runs, MEASUREMENT), np.empty((size.runs, 1))
+    return compiled.call(kernel, size.runs, threads, words, *window(size), result=std)
+
+
+WORKLOAD = Workload(
+    "sanfelice-praly-mc",
+    "std of e2, adaptive gain, RK4, normal noise held",
+    (
+        Implementation(OURS, ours),
+        Implementation("ours, AVX2", forced(ours, "avx2"), parallel=False),
+        Implementation("C", in_c),
+        Implementation("Numba", in_numba),
+        Implementation("Numba, plain", partial(in_numba, own=True), independent=True),
+        Implementation("JAX", in_jax, share=0.25),
+        Implementation(TWIN, twin, share=0.05, parallel=False),
+    ),
+    full=Size(512, 4_000),
+    quick=Size(128, 500),
+    check=Size(64, 2_000),
+)
