@@ -254,11 +254,6 @@ fn select<T: Scalar, M: Memory<T>>(take: bool, new: &M, old: &M) -> M {
 type Columns<T, M> = <M as Memory<T>>::Columns<LANES>;
 
 impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
-    /// Whether every run's noise is drawn or absent. Recorded noise is each run's own.
-    pub fn draws_in_lanes(&self) -> bool {
-        !matches!(self.noise.draw, Draw::Samples(_))
-    }
-
     /// Draw the noise of sample k for every run.
     #[inline(always)]
     fn draw_lanes<Y: Measurement<T>>(
@@ -344,7 +339,7 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
     }
 
     /// [`Experiment::sampled`] for the runs `first_run` to `first_run + LANES − 1`. `stop` is asked
-    /// before every 512th sample whether to end early.
+    /// before every 512th substep or so whether to end early.
     #[inline(always)]
     pub fn sampled_block<O>(
         &self,
@@ -374,8 +369,10 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         };
         let (mut t, mut plant_t) = (T::ZERO, T::ZERO);
         let bound = T::from_f64(DIVERGED);
+        // samples between two looks at `stop`: fewer where each takes many substeps
+        let patience = (512 / u64::from(here.substeps.max(1))).max(1);
         for k in 0..=here.steps {
-            if k.is_multiple_of(512) && (stop() || shown.alive == [0; LANES]) {
+            if k.is_multiple_of(patience) && (stop() || shown.alive == [0; LANES]) {
                 break;
             }
             let (dt, more) = (here.schedule.dt(k), k < here.steps);
@@ -446,9 +443,11 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         };
         let mut t = T::ZERO;
         let bound = T::from_f64(DIVERGED);
+        // samples between two looks at `stop`: fewer where each takes many substeps
+        let patience = (512 / u64::from(here.substeps.max(1))).max(1);
         let frozen = here.plant_scheme == PlantScheme::Held;
         for k in 0..=here.steps {
-            if k.is_multiple_of(512) && (stop() || shown.alive == [0; LANES]) {
+            if k.is_multiple_of(patience) && (stop() || shown.alive == [0; LANES]) {
                 break;
             }
             let (dt, more) = (here.schedule.dt(k), k < here.steps);
