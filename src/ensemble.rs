@@ -1,96 +1,41 @@
 //! Floor 3. Many runs at once: time in the outer loop, a block of runs in the inner one.
 //!
-//! The memories of L runs stand in columns, each scalar of all runs side by side. The inner loop
-//! takes one run out, lets the same plant, noise and observer step as everywhere else, and puts it
-//! back; as nothing in a step branches on a run's own values, the compiler makes vector code of that
-//! loop. Run i sees the same operations in the same order as in [`Experiment::sampled`], so its bits
-//! do not depend on L, on its neighbours or on the processor's instruction set.
+//! The memories of a block's runs stand in columns, each scalar of all runs side by side. The inner
+//! loop takes one run out, lets the same plant, noise and observer step as everywhere else, and puts
+//! it back; as nothing in a step branches on a run's own values, the compiler makes vector code of
+//! that loop. Run i sees the same operations in the same order as in [`Experiment::sampled`], so its
+//! bits do not depend on its neighbours or on the processor's instruction set.
+//!
+//! A run that diverges is found in spans: all runs move over a span of samples; if a state was out of
+//! bounds anywhere in it, the span is undone and moved over sample by sample, so that the run ends at
+//! the very sample at which it ends alone. From then on it is put back after every span.
 
 // The form that a compiler makes vector code of: an index, and no branch between two truths.
-#![allow(clippy::needless_range_loop, clippy::needless_bitwise_bool)]
+#![allow(clippy::needless_range_loop)]
 
 use crate::Scalar;
 use crate::integrate::{Integrator, PlantScheme};
+use crate::lanes::{Aligned, LANES, Lane, LaneMetrics, Shown};
 use crate::memory::Memory;
-use crate::metrics::{Moments, Window};
 use crate::model::{Plant, StochasticIntegrator};
 use crate::noise::{Channel, Draw, Noise, Stream};
 use crate::observer::{ContinuousLaw, Entries, Measurement, Observer, Status, Timing};
 use crate::schedule::Schedule;
 use crate::simulate::{DIVERGED, Experiment};
 
-/// Runs in a block: two vectors of `f64` where there are 512 bits.
-pub const LANES: usize = 16;
+/// Samples between two looks at the bounds (and at whether to stop).
+const SPAN: u64 = 64;
 
-/// Entries of a memory that a block can keep metrics of.
-pub const MAX_SIGNALS: usize = 32;
-
-/// One number of every run of a block.
-type Lane<T> = [T; LANES];
-
-/// Sums of one signal over one window, for every run.
-#[derive(Clone, Copy, Debug)]
-pub struct LaneMoments<T> {
-    count: Lane<u64>,
-    sum: Lane<T>,
-    sum_of_squares: Lane<T>,
-    max: Lane<T>,
-}
-
-impl<T: Scalar> LaneMoments<T> {
-    /// Nothing taken yet.
-    pub fn new() -> Self {
-        let zero = [T::ZERO; LANES];
-        Self { count: [0; LANES], sum: zero, sum_of_squares: zero, max: zero }
-    }
-
-    /// Those of one run.
-    pub fn of(&self, lane: usize) -> Moments<T> {
-        let at = lane % LANES;
-        Moments::from_sums(self.count[at], self.sum[at], self.sum_of_squares[at], self.max[at])
-    }
-
-    #[inline(always)]
-    fn push(&mut self, values: &Lane<T>, alive: &Lane<u64>) {
-        for lane in 0..LANES {
-            let value = if alive[lane] == 1 { values[lane] } else { T::ZERO };
-            self.count[lane] += alive[lane];
-            self.sum[lane] += value;
-            self.sum_of_squares[lane] += value * value;
-            self.max[lane] = self.max[lane].max(value.abs());
-        }
-    }
-}
-
-impl<T: Scalar> Default for LaneMoments<T> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-/// The metrics of a block of runs, over buffers of the caller; see
-/// [`RunMetrics`](crate::simulate::RunMetrics).
-#[derive(Debug)]
-pub struct LaneMetrics<'a, T> {
-    /// Windows of samples.
-    pub windows: &'a [Window],
-    /// Signals in the moments, at most [`MAX_SIGNALS`].
-    pub signals: usize,
-    /// windows × signals.
-    pub moments: &'a mut [LaneMoments<T>],
-    /// Largest magnitude of each memory entry.
-    pub peak: &'a mut [Lane<T>],
-    /// Threshold of the settling time of ‖x̂ − x‖, and the times.
-    pub settling: Option<(T, Lane<T>)>,
-}
+/// Columns of a block.
+pub type Columns<T, M> = <M as Memory<T>>::Columns<LANES>;
 
 /// A block of runs: where each stands.
 #[derive(Clone, Copy, Debug)]
 pub struct Block<X, Z> {
     /// Plant states, in columns.
-    pub x: X,
+    pub x: Aligned<X>,
     /// Observer memories, in columns.
-    pub z: Z,
+    pub z: Aligned<Z>,
     /// Samples before the first at which a state was not finite or too large.
     pub sound: Lane<u64>,
     /// First sample at which the model had no value; `u64::MAX`: none.
@@ -100,20 +45,23 @@ pub struct Block<X, Z> {
 impl<X, Z> Block<X, Z> {
     /// Runs that start from these columns.
     pub fn new(x: X, z: Z) -> Self {
-        Self { x, z, sound: [0; LANES], undefined_at: [u64::MAX; LANES] }
+        let (sound, undefined_at) = (Lane([u64::MAX; LANES]), Lane([u64::MAX; LANES]));
+        Self { x: Aligned(x), z: Aligned(z), sound, undefined_at }
     }
 }
 
 /// A random stream for every run, in columns.
+#[derive(Clone, Copy)]
 struct Streams([Lane<u64>; 4]);
 
 impl Streams {
     fn new(seed: u64, first_run: u64, channel: Channel) -> Self {
-        let mut columns = [[0; LANES]; 4];
-        for (lane, run) in (first_run..).take(LANES).enumerate() {
+        let mut columns = [Lane([0; LANES]); 4];
+        for lane in 0..LANES {
+            let run = first_run.wrapping_add(lane as u64);
             let state = Stream::new(seed, run, channel).state();
             for (column, word) in columns.iter_mut().zip(state) {
-                column[lane] = word;
+                column.0[lane] = word;
             }
         }
         Self(columns)
@@ -121,12 +69,12 @@ impl Streams {
     #[inline(always)]
     fn load(&self, lane: usize) -> Stream {
         let [a, b, c, d] = &self.0;
-        Stream::from_state([a[lane], b[lane], c[lane], d[lane]])
+        Stream::from_state([a.0[lane], b.0[lane], c.0[lane], d.0[lane]])
     }
     #[inline(always)]
     fn store(&mut self, stream: &Stream, lane: usize) {
         for (column, word) in self.0.iter_mut().zip(stream.state()) {
-            column[lane] = word;
+            column.0[lane] = word;
         }
     }
 }
@@ -137,185 +85,179 @@ struct Instant<T> {
     k: u64,
     t: T,
     dt: T,
+    /// Length of the plants' step.
+    plant_dt: T,
+    /// Sum of the sines.
     sines: T,
+    /// Whether a sample follows.
     more: bool,
 }
 
-/// What a sample shows of every run.
-struct Shown<T> {
-    /// Errors, then the rest of the memory.
-    signals: [Lane<T>; MAX_SIGNALS],
-    /// The memory.
-    memory: [Lane<T>; MAX_SIGNALS],
-    /// ‖x̂ − x‖².
-    square: Lane<T>,
-    alive: Lane<u64>,
+/// Columns of what a plant's runs are given: measurement noise and inputs.
+type Given<T, P> = (Columns<T, <P as Plant<T>>::Output>, Columns<T, <P as Plant<T>>::Input>);
+
+/// Columns of plant states and observer memories.
+type BlockOf<T, P, Z> = Block<Columns<T, <P as Plant<T>>::State>, Columns<T, Z>>;
+
+/// What moves beside the states.
+#[derive(Clone, Copy)]
+struct Running<T, G> {
+    measurement: Streams,
+    process: Streams,
+    given: Aligned<G>,
+    t: T,
+    plant_t: T,
 }
 
-impl<T: Scalar> Shown<T> {
-    /// What a run shows: `estimated` entries of z beside those of x that `truth` names.
-    #[inline(always)]
-    fn take<X: Memory<T>, Z: Memory<T>>(
-        &mut self,
-        lane: usize,
-        x: &X,
-        z: &Z,
-        (from, length): (usize, usize),
-        estimated: usize,
-    ) {
-        let mut truth = [T::ZERO; MAX_SIGNALS];
-        let mut index = 0;
-        x.visit(&mut |value| {
-            if let Some(slot) = truth.get_mut(usize::wrapping_sub(index, from)) {
-                *slot = value;
-            }
-            index += 1;
-        });
-        let known = length.min(estimated);
-        let mut square = T::ZERO;
-        let mut index = 0;
-        z.visit(&mut |value| {
-            if index < MAX_SIGNALS {
-                self.memory[index][lane] = value;
-                let mut signal = value;
-                if index < known {
-                    signal -= truth[index];
-                    square += signal * signal;
-                }
-                self.signals[index][lane] = signal;
-            }
-            index += 1;
-        });
-        self.square[lane] = square;
-    }
-}
+/// How observers move beside their plants.
+trait Mover<T: Scalar, P: Plant<T>, S: Schedule<T>> {
+    /// Memory of an observer.
+    type Memory: Memory<T>;
+    const TIMING: Timing;
+    const ESTIMATED: usize;
 
-impl<T: Scalar> LaneMetrics<'_, T> {
-    #[inline(always)]
-    fn sample(&mut self, at: &Instant<T>, shown: &Shown<T>) {
-        let rows = self.moments.chunks_exact_mut(self.signals.max(1));
-        for (window, row) in self.windows.iter().zip(rows) {
-            if window.contains(at.k) {
-                for (moments, values) in row.iter_mut().zip(&shown.signals) {
-                    moments.push(values, &shown.alive);
-                }
-            }
-        }
-        for (peak, values) in self.peak.iter_mut().zip(&shown.memory) {
-            for lane in 0..LANES {
-                let size = if shown.alive[lane] == 1 { values[lane].abs() } else { T::ZERO };
-                peak[lane] = peak[lane].max(size);
-            }
-        }
-        if let Some((threshold, last)) = &mut self.settling {
-            for lane in 0..LANES {
-                let outside = shown.square[lane].sqrt() >= *threshold;
-                last[lane] = if outside & (shown.alive[lane] == 1) { at.t } else { last[lane] };
-            }
-        }
-    }
-}
-
-/// Draws from a stream.
-struct Drawn<'a, T> {
-    noise: &'a Noise<'a, T>,
-    stream: &'a mut Stream,
-}
-
-impl<T: Scalar> Entries<T> for Drawn<'_, T> {
-    #[inline(always)]
-    fn next_entry(&mut self) -> T {
-        self.noise.fresh(self.stream, 0)
-    }
-}
-
-/// A draw for every run.
-#[inline(always)]
-fn fill<T: Scalar, Y: Measurement<T>>(
-    draw: Draw<'_, T>,
-    streams: &mut Streams,
-    held: &mut Columns<T, Y>,
-) {
-    let noise = Noise { draw, hold: 1, sines: &[] };
-    for lane in 0..LANES {
-        let mut stream = streams.load(lane);
-        Y::fill(Drawn { noise: &noise, stream: &mut stream }).store(held, lane);
-        streams.store(&stream, lane);
-    }
-}
-
-/// `new` where `take`, else `old`.
-#[inline(always)]
-fn select<T: Scalar, M: Memory<T>>(take: bool, new: &M, old: &M) -> M {
-    new.zip(old, |a, b| if take { a } else { b })
-}
-
-/// Columns of L runs.
-type Columns<T, M> = <M as Memory<T>>::Columns<LANES>;
-
-impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
-    /// Draw the noise of sample k for every run.
-    #[inline(always)]
-    fn draw_lanes<Y: Measurement<T>>(
+    /// Every observer takes its sample; `worst` becomes the largest magnitude of any state so far.
+    /// What can be done for all that follows in the same pass is done, and told.
+    fn observe(
         &self,
-        streams: &mut Streams,
-        k: u64,
-        held: &mut Columns<T, Y>,
-    ) {
-        if self.noise.hold > 1 && !k.is_multiple_of(self.noise.hold) {
-            return;
-        }
-        // one loop for each kind of noise, with the choice outside of it
-        match self.noise.draw {
-            Draw::None | Draw::Samples(_) => {}
-            Draw::Uniform { low, high } => {
-                fill::<T, Y>(Draw::Uniform { low, high }, streams, held);
-            }
-            Draw::Normal { mean, std } => fill::<T, Y>(Draw::Normal { mean, std }, streams, held),
-        }
-    }
+        study: &Experiment<'_, T, P, S>,
+        at: &Instant<T>,
+        running: &mut Running<T, Given<T, P>>,
+        block: &mut BlockOf<T, P, Self::Memory>,
+        worst: &mut Lane<T>,
+    ) -> Moved;
 
-    /// Move the plants by the scheme, which stands outside of the loop.
-    #[inline(always)]
-    fn move_by(
+    /// Every plant moves to the next sample, from time `running.plant_t` over `at.plant_dt`.
+    fn advance(
         &self,
-        scheme: PlantScheme,
-        streams: &mut Streams,
-        (t, dt): (T, T),
-        x: &mut Columns<T, P::State>,
-        u: &Columns<T, P::Input>,
-        alive: &Lane<u64>,
-    ) {
-        let h = dt / T::from_f64(f64::from(self.substeps));
-        for i in 0..self.substeps {
-            let time = t + T::from_f64(f64::from(i)) * h;
-            for lane in 0..LANES {
-                let mut stream = streams.load(lane);
-                let (state, input) = (P::State::load(x, lane), P::Input::load(u, lane));
-                let moved = self.substep(scheme, &mut stream, time, &state, &input, h);
-                select(alive[lane] == 1, &moved, &state).store(x, lane);
+        study: &Experiment<'_, T, P, S>,
+        at: &Instant<T>,
+        running: &mut Running<T, Given<T, P>>,
+        block: &mut BlockOf<T, P, Self::Memory>,
+    );
+}
+
+/// Whether the plants have moved already.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Moved {
+    Yes,
+    No,
+}
+
+/// Observers in discrete time beside plants that move by a scheme of their own.
+struct Sampled<'a, O>(&'a O);
+
+/// Laws in continuous time that are integrated together with their plants.
+struct Joint<'a, L>(&'a L, Integrator);
+
+impl<O> Sampled<'_, O> {
+    /// One pass over the runs: a draw, if its kind is given; the observer's step; the plant's, if its
+    /// scheme is given. Both are told by their names, so that the loop is compiled for them alone.
+    #[inline(always)]
+    fn pass<T, P, S>(
+        &self,
+        study: &Experiment<'_, T, P, S>,
+        at: &Instant<T>,
+        running: &mut Running<T, Given<T, P>>,
+        block: &mut BlockOf<T, P, O::State>,
+        worst: &mut Lane<T>,
+        draw: Option<Draw<'_, T>>,
+        scheme: Option<PlantScheme>,
+    ) where
+        T: Scalar,
+        P: Plant<T>,
+        S: Schedule<T>,
+        O: Observer<T, Measurement = P::Output, Input = P::Input>,
+    {
+        for lane in 0..LANES {
+            let x = P::State::load(&block.x.0, lane);
+            let mut z = O::State::load(&block.z.0, lane);
+            worst.0[lane] = z.largest(x.largest(worst.0[lane]));
+            let noise = if let Some(draw) = draw {
+                let mut stream = running.measurement.load(lane);
+                let noise = P::Output::fill(Drawn { draw, stream: &mut stream });
+                running.measurement.store(&stream, lane);
+                noise
+            } else {
+                P::Output::load(&running.given.0.0, lane)
+            };
+            let y = study.plant.output(&x).plus(noise).plus(P::Output::fill(Same(at.sines)));
+            let u = study.plant.control(&x, at.dt);
+            let status = self.0.step(&mut z, &y, &u, at.t, at.dt);
+            let here = if status == Status::ModelUndefined { at.k } else { u64::MAX };
+            block.undefined_at.0[lane] = block.undefined_at.0[lane].min(here);
+            z.store(&mut block.z.0, lane);
+            if let Some(scheme) = scheme {
+                let mut stream = running.process.load(lane);
+                study
+                    .substep(scheme, &mut stream, running.plant_t, &x, &u, at.plant_dt)
+                    .store(&mut block.x.0, lane);
                 if let PlantScheme::Stochastic(_) = scheme {
-                    streams.store(&stream, lane);
+                    running.process.store(&stream, lane);
                 }
+            } else {
+                u.store(&mut running.given.0.1, lane);
+            }
+        }
+    }
+}
+
+impl<T, P, S, O> Mover<T, P, S> for Sampled<'_, O>
+where
+    T: Scalar,
+    P: Plant<T>,
+    S: Schedule<T>,
+    O: Observer<T, Measurement = P::Output, Input = P::Input>,
+{
+    type Memory = O::State;
+    const TIMING: Timing = O::TIMING;
+    const ESTIMATED: usize = O::ESTIMATED;
+
+    #[inline(always)]
+    fn observe(
+        &self,
+        study: &Experiment<'_, T, P, S>,
+        at: &Instant<T>,
+        running: &mut Running<T, Given<T, P>>,
+        block: &mut BlockOf<T, P, O::State>,
+        worst: &mut Lane<T>,
+    ) -> Moved {
+        const EULER: PlantScheme = PlantScheme::Deterministic(Integrator::Euler);
+        const MARUYAMA: PlantScheme = PlantScheme::Stochastic(StochasticIntegrator::EulerMaruyama);
+        // short steps go together, so that the processor works on one where it waits for another
+        let together = O::TIMING == Timing::Predictor && at.more && study.substeps == 1;
+        let (scheme, hold) = (study.plant_scheme, study.noise.hold);
+        match study.noise.draw {
+            Draw::Uniform { low, high } if hold == 1 && together && scheme == EULER => {
+                let draw = Some(Draw::Uniform { low, high });
+                self.pass(study, at, running, block, worst, draw, Some(EULER));
+                Moved::Yes
+            }
+            Draw::None if P::NOISY && together && scheme == MARUYAMA => {
+                self.pass(study, at, running, block, worst, None, Some(MARUYAMA));
+                Moved::Yes
+            }
+            _ => {
+                study.draw_lanes(at.k, &mut running.measurement, &mut running.given.0.0);
+                self.pass(study, at, running, block, worst, None, None);
+                Moved::No
             }
         }
     }
 
-    /// Move the plant of every run that is alive.
     #[inline(always)]
-    fn move_lanes(
+    fn advance(
         &self,
-        streams: &mut Streams,
-        span: (T, T),
-        x: &mut Columns<T, P::State>,
-        u: &Columns<T, P::Input>,
-        alive: &Lane<u64>,
+        study: &Experiment<'_, T, P, S>,
+        at: &Instant<T>,
+        running: &mut Running<T, Given<T, P>>,
+        block: &mut BlockOf<T, P, O::State>,
     ) {
-        // each scheme by its name, so that the loop inside is compiled for it alone
+        // each scheme by its name, as above
         macro_rules! choose {
             ($($scheme:pat => $named:expr),+ $(,)?) => {
-                match self.plant_scheme {
-                    $($scheme => self.move_by($named, streams, span, x, u, alive),)+
+                match study.plant_scheme {
+                    $($scheme => study.move_lanes($named, at.plant_dt, running, &mut block.x.0),)+
                     _ => {} // held
                 }
             };
@@ -323,7 +265,7 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         use Integrator::{BogackiShampine, Euler, Rk4};
         use PlantScheme::{Deterministic, Stochastic};
         use StochasticIntegrator::{EulerMaruyama, Milstein, Taylor15};
-        if P::NOISY && matches!(self.plant_scheme, Stochastic(_)) {
+        if P::NOISY && matches!(study.plant_scheme, Stochastic(_)) {
             choose! {
                 Stochastic(EulerMaruyama) => Stochastic(EulerMaruyama),
                 Stochastic(Milstein) => Stochastic(Milstein),
@@ -337,144 +279,316 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
             }
         }
     }
+}
+
+impl<T, P, S, L> Mover<T, P, S> for Joint<'_, L>
+where
+    T: Scalar,
+    P: Plant<T, Output = T>,
+    S: Schedule<T>,
+    L: ContinuousLaw<T, Input = P::Input>,
+{
+    type Memory = L::State;
+    const TIMING: Timing = Timing::Predictor;
+    const ESTIMATED: usize = L::ESTIMATED;
+
+    #[inline(always)]
+    fn observe(
+        &self,
+        study: &Experiment<'_, T, P, S>,
+        at: &Instant<T>,
+        running: &mut Running<T, Given<T, P>>,
+        block: &mut BlockOf<T, P, L::State>,
+        worst: &mut Lane<T>,
+    ) -> Moved {
+        study.draw_lanes(at.k, &mut running.measurement, &mut running.given.0.0);
+        for lane in 0..LANES {
+            let x = P::State::load(&block.x.0, lane);
+            let z = L::State::load(&block.z.0, lane);
+            worst.0[lane] = z.largest(x.largest(worst.0[lane]));
+        }
+        Moved::No
+    }
+
+    #[inline(always)]
+    fn advance(
+        &self,
+        study: &Experiment<'_, T, P, S>,
+        at: &Instant<T>,
+        running: &mut Running<T, Given<T, P>>,
+        block: &mut BlockOf<T, P, L::State>,
+    ) {
+        let frozen = study.plant_scheme == PlantScheme::Held;
+        let Self(law, integrator) = self;
+        for lane in 0..LANES {
+            let x = P::State::load(&block.x.0, lane);
+            let z = L::State::load(&block.z.0, lane);
+            let u = study.plant.control(&x, at.dt);
+            let both = study.both(*law, &[], running.given.0.0[lane], frozen, &u, &u);
+            let (x, z) = integrator.step(both, at.t, &(x, z), at.dt);
+            x.store(&mut block.x.0, lane);
+            law.admissible(z).store(&mut block.z.0, lane);
+        }
+    }
+}
+
+/// One value for every entry of a measurement.
+struct Same<T>(T);
+
+impl<T: Scalar> Entries<T> for Same<T> {
+    #[inline(always)]
+    fn next_entry(&mut self) -> T {
+        self.0
+    }
+}
+
+/// Draws from a stream.
+struct Drawn<'a, T> {
+    draw: Draw<'a, T>,
+    stream: &'a mut Stream,
+}
+
+impl<T: Scalar> Entries<T> for Drawn<'_, T> {
+    #[inline(always)]
+    fn next_entry(&mut self) -> T {
+        Noise { draw: self.draw, hold: 1, sines: &[] }.fresh(self.stream, 0)
+    }
+}
+
+/// A draw for every run.
+#[inline(always)]
+fn fill<T: Scalar, Y: Measurement<T>>(
+    draw: Draw<'_, T>,
+    streams: &mut Streams,
+    held: &mut Columns<T, Y>,
+) {
+    for lane in 0..LANES {
+        let mut stream = streams.load(lane);
+        Y::fill(Drawn { draw, stream: &mut stream }).store(held, lane);
+        streams.store(&stream, lane);
+    }
+}
+
+impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
+    /// Draw the noise of sample k for every run.
+    #[inline(always)]
+    fn draw_lanes(&self, k: u64, streams: &mut Streams, held: &mut Columns<T, P::Output>) {
+        if self.noise.hold > 1 && !k.is_multiple_of(self.noise.hold) {
+            return;
+        }
+        // one loop for each kind of noise, with the choice outside of it
+        match self.noise.draw {
+            Draw::None => {}
+            Draw::Uniform { low, high } => {
+                fill::<T, P::Output>(Draw::Uniform { low, high }, streams, held);
+            }
+            Draw::Normal { mean, std } => {
+                fill::<T, P::Output>(Draw::Normal { mean, std }, streams, held);
+            }
+            Draw::Samples(_) => {
+                // the same for all runs
+                let draw = P::Output::fill(Same(self.noise.fresh(&mut streams.load(0), k)));
+                *held = draw.in_columns::<LANES>();
+            }
+        }
+    }
+
+    /// Move every plant by the scheme, which stands outside of the loop.
+    #[inline(always)]
+    fn move_lanes(
+        &self,
+        scheme: PlantScheme,
+        dt: T,
+        running: &mut Running<T, Given<T, P>>,
+        x: &mut Columns<T, P::State>,
+    ) {
+        let h = dt / T::from_f64(f64::from(self.substeps));
+        for i in 0..self.substeps {
+            let time = running.plant_t + T::from_f64(f64::from(i)) * h;
+            for lane in 0..LANES {
+                let mut stream = running.process.load(lane);
+                let input = P::Input::load(&running.given.0.1, lane);
+                let state = P::State::load(x, lane);
+                self.substep(scheme, &mut stream, time, &state, &input, h).store(x, lane);
+                if let PlantScheme::Stochastic(_) = scheme {
+                    running.process.store(&stream, lane);
+                }
+            }
+        }
+    }
+
+    /// Samples `from` to `to`, not including it, of every run.
+    #[inline(always)]
+    fn span<M: Mover<T, P, S>>(
+        &self,
+        mover: &M,
+        (from, to): (u64, u64),
+        running: &mut Running<T, Given<T, P>>,
+        block: &mut BlockOf<T, P, M::Memory>,
+        metrics: &mut LaneMetrics<'_, T>,
+        dead: &Lane<bool>,
+    ) -> Lane<T> {
+        let truth = (P::TRUTH.0, P::TRUTH.1.min(M::ESTIMATED));
+        let mut worst = Lane([T::ZERO; LANES]);
+        for k in from..to {
+            let (dt, more) = (self.schedule.dt(k), k < self.steps);
+            let plants = self.plant_schedule.unwrap_or(self.schedule);
+            let (t, plant_dt) = (running.t, plants.dt(k));
+            let at = Instant { k, t, dt, plant_dt, sines: self.noise.sines(t), more };
+            let filters = M::TIMING == Timing::Current;
+            if !filters {
+                let shown = Shown { k, x: &block.x.0, z: &block.z.0, truth };
+                metrics.sample::<P::State, M::Memory>(t, &shown, dead);
+            }
+            let mut moved = Moved::No;
+            if more || filters {
+                moved = mover.observe(self, &at, running, block, &mut worst);
+            }
+            if filters {
+                let shown = Shown { k, x: &block.x.0, z: &block.z.0, truth };
+                metrics.sample::<P::State, M::Memory>(t, &shown, dead);
+            }
+            if more {
+                if moved == Moved::No {
+                    mover.advance(self, &at, running, block);
+                }
+                running.plant_t = plants.next_time(running.plant_t, k, plant_dt);
+                running.t = self.schedule.next_time(t, k, dt);
+            }
+        }
+        worst
+    }
+
+    /// All samples of a block.
+    #[inline(always)]
+    fn block<M: Mover<T, P, S>>(
+        &self,
+        mover: &M,
+        first_run: u64,
+        mut block: BlockOf<T, P, M::Memory>,
+        metrics: &mut LaneMetrics<'_, T>,
+        stop: impl Fn() -> bool,
+    ) -> BlockOf<T, P, M::Memory> {
+        let bound = T::from_f64(DIVERGED);
+        let mut running = Running {
+            measurement: Streams::new(self.seed, first_run, Channel::Measurement),
+            process: Streams::new(self.seed, first_run, Channel::Process),
+            given: Aligned((
+                P::Output::zero().in_columns::<LANES>(),
+                P::Input::zero().in_columns::<LANES>(),
+            )),
+            t: T::ZERO,
+            plant_t: T::ZERO,
+        };
+        let mut dead = Lane([false; LANES]);
+        let lives = |block: &BlockOf<T, P, M::Memory>, lane| {
+            within::<T, P::State, M::Memory>(block, lane, bound)
+        };
+        for lane in 0..LANES {
+            if !lives(&block, lane) {
+                (dead.0[lane], block.sound.0[lane]) = (true, 0);
+            }
+        }
+        // fewer where each sample takes many substeps, so that `stop` is asked often
+        let long = (SPAN / u64::from(self.substeps.max(1))).max(1);
+        let (mut k, mut length, mut careful_until) = (0, long, 0);
+        while k <= self.steps && dead != Lane([true; LANES]) && !stop() {
+            let to = k.saturating_add(length).min(self.steps.saturating_add(1));
+            let (ran, stood) = (running, block);
+            metrics.begin(k, to);
+            let worst = self.span(mover, (k, to), &mut running, &mut block, metrics, &dead);
+            let mut fell = Lane([false; LANES]);
+            for lane in 0..LANES {
+                let stands = worst.0[lane] <= bound && lives(&block, lane);
+                fell.0[lane] = !dead.0[lane] && !stands;
+            }
+            if to - k > 1 && fell != Lane([false; LANES]) {
+                (running, block) = (ran, stood);
+                metrics.undo();
+                (length, careful_until) = (1, to);
+                continue;
+            }
+            if dead != Lane([false; LANES]) {
+                metrics.undo_where(&dead);
+                put_back::<T, P::State, M::Memory>(&mut block, &stood, &dead);
+            }
+            for lane in 0..LANES {
+                if fell.0[lane] {
+                    (dead.0[lane], block.sound.0[lane]) = (true, to);
+                }
+            }
+            k = to;
+            length = if k < careful_until { 1 } else { long };
+        }
+        for lane in 0..LANES {
+            if !dead.0[lane] {
+                block.sound.0[lane] = k;
+            }
+        }
+        block
+    }
 
     /// [`Experiment::sampled`] for the runs `first_run` to `first_run + LANES − 1`. `stop` is asked
-    /// before every 512th substep or so whether to end early.
+    /// before every 64th substep or so whether to end early. [`Draw::Samples`] are the same for all
+    /// runs.
     #[inline(always)]
     pub fn sampled_block<O>(
         &self,
         observer: &O,
-        tell: impl Fn(&P::Input) -> O::Input,
         first_run: u64,
-        mut block: Block<Columns<T, P::State>, Columns<T, O::State>>,
+        block: BlockOf<T, P, O::State>,
         metrics: &mut LaneMetrics<'_, T>,
         stop: impl Fn() -> bool,
-    ) -> Block<Columns<T, P::State>, Columns<T, O::State>>
+    ) -> BlockOf<T, P, O::State>
     where
-        O: Observer<T, Measurement = P::Output>,
-        P::Output: Measurement<T>,
+        O: Observer<T, Measurement = P::Output, Input = P::Input>,
     {
-        // copies of our own: nothing that is written can be what they hold
-        let (here, observer) = (*self, *observer);
-        let mut measurement = Streams::new(here.seed, first_run, Channel::Measurement);
-        let mut process = Streams::new(here.seed, first_run, Channel::Process);
-        let mut held = P::Output::zero().in_columns::<LANES>();
-        let mut inputs = P::Input::zero().in_columns::<LANES>();
-        let zero = [T::ZERO; LANES];
-        let mut shown = Shown {
-            signals: [zero; MAX_SIGNALS],
-            memory: [zero; MAX_SIGNALS],
-            square: zero,
-            alive: [1; LANES],
-        };
-        let (mut t, mut plant_t) = (T::ZERO, T::ZERO);
-        let bound = T::from_f64(DIVERGED);
-        // samples between two looks at `stop`: fewer where each takes many substeps
-        let patience = (512 / u64::from(here.substeps.max(1))).max(1);
-        for k in 0..=here.steps {
-            if k.is_multiple_of(patience) && (stop() || shown.alive == [0; LANES]) {
-                break;
-            }
-            let (dt, more) = (here.schedule.dt(k), k < here.steps);
-            let at = Instant { k, t, dt, sines: here.noise.sines(t), more };
-            here.draw_lanes::<P::Output>(&mut measurement, k, &mut held);
-            for lane in 0..LANES {
-                let x = P::State::load(&block.x, lane);
-                let old = O::State::load(&block.z, lane);
-                let was = shown.alive[lane] == 1;
-                let alive = was & x.within(bound) & old.within(bound);
-                shown.alive[lane] = u64::from(alive);
-                block.sound[lane] += u64::from(alive);
-                let noise = P::Output::load(&held, lane);
-                let y = here.plant.output(&x).plus(noise).plus(P::Output::fill(|| at.sines));
-                let u = here.plant.control(&x, at.dt);
-                let mut new = old.zip(&old, |z, _| z);
-                // a predictor's step at the last sample is made and not kept: no branch
-                let status = observer.step(&mut new, &y, &tell(&u), at.t, at.dt);
-                let takes = alive & (at.more | (O::TIMING == Timing::Current));
-                let undefined = (status == Status::ModelUndefined) & takes;
-                let here = if undefined { k } else { u64::MAX };
-                block.undefined_at[lane] = block.undefined_at[lane].min(here);
-                let current = if O::TIMING == Timing::Current { &new } else { &old };
-                shown.take(lane, &x, current, P::TRUTH, O::ESTIMATED);
-                select(takes, &new, &old).store(&mut block.z, lane);
-                u.store(&mut inputs, lane);
-            }
-            metrics.sample(&at, &shown);
-            if more {
-                let schedule = here.plant_schedule.unwrap_or(here.schedule);
-                let plant_dt = schedule.dt(k);
-                let span = (plant_t, plant_dt);
-                here.move_lanes(&mut process, span, &mut block.x, &inputs, &shown.alive);
-                plant_t = schedule.next_time(plant_t, k, plant_dt);
-                t = here.schedule.next_time(t, k, dt);
-            }
-        }
-        block
+        // a copy of our own: nothing that is written can be what it holds
+        let observer = *observer;
+        (*self).block(&Sampled(&observer), first_run, block, metrics, stop)
     }
 
     /// [`Experiment::joint`] for the runs `first_run` to `first_run + LANES − 1`; `stop` as above. The
     /// noise must have no sines, which would be taken within each step.
-    #[allow(clippy::too_many_arguments)]
     #[inline(always)]
     pub fn joint_block<L>(
         &self,
         law: &L,
-        tell: impl Fn(&P::Input) -> L::Input,
         integrator: Integrator,
         first_run: u64,
-        mut block: Block<Columns<T, P::State>, Columns<T, L::State>>,
+        block: BlockOf<T, P, L::State>,
         metrics: &mut LaneMetrics<'_, T>,
         stop: impl Fn() -> bool,
-    ) -> Block<Columns<T, P::State>, Columns<T, L::State>>
+    ) -> BlockOf<T, P, L::State>
     where
-        L: ContinuousLaw<T>,
+        L: ContinuousLaw<T, Input = P::Input>,
         P: Plant<T, Output = T>,
     {
-        let (here, law) = (*self, *law);
-        let mut measurement = Streams::new(here.seed, first_run, Channel::Measurement);
-        let mut held = [T::ZERO; LANES];
-        let zero = [T::ZERO; LANES];
-        let mut shown = Shown {
-            signals: [zero; MAX_SIGNALS],
-            memory: [zero; MAX_SIGNALS],
-            square: zero,
-            alive: [1; LANES],
-        };
-        let mut t = T::ZERO;
-        let bound = T::from_f64(DIVERGED);
-        // samples between two looks at `stop`: fewer where each takes many substeps
-        let patience = (512 / u64::from(here.substeps.max(1))).max(1);
-        let frozen = here.plant_scheme == PlantScheme::Held;
-        for k in 0..=here.steps {
-            if k.is_multiple_of(patience) && (stop() || shown.alive == [0; LANES]) {
-                break;
-            }
-            let (dt, more) = (here.schedule.dt(k), k < here.steps);
-            let at = Instant { k, t, dt, sines: T::ZERO, more };
-            here.draw_lanes::<T>(&mut measurement, k, &mut held);
-            for lane in 0..LANES {
-                let x = P::State::load(&block.x, lane);
-                let z = L::State::load(&block.z, lane);
-                let was = shown.alive[lane] == 1;
-                let alive = was & x.within(bound) & z.within(bound);
-                shown.alive[lane] = u64::from(alive);
-                block.sound[lane] += u64::from(alive);
-                shown.take(lane, &x, &z, P::TRUTH, L::ESTIMATED);
-                let u = here.plant.control(&x, at.dt);
-                let told = tell(&u);
-                let noise = held[lane];
-                let both = here.both(&law, &[], noise, frozen, &u, &told);
-                let (new_x, new_z) = integrator.step(both, at.t, &(x, z), at.dt);
-                let moves = alive & at.more;
-                select(moves, &new_x, &x).store(&mut block.x, lane);
-                select(moves, &law.admissible(new_z), &z).store(&mut block.z, lane);
-            }
-            metrics.sample(&at, &shown);
-            if more {
-                t = here.schedule.next_time(t, k, dt);
-            }
-        }
-        block
+        let law = *law;
+        (*self).block(&Joint(&law, integrator), first_run, block, metrics, stop)
     }
+}
+
+/// Whether all entries of a run are finite and within a bound.
+fn within<T: Scalar, X: Memory<T>, Z: Memory<T>>(
+    block: &Block<Columns<T, X>, Columns<T, Z>>,
+    lane: usize,
+    bound: T,
+) -> bool {
+    X::load(&block.x.0, lane).within(bound) && Z::load(&block.z.0, lane).within(bound)
+}
+
+/// Put some of the runs back to where they stood.
+fn put_back<T: Scalar, X: Memory<T>, Z: Memory<T>>(
+    block: &mut Block<Columns<T, X>, Columns<T, Z>>,
+    stood: &Block<Columns<T, X>, Columns<T, Z>>,
+    which: &Lane<bool>,
+) {
+    for lane in 0..LANES {
+        if which.0[lane] {
+            X::load(&stood.x.0, lane).store(&mut block.x.0, lane);
+            Z::load(&stood.z.0, lane).store(&mut block.z.0, lane);
+        }
+    }
+    block.undefined_at.put_back(&stood.undefined_at, which);
 }

@@ -30,6 +30,8 @@ pub trait Memory<T: Scalar>: Copy {
     fn load<const L: usize>(columns: &Self::Columns<L>, lane: usize) -> Self;
     /// Put this memory in the place of number `lane`.
     fn store<const L: usize>(&self, columns: &mut Self::Columns<L>, lane: usize);
+    /// The column of scalar number `index`; `None` beyond the last.
+    fn column<const L: usize>(columns: &Self::Columns<L>, index: usize) -> Option<&[T; L]>;
 
     /// self + h·rate.
     #[inline(always)]
@@ -44,6 +46,15 @@ pub trait Memory<T: Scalar>: Copy {
         let mut inside = true;
         self.visit(&mut |x| inside &= x.abs() <= bound);
         inside
+    }
+
+    /// The largest of `so_far` and the entries' magnitudes; NaN is passed over.
+    #[inline(always)]
+    #[must_use]
+    fn largest(&self, so_far: T) -> T {
+        let mut largest = so_far;
+        self.visit(&mut |x| largest = largest.max(x.abs()));
+        largest
     }
 
     /// Copy the scalars into `out` (as many as fit).
@@ -81,6 +92,10 @@ impl<T: Scalar> Memory<T> for () {
     #[inline(always)]
     fn store<const L: usize>(&self, (): &mut (), _: usize) {}
     #[inline(always)]
+    fn column<const L: usize>((): &(), _: usize) -> Option<&[T; L]> {
+        None
+    }
+    #[inline(always)]
     fn zero() -> Self {}
     #[inline(always)]
     fn zip(&self, (): &Self, _: impl Fn(T, T) -> T + Copy) -> Self {}
@@ -104,6 +119,10 @@ impl<T: Scalar> Memory<T> for T {
     #[inline(always)]
     fn store<const L: usize>(&self, column: &mut [T; L], lane: usize) {
         column[lane] = *self;
+    }
+    #[inline(always)]
+    fn column<const L: usize>(column: &[T; L], index: usize) -> Option<&[T; L]> {
+        (index == 0).then_some(column)
     }
     #[inline(always)]
     fn zero() -> Self {
@@ -139,6 +158,10 @@ impl<T: Scalar, const N: usize> Memory<T> for SVector<T, N> {
         for (column, x) in columns.iter_mut().zip(self.iter()) {
             column[lane] = *x;
         }
+    }
+    #[inline(always)]
+    fn column<const L: usize>(columns: &[[T; L]; N], index: usize) -> Option<&[T; L]> {
+        columns.get(index)
     }
     #[inline(always)]
     fn zero() -> Self {
@@ -183,6 +206,13 @@ impl<T: Scalar, A: Memory<T>, B: Memory<T>> Memory<T> for (A, B) {
         self.1.store(&mut columns.1, lane);
     }
     #[inline(always)]
+    fn column<const L: usize>(columns: &Self::Columns<L>, index: usize) -> Option<&[T; L]> {
+        match index.checked_sub(A::LEN) {
+            None => A::column(&columns.0, index),
+            Some(index) => B::column(&columns.1, index),
+        }
+    }
+    #[inline(always)]
     fn zero() -> Self {
         (A::zero(), B::zero())
     }
@@ -218,6 +248,11 @@ impl<T: Scalar, A: Memory<T>, const C: usize> Memory<T> for [A; C] {
         for (column, a) in columns.iter_mut().zip(self) {
             a.store(column, lane);
         }
+    }
+    #[inline(always)]
+    fn column<const L: usize>(columns: &Self::Columns<L>, index: usize) -> Option<&[T; L]> {
+        let copy = columns.get(index.checked_div(A::LEN)?)?;
+        A::column(copy, index % A::LEN)
     }
     #[inline(always)]
     fn zero() -> Self {

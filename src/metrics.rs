@@ -21,6 +21,26 @@ impl Window {
     }
 }
 
+/// Which metrics a study asks for: what is not wanted costs nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Wanted {
+    /// Means over the windows.
+    pub mean: bool,
+    /// Root mean squares over the windows.
+    pub rms: bool,
+    /// Largest magnitudes in the windows.
+    pub max: bool,
+    /// Largest magnitudes of the memory over the whole run.
+    pub peak: bool,
+}
+
+impl Wanted {
+    /// All of them.
+    pub const ALL: Self = Self { mean: true, rms: true, max: true, peak: true };
+}
+
 /// Mean, root mean square and largest magnitude of a signal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -109,6 +129,15 @@ impl<'a> LogHistogram<'a> {
     /// Over a caller's buffer of [`Self::BINS`] counts.
     pub fn new(counts: &'a mut [u64]) -> Self {
         Self { counts }
+    }
+
+    /// The counts, bin by bin.
+    pub(crate) fn counts(&self) -> &[u64] {
+        self.counts
+    }
+
+    pub(crate) fn counts_mut(&mut self) -> &mut [u64] {
+        self.counts
     }
 
     /// Lower edge of bin j.

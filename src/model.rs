@@ -1,6 +1,7 @@
 //! Floor 1. What an observer knows of a system, and what a plant is.
 
 use crate::Scalar;
+use crate::measurement::Measurement;
 use crate::memory::Memory;
 use nalgebra::SVector;
 
@@ -82,7 +83,7 @@ pub trait Plant<T: Scalar>: Copy {
     /// Control input u.
     type Input: Memory<T>;
     /// Measured output y, without measurement noise.
-    type Output: Copy;
+    type Output: Measurement<T>;
     /// Where in the state the entries stand that an observer is asked for: the first, and how many.
     const TRUTH: (usize, usize);
     /// Whether there can be process noise.

@@ -80,13 +80,13 @@ impl Stream {
     /// Uniform on [0, 1), 53 bits.
     #[inline(always)]
     pub fn uniform(&mut self) -> f64 {
-        (self.next_u64() >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
+        fraction(self.next_u64())
     }
 
     /// Two independent standard normal values (Box and Muller).
     #[inline(always)]
     pub fn normal_pair(&mut self) -> (f64, f64) {
-        let u1 = ((self.next_u64() >> 11) + 1) as f64 * (1.0 / 9_007_199_254_740_992.0);
+        let u1 = self.uniform() + LOWEST; // in (0, 1], exact
         let angle = TAU * self.uniform();
         let radius = Scalar::sqrt(-2.0 * Scalar::ln(u1));
         (radius * Scalar::cos(angle), radius * Scalar::sin(angle))
@@ -95,10 +95,25 @@ impl Stream {
     /// A standard normal value: the first of a pair, the second is not kept.
     #[inline(always)]
     pub fn normal(&mut self) -> f64 {
-        let u1 = ((self.next_u64() >> 11) + 1) as f64 * (1.0 / 9_007_199_254_740_992.0);
+        let u1 = self.uniform() + LOWEST;
         let angle = TAU * self.uniform();
         Scalar::sqrt(-2.0 * Scalar::ln(u1)) * Scalar::cos(angle)
     }
+}
+
+/// 2⁻⁵³.
+const LOWEST: f64 = 1.0 / 9_007_199_254_740_992.0;
+
+/// The highest 53 bits as a fraction of 2⁵³, exactly: the upper 21 put below the point of 2³¹, the
+/// lower 32 below that of ½, both then taken off. (Vectors of integers and floats convert only on
+/// some processors.)
+#[inline(always)]
+const fn fraction(bits: u64) -> f64 {
+    const UPPER: f64 = 2_147_483_648.0;
+    const LOWER: f64 = 0.5;
+    let upper = f64::from_bits(UPPER.to_bits() | (bits >> 43));
+    let lower = f64::from_bits(LOWER.to_bits() | ((bits >> 11) & 0xFFFF_FFFF));
+    (upper - (UPPER + LOWER)) + lower
 }
 
 /// A sine A sin(ωt + φ).

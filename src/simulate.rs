@@ -175,7 +175,6 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
     ) -> Finish<P::State, O::State>
     where
         O: Observer<T, Measurement = P::Output>,
-        P::Output: Measurement<T>,
     {
         let mut measurement = Stream::new(self.seed, run, Channel::Measurement);
         let mut process = Stream::new(self.seed, run, Channel::Process);

@@ -14,10 +14,22 @@ pub trait Task {
 /// Instructions on several numbers at once that tasks are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Vectors {
+    /// What every processor of the architecture has: SSE2 (two `f64`) on x86-64, NEON on `AArch64`.
+    Baseline,
     /// AVX2: four `f64`.
     Avx2,
     /// AVX-512 (F, BW, CD, DQ, VL): eight `f64`.
     Avx512,
+}
+
+impl Vectors {
+    /// Every one, the widest first.
+    pub const ALL: [Self; 3] = [Self::Avx512, Self::Avx2, Self::Baseline];
+
+    /// The widest that this processor has.
+    pub fn widest() -> Self {
+        Self::ALL.into_iter().find(|vectors| vectors.are_available()).unwrap_or(Self::Baseline)
+    }
 }
 
 #[cfg(all(feature = "std", target_arch = "x86_64"))]
@@ -38,6 +50,7 @@ mod x86 {
         /// Whether this processor has them.
         pub fn are_available(self) -> bool {
             match self {
+                Self::Baseline => true,
                 Self::Avx2 => is_x86_feature_detected!("avx2"),
                 Self::Avx512 => {
                     is_x86_feature_detected!("avx512f")
@@ -53,10 +66,11 @@ mod x86 {
         #[allow(unsafe_code)] // the call of a function for a processor that has been asked for it
         pub fn run<K: Task>(self, task: K) -> Option<K::Output> {
             self.are_available().then(|| match self {
+                Self::Baseline => task.run(),
                 // SAFETY: this processor has the instructions.
-                Self::Avx512 => unsafe { avx512(task) },
-                // SAFETY: as above.
                 Self::Avx2 => unsafe { avx2(task) },
+                // SAFETY: as above.
+                Self::Avx512 => unsafe { avx512(task) },
             })
         }
     }
@@ -66,18 +80,11 @@ mod x86 {
 impl Vectors {
     /// Whether this processor has them.
     pub fn are_available(self) -> bool {
-        false
+        self == Self::Baseline
     }
 
     /// Do the task with these instructions; `None` where the processor has them not.
-    pub fn run<K: Task>(self, _: K) -> Option<K::Output> {
-        None
-    }
-}
-
-impl Vectors {
-    /// The widest that this processor has.
-    pub fn widest() -> Option<Self> {
-        [Self::Avx512, Self::Avx2].into_iter().find(|vectors| vectors.are_available())
+    pub fn run<K: Task>(self, task: K) -> Option<K::Output> {
+        self.are_available().then(|| task.run())
     }
 }

@@ -53,6 +53,14 @@ impl<T: Scalar, const N: usize> Memory<T> for LowPowerState<T, N> {
         self.eta.store(&mut columns.1, lane);
     }
     #[inline(always)]
+    fn column<const L: usize>(columns: &Self::Columns<L>, index: usize) -> Option<&[T; L]> {
+        if index < Self::LEN {
+            <(SVector<T, N>, SVector<T, N>)>::column(columns, index)
+        } else {
+            None
+        }
+    }
+    #[inline(always)]
     fn zero() -> Self {
         let zero = SVector::from_element(T::ZERO);
         Self { x_hat: zero, eta: zero }

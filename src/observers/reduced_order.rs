@@ -41,34 +41,38 @@ crate::error::through_constructor! {
     => Ok(Self { z_hat, y, u, elapsed, period })
 }
 
+/// The memory as pairs.
+type Parts<T, const NX: usize, const NZ: usize, const M: usize> =
+    (SVector<T, NZ>, (SVector<T, NX>, (SVector<T, M>, (T, T))));
+
+impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> ReducedOrderState<T, NX, NZ, M> {
+    #[inline(always)]
+    fn parts(&self) -> Parts<T, NX, NZ, M> {
+        (self.z_hat, (self.y, (self.u, (self.elapsed, self.period))))
+    }
+}
+
 impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> Memory<T>
     for ReducedOrderState<T, NX, NZ, M>
 {
     const LEN: usize = NZ + NX + M + 2;
-    type Columns<const L: usize> = ([[T; L]; NZ], [[T; L]; NX], [[T; L]; M], [T; L], [T; L]);
+    type Columns<const L: usize> = <Parts<T, NX, NZ, M> as Memory<T>>::Columns<L>;
     #[inline(always)]
     fn in_columns<const L: usize>(&self) -> Self::Columns<L> {
-        let Self { z_hat, y, u, elapsed, period } = self;
-        (z_hat.in_columns(), y.in_columns(), u.in_columns(), [*elapsed; L], [*period; L])
+        self.parts().in_columns()
     }
     #[inline(always)]
     fn load<const L: usize>(columns: &Self::Columns<L>, lane: usize) -> Self {
-        let (z_hat, y, u, elapsed, period) = columns;
-        Self {
-            z_hat: SVector::load(z_hat, lane),
-            y: SVector::load(y, lane),
-            u: SVector::load(u, lane),
-            elapsed: elapsed[lane],
-            period: period[lane],
-        }
+        let (z_hat, (y, (u, (elapsed, period)))) = Parts::load(columns, lane);
+        Self { z_hat, y, u, elapsed, period }
     }
     #[inline(always)]
     fn store<const L: usize>(&self, columns: &mut Self::Columns<L>, lane: usize) {
-        let (z_hat, y, u, elapsed, period) = columns;
-        self.z_hat.store(z_hat, lane);
-        self.y.store(y, lane);
-        self.u.store(u, lane);
-        (elapsed[lane], period[lane]) = (self.elapsed, self.period);
+        self.parts().store(columns, lane);
+    }
+    #[inline(always)]
+    fn column<const L: usize>(columns: &Self::Columns<L>, index: usize) -> Option<&[T; L]> {
+        Parts::column(columns, index)
     }
     #[inline(always)]
     fn zero() -> Self {

@@ -4,19 +4,18 @@
 //! that nothing is left to choose in the loop over runs. What is not named runs one run at a time,
 //! with the same bits.
 
+use super::errors::refused;
 use super::interrupt::StopFlag;
 use super::observers::{AnySaturation, MovingGain};
 use super::study::{AnySchedule, Plan, StudyResult};
 use super::systems::{AnyModel, AnyPlant};
-use crate::ensemble::{Block, LANES, LaneMetrics, MAX_SIGNALS};
+use crate::ensemble::{Block, Columns};
 use crate::gain::ConstantGain;
 use crate::integrate::Integrator;
-use crate::memory::Memory;
+use crate::lanes::LaneMetrics;
 use crate::model::{Plant, Unknown};
 use crate::models::{Ship, VanDerPol};
-use crate::observer::{
-    ContinuousLaw, Discretisation, Discretised, METHODS, Measurement, Method, Observer,
-};
+use crate::observer::{ContinuousLaw, Discretisation, Discretised, METHODS, Method, Observer};
 use crate::observers::{
     LowPower, NoSaturation, ReducedOrderObserver, SampledDataObserver, StandardObserver,
 };
@@ -31,17 +30,29 @@ type Studied = Option<PyResult<StudyResult>>;
 
 type NoInput = SVector<f64, 0>;
 
+/// The variable that holds studies to an instruction set.
+const FORCE: &str = "HGO_INSTRUCTION_SET";
+
 /// The instructions of a study that gains from them and asks for nothing that only single runs give:
-/// the widest of this processor, or those that `HGO_INSTRUCTION_SET` allows (plain: none, avx2).
-fn vectors(plan: &Plan) -> Option<Vectors> {
-    if !plan.fits_lanes(LANES / 4, MAX_SIGNALS) {
-        return None;
-    }
-    match std::env::var("HGO_INSTRUCTION_SET").as_deref() {
+/// the widest of this processor, or those that the environment allows. `None`: one run at a time.
+fn vectors(plan: &Plan) -> PyResult<Option<Vectors>> {
+    let refuse = |given: &str, allowed: &str| {
+        Err(refused(&format!("{FORCE} = {given:?} is not allowed: {allowed}, or leave it unset")))
+    };
+    let asked = match std::env::var(FORCE).as_deref() {
+        Err(_) => Some(Vectors::widest()),
         Ok("plain") => None,
-        Ok("avx2") => Some(Vectors::Avx2).filter(|vectors| vectors.are_available()),
-        _ => Vectors::widest(),
+        Ok("baseline") => Some(Vectors::Baseline),
+        Ok("avx2") => Some(Vectors::Avx2),
+        Ok("avx512") => Some(Vectors::Avx512),
+        Ok(other) => return refuse(other, "choose plain, baseline, avx2 or avx512"),
+    };
+    if let Some(vectors) = asked
+        && !vectors.are_available()
+    {
+        return refuse(&format!("{vectors:?}").to_lowercase(), "this processor has it not");
     }
+    Ok(asked.filter(|_| plan.fits_lanes()))
 }
 
 /// A block of runs with an observer in discrete time.
@@ -49,7 +60,6 @@ struct Sampled<'a, 'b, P, O>
 where
     P: Plant<f64>,
     O: Observer<f64, Measurement = P::Output, Input = P::Input>,
-    P::Output: Measurement<f64>,
 {
     experiment: &'a Experiment<'a, f64, P, AnySchedule>,
     observer: &'a O,
@@ -60,21 +70,19 @@ where
 }
 
 /// A block of runs in columns.
-pub type BlockOf<X, Z> =
-    Block<<X as Memory<f64>>::Columns<LANES>, <Z as Memory<f64>>::Columns<LANES>>;
+pub type BlockOf<X, Z> = Block<Columns<f64, X>, Columns<f64, Z>>;
 
 impl<P, O> Task for Sampled<'_, '_, P, O>
 where
     P: Plant<f64>,
     O: Observer<f64, Measurement = P::Output, Input = P::Input>,
-    P::Output: Measurement<f64>,
 {
     type Output = BlockOf<P::State, O::State>;
     #[inline(always)]
     fn run(self) -> Self::Output {
         let stop = || self.stop.is_set();
         let Self { experiment, observer, first_run, block, metrics, .. } = self;
-        experiment.sampled_block(observer, |u| *u, first_run, block, metrics, stop)
+        experiment.sampled_block(observer, first_run, block, metrics, stop)
     }
 }
 
@@ -106,12 +114,12 @@ where
         match integrator {
             Integrator::BogackiShampine => {
                 let scheme = Integrator::BogackiShampine;
-                experiment.joint_block(law, |u| *u, scheme, first_run, block, metrics, stop)
+                experiment.joint_block(law, scheme, first_run, block, metrics, stop)
             }
             // `continuous` lets no other through
             Integrator::Rk4 | Integrator::Euler => {
                 let scheme = Integrator::Rk4;
-                experiment.joint_block(law, |u| *u, scheme, first_run, block, metrics, stop)
+                experiment.joint_block(law, scheme, first_run, block, metrics, stop)
             }
         }
     }
@@ -122,9 +130,11 @@ fn sampled<P, O>(observer: O, plant: P, plan: &Plan, stop: &StopFlag, kept: usiz
 where
     P: Plant<f64> + Send + Sync,
     O: Observer<f64, Measurement = P::Output, Input = P::Input> + Sync,
-    P::Output: Measurement<f64>,
 {
-    let vectors = vectors(plan)?;
+    let vectors = match vectors(plan) {
+        Ok(vectors) => vectors?,
+        Err(error) => return Some(Err(error)),
+    };
     plan.execute_blocks::<P, O::State>(plant, kept, |experiment, first_run, block, metrics| {
         vectors.run(Sampled { experiment, observer: &observer, first_run, block, metrics, stop })
     })
@@ -154,7 +164,10 @@ where
         if !plan.has_no_sines() {
             return None;
         }
-        let vectors = vectors(plan)?;
+        let vectors = match vectors(plan) {
+            Ok(vectors) => vectors?,
+            Err(error) => return Some(Err(error)),
+        };
         return plan.execute_blocks::<P, L::State>(
             plant,
             kept,

@@ -72,6 +72,13 @@ impl<'py> Spec<'py> {
         if self.get(key)?.is_some() { self.text(key) } else { Ok(default.to_owned()) }
     }
 
+    /// A list of strings, if it is there.
+    pub fn texts(&self, key: &str) -> PyResult<Option<Vec<String>>> {
+        let Some(value) = self.get(key)? else { return Ok(None) };
+        let read = value.extract().map(Some);
+        read.map_err(|e| self.wrong(e, key, &value, "a list of strings"))
+    }
+
     pub fn f64(&self, key: &str) -> PyResult<f64> {
         let value = self.need(key)?;
         value.extract().map_err(|e| self.wrong(e, key, &value, "a number"))

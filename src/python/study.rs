@@ -5,10 +5,11 @@ use super::interrupt::StopFlag;
 use super::lanes::{self, BlockOf};
 use super::spec::{Spec, matrix};
 use super::systems::AnyPlant;
-use crate::ensemble::{Block, LANES, LaneMetrics, LaneMoments};
+use crate::ensemble::Block;
 use crate::integrate::{Integrator, PlantScheme};
+use crate::lanes::{LANES, Lane, LaneMetrics};
 use crate::memory::Memory;
-use crate::metrics::{LogHistogram, Moments, SettlingTime, Window};
+use crate::metrics::{LogHistogram, Moments, SettlingTime, Wanted, Window};
 use crate::model::{Plant, StochasticIntegrator};
 use crate::models::{Ship, VanDerPol};
 use crate::noise::{Draw, Noise, Sine};
@@ -97,12 +98,25 @@ pub struct Plan {
     seed: u64,
     first_run: u64,
     pub windows: Vec<Window>,
+    wanted: Wanted,
     settle: Option<f64>,
     histogram: Option<Window>,
     every: u64,
     pub x0: Vec<f64>,
     pub memory0: Vec<f64>,
     memory_len: usize,
+}
+
+/// Names of the metrics that can be asked for.
+const METRICS: [&str; 4] = ["mean", "rms", "max", "peak"];
+
+fn read_wanted(spec: &Spec<'_>) -> PyResult<Wanted> {
+    let Some(names) = spec.texts("metrics")? else { return Ok(Wanted::ALL) };
+    if let Some(unknown) = names.iter().find(|name| !METRICS.contains(&name.as_str())) {
+        return Err(spec.unknown("metrics", unknown, &METRICS));
+    }
+    let [mean, rms, max, peak] = METRICS.map(|name| names.iter().any(|given| given == name));
+    Ok(Wanted { mean, rms, max, peak })
 }
 
 fn window(values: &[f64], name: &str) -> PyResult<Window> {
@@ -119,7 +133,7 @@ fn window(values: &[f64], name: &str) -> PyResult<Window> {
 }
 
 impl Plan {
-    const KEYS: [&'static str; 18] = [
+    const KEYS: [&'static str; 19] = [
         "plant",
         "observer",
         "mode",
@@ -135,6 +149,7 @@ impl Plan {
         "seed",
         "first_run",
         "windows",
+        "metrics",
         "settle",
         "histogram",
         "every",
@@ -204,6 +219,7 @@ impl Plan {
             seed: spec.whole_or("seed", 0)?,
             first_run: spec.whole_or("first_run", 0)?,
             windows,
+            wanted: read_wanted(spec)?,
             settle,
             histogram,
             every: spec.whole_or("every", 0)?,
@@ -330,13 +346,11 @@ impl Plan {
     }
 
     /// Whether there are runs for a block, and nothing is asked for that only single runs give:
-    /// frames, a histogram, each run's own recorded noise, more memory than a block keeps.
-    pub fn fits_lanes(&self, runs: usize, signals: usize) -> bool {
-        self.runs >= runs
-            && self.memory_len <= signals
+    /// frames, each run's own recorded noise.
+    pub fn fits_lanes(&self) -> bool {
+        self.runs >= LANES / 4
             && self.every == 0
-            && self.histogram.is_none()
-            && !matches!(self.draw, DrawKind::Samples(..))
+            && !matches!(self.draw, DrawKind::Samples(_, per_run) if per_run > 0)
     }
 
     /// All runs of the experiment with `plant`, a block at a time; `kept` entries of the memory have
@@ -370,16 +384,23 @@ impl Plan {
         if let Err(error) = self.check_method(&plant).and_then(|()| Ok(experiment.check()?)) {
             return Some(Err(error));
         }
+        // Whole numbers: the sum does not depend on the order in which blocks end.
+        let bins = if self.histogram.is_some() { LogHistogram::BINS } else { 0 };
+        let pooled: Vec<AtomicU64> = (0..bins).map(|_| AtomicU64::new(0)).collect();
         let one = |number: usize| -> Option<Vec<RunResult>> {
             let first = number * LANES;
-            let mut moments = vec![LaneMoments::new(); self.windows.len() * kept];
-            let mut peak = vec![[0.0; LANES]; kept];
-            let mut metrics = LaneMetrics {
-                windows: &self.windows,
-                signals: kept,
-                moments: &mut moments,
-                peak: &mut peak,
-                settling: self.settle.map(|threshold| (threshold, [0.0; LANES])),
+            let length = LaneMetrics::<f64>::buffer(self.windows.len(), kept, self.wanted);
+            let mut buffers = vec![Lane([0.0; LANES]); 2 * length];
+            let (now, before) = buffers.split_at_mut(length);
+            let (windows, wanted) = (&self.windows, self.wanted);
+            let metrics = LaneMetrics::new(windows, kept, wanted, self.settle, [now, before])?;
+            let (mut counts, mut counts_before) = (vec![0; bins], vec![0; bins]);
+            let mut metrics = match self.histogram {
+                None => metrics,
+                Some(window) => {
+                    let runs = self.runs - first;
+                    metrics.with_histogram(window, runs, [&mut counts, &mut counts_before])
+                }
             };
             let mut x = P::State::zero().in_columns::<LANES>();
             let mut z = Z::zero().in_columns::<LANES>();
@@ -391,28 +412,36 @@ impl Plan {
             }
             let index = self.first_run.wrapping_add(first as u64);
             let end = go(&experiment, index, Block::new(x, z), &mut metrics)?;
-            let settling = metrics.settling.map(|(_, times)| times);
-            let of_lane = |lane| {
+            let of_lane = |lane: usize| {
+                let sound = end.sound.0[lane];
+                let of_window = |w| (0..kept).map(move |s| (w, s));
+                let all = (0..windows.len()).flat_map(of_window);
                 let mut result = RunResult {
-                    moments: moments.iter().map(|m| m.of(lane)).collect(),
-                    peak: peak.iter().map(|p| p[lane]).collect(),
-                    settling_time: settling.map_or(f64::NAN, |times| times[lane]),
+                    moments: all.map(|(w, s)| metrics.moments(w, s, lane, sound)).collect(),
+                    peak: (0..kept).map(|entry| metrics.peak(entry, lane)).collect(),
+                    settling_time: self.settle.map_or(f64::NAN, |_| metrics.settling_time(lane)),
                     frames: Frames::default(),
                     final_x: vec![0.0; P::State::LEN],
                     final_memory: vec![0.0; Z::LEN],
-                    diverged_at: Some(end.sound[lane]).filter(|k| *k <= self.steps),
-                    undefined_at: Some(end.undefined_at[lane]).filter(|k| *k != u64::MAX),
+                    diverged_at: Some(sound).filter(|k| *k <= self.steps),
+                    undefined_at: Some(end.undefined_at.0[lane]).filter(|k| *k != u64::MAX),
                 };
-                P::State::load(&end.x, lane).write(&mut result.final_x);
-                Z::load(&end.z, lane).write(&mut result.final_memory);
+                P::State::load(&end.x.0, lane).write(&mut result.final_x);
+                Z::load(&end.z.0, lane).write(&mut result.final_memory);
                 result
             };
-            Some((0..LANES.min(self.runs - first)).map(of_lane).collect())
+            let runs = (0..LANES.min(self.runs - first)).map(of_lane).collect();
+            drop(metrics);
+            for (sum, count) in pooled.iter().zip(counts) {
+                sum.fetch_add(count, Ordering::Relaxed);
+            }
+            Some(runs)
         };
         let blocks = self.runs.div_ceil(LANES);
         let done: Option<Vec<Vec<RunResult>>> = (0..blocks).into_par_iter().map(one).collect();
         let runs = done?.into_iter().flatten().collect();
-        Some(Ok(StudyResult { runs, signals: kept, counts: Vec::new() }))
+        let counts = pooled.into_iter().map(AtomicU64::into_inner).collect();
+        Some(Ok(StudyResult { runs, signals: kept, counts }))
     }
 
     /// Refuse, by its name, a scheme that the plant does not take.
@@ -631,14 +660,23 @@ impl StudyResult {
                 self.runs.iter().flat_map(|r| r.moments.iter().map(of)).collect();
             out.set_item(key, values.into_pyarray(py).reshape(shape)?)
         };
-        set("mean", Moments::mean)?;
-        set("rms", Moments::rms)?;
-        set("max", Moments::max)?;
+        let Wanted { mean, rms, max, peak } = plan.wanted;
+        for (key, wanted, of) in [
+            ("mean", mean, Moments::mean as fn(&Moments<f64>) -> f64),
+            ("rms", rms, Moments::rms),
+            ("max", max, Moments::max),
+        ] {
+            if wanted {
+                set(key, of)?;
+            }
+        }
         let rows = self.runs.len();
         let flat = |of: fn(&RunResult) -> &[f64]| -> Vec<f64> {
             self.runs.iter().flat_map(|r| of(r).iter().copied()).collect()
         };
-        out.set_item("peak", matrix(py, flat(|r| &r.peak), rows)?)?;
+        if peak {
+            out.set_item("peak", matrix(py, flat(|r| &r.peak), rows)?)?;
+        }
         out.set_item("final_x", matrix(py, flat(|r| &r.final_x), rows)?)?;
         out.set_item("final_memory", matrix(py, flat(|r| &r.final_memory), rows)?)?;
         let settling: Vec<f64> = self.runs.iter().map(|r| r.settling_time).collect();
