@@ -249,8 +249,8 @@ def chart(everything: Sequence[Measured], machine: Machine, file: Path) -> bool:
         for place, done in enumerate(shown, 1):
             _panel(figure.add_subplot(rows, columns, place), done, machine.cores)
         figure.suptitle(
-            f"Time per run and step\n{machine.processor}, {machine.cores} cores, "
-            f"{machine.instructions}"
+            "Time per run and step, on a logarithmic axis: further left is faster\n"
+            f"{machine.processor}, {machine.cores} cores, {machine.instructions}"
         )
         figure.savefig(file)
     return True
@@ -263,7 +263,8 @@ def _panel(ax: Axes, done: Measured, threads: int) -> None:
     smallest = min(done.ns.values())
     for place, name in enumerate(names):
         one, many = done.ns.get((name, 1)), done.ns.get((name, threads))
-        colour = COLOURS["vermillion" if name.startswith(OURS) else "blue"]
+        ours, limit = name.startswith(OURS), name.split(",")[0] == "C"
+        colour = COLOURS["vermillion" if ours else "black" if limit else "blue"]
         if one is None:
             ax.text(smallest, place, done.missing[name], color=COLOURS["grey"], va="center")
             continue
