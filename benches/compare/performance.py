@@ -107,6 +107,7 @@ def page(found: Performance) -> str:
     out = [HEAD, f"## Measured\n\nOn {found.machine}.\n\n"]
     threads = found.machine.cores
     for done in found.measured:
+        every = f"{threads} threads" if done.workload.parallel and threads > 1 else ""
         out.append(f"### {done.workload.key}\n\n")
         out.append(f"{done.workload.title}; {summary.size(done)}.\n\n")
         out.append(f"| implementation | 1 thread | {every} | ours is faster by |\n")

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "benches"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "benches"))
 
 from compare import instructions, performance
 from compare.harness import LeftOut
 from compare.instructions import Count, Counts
 from compare.performance import Performance
 
+ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "performance.md"
 DATA = PAGE.with_suffix(".json")
 UNITS = {"ns": 1.0, "µs": 1e3, "ms": 1e6, "s": 1e9}
