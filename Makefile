@@ -2,7 +2,8 @@
 #
 #   make reproduce   every table and figure of the five papers -> out/report.html
 #   make test        format, lints, types, Rust and Python tests, doc examples, the wheel alone
-#   make bench       one step of each observer (criterion), then side by side -> out/bench.json
+#   make bench       one step of each observer (criterion), then side by side, then instructions
+#                    -> out/bench.json, out/performance.json
 #   make firmware    every observer on two Cortex-M: bits, instructions, proofs -> out/firmware.json
 #   make docs        the Rust API reference -> target/doc
 #   make wheel       an abi3 wheel -> dist/
@@ -31,7 +32,7 @@ LIBM := --no-default-features --features libm
 say = @printf '\n\033[1m== %s\033[0m\n' "$(1)"
 
 help:
-	@sed -n '3,11s/^# \{0,1\}//p' Makefile
+	@sed -n '3,12s/^# \{0,1\}//p' Makefile
 
 # --- set-up: one stamp a stage, so that the second time takes no time ------------------------
 

@@ -1,19 +1,28 @@
-/* Eight runs in columns: a `real` is one number of each of eight runs, and + - * / act on all.
+/* A block of runs in columns: a `real` is one number of each of `RUNS` runs, and + - * / act on all.
  *
- * GCC and Clang make of it what the processor has: one AVX-512 register, two of AVX2, four of SSE2.
- * Elementary functions are Taylor series on short intervals, good to a few units in the last place
- * on the arguments named; nothing else is handled.
+ * A block fills one register of the widest instructions that the compiler may use. Elementary
+ * functions are polynomials on short intervals, good to a few units in the last place on the
+ * arguments named; nothing else is handled.
  */
 #include <stdint.h>
-#ifdef __AVX__
+#ifdef __SSE2__
 #include <immintrin.h>
 #endif
 
+#if defined __AVX512F__
 #define RUNS 8
+#define WIDE(function) _mm512_##function
+#elif defined __AVX__
+#define RUNS 4
+#define WIDE(function) _mm256_##function
+#else
+#define RUNS 2
+#define WIDE(function) _mm_##function
+#endif
 
-/* Where a step is one long chain of operations, a kernel takes several blocks of eight in turn, so
-   that the processor works on one while another's chain waits. */
-#define EACH for (int q = 0; q < BLOCKS; q++)
+/* A step is a long chain of operations: a kernel takes `BLOCKS` blocks in turn, so that the processor
+   works on one while another's chain waits. */
+#define EACH _Pragma("GCC unroll 8") for (int q = 0; q < BLOCKS; q++)
 
 typedef double real __attribute__((vector_size(8 * RUNS)));
 typedef uint64_t word __attribute__((vector_size(8 * RUNS)));
@@ -35,29 +44,10 @@ INLINE real choose(word mask, real yes, real no) {
 }
 
 /* What GCC does not find by itself: one instruction each. */
-#if defined __AVX512F__
-INLINE real larger(real a, real b) { return (real)_mm512_max_pd((__m512d)a, (__m512d)b); }
-INLINE real smaller(real a, real b) { return (real)_mm512_min_pd((__m512d)a, (__m512d)b); }
-INLINE real root(real a) { return (real)_mm512_sqrt_pd((__m512d)a); }
-#elif defined __AVX__
-typedef union { real all; __m256d half[2]; } halves;
-#define BY_HALVES(function, ...) \
-  for (int i = 0; i < 2; i++) c.half[i] = function(__VA_ARGS__)
-INLINE real larger(real a, real b) {
-  halves p = {a}, q = {b}, c;
-  BY_HALVES(_mm256_max_pd, p.half[i], q.half[i]);
-  return c.all;
-}
-INLINE real smaller(real a, real b) {
-  halves p = {a}, q = {b}, c;
-  BY_HALVES(_mm256_min_pd, p.half[i], q.half[i]);
-  return c.all;
-}
-INLINE real root(real a) {
-  halves p = {a}, c;
-  BY_HALVES(_mm256_sqrt_pd, p.half[i]);
-  return c.all;
-}
+#ifdef __SSE2__
+INLINE real larger(real a, real b) { return WIDE(max_pd)(a, b); }
+INLINE real smaller(real a, real b) { return WIDE(min_pd)(a, b); }
+INLINE real root(real a) { return WIDE(sqrt_pd)(a); }
 #else
 INLINE real larger(real a, real b) { return choose((word)(a > b), a, b); }
 INLINE real smaller(real a, real b) { return choose((word)(a < b), a, b); }
@@ -72,8 +62,12 @@ INLINE real number(word n) {
 #ifdef __AVX512DQ__
   return __builtin_convertvector(n, real);
 #else
-  real high = (real)((n >> 32) | 0x4530000000000000ull);        /* 2^84 + 2^32 (n >> 32) */
-  real low = (real)((n & 0xFFFFFFFFull) | 0x4330000000000000ull); /* 2^52 + n mod 2^32 */
+  word below = n & 0xFFFFFFFFull;
+#ifdef __AVX2__
+  below = (word)_mm256_blend_epi32((__m256i)n, _mm256_setzero_si256(), 0xAA);
+#endif
+  real high = (real)((n >> 32) | 0x4530000000000000ull); /* 2^84 + 2^32 (n >> 32) */
+  real low = (real)(below | 0x4330000000000000ull);      /* 2^52 + n mod 2^32 */
   return (high - 0x1.00000001p84) + low;
 #endif
 }
@@ -94,92 +88,120 @@ INLINE word bits(stream *g) { /* the highest 53 of the next 64 */
 }
 INLINE real uniform(stream *g) { return number(bits(g)) * 0x1p-53; } /* [0, 1) */
 
-/* Taylor series: sin(x)/x and cos(x) in x^2, exp(x) in x, 2 artanh(x)/x and atan(x)/x in x^2. */
+/* Chebyshev's polynomials of sin(x)/x up to pi/2 and to pi/4, cos(x), 2 artanh(x)/x and atan(x)/x
+   in x^2, of exp(x) in x: mpmath.chebyfit(f, interval, terms), relative errors below 2^-54. */
+static const double SINE_FAR[] = {
+  0x1.0000000000000p+0, -0x1.5555555555555p-3, 0x1.11111111110bcp-7,
+  -0x1.a01a01a0147f4p-13, 0x1.71de3a528d19bp-19, -0x1.ae6454d07634cp-26,
+  0x1.6123ccd99b00cp-33, -0x1.ae439ef902726p-41, 0x1.883864938575ap-49};
 static const double SINE[] = {
-  1.0, -1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0,
-  1.0 / 362880.0, -1.0 / 39916800.0, 1.0 / 6227020800.0, -1.0 / 1307674368000.0,
-  1.0 / 355687428096000.0, -1.0 / 121645100408832000.0, 1.0 / 51090942171709440000.0};
+  0x1.0000000000000p+0, -0x1.5555555555543p-3, 0x1.111111110f3dcp-7,
+  -0x1.a01a019ba956dp-13, 0x1.71de3530aa14dp-19, -0x1.ae5e37e850d20p-26,
+  0x1.5d87699eb6a31p-33};
 static const double COSINE[] = {
-  1.0, -1.0 / 2.0, 1.0 / 24.0, -1.0 / 720.0,
-  1.0 / 40320.0, -1.0 / 3628800.0, 1.0 / 479001600.0, -1.0 / 87178291200.0,
-  1.0 / 20922789888000.0, -1.0 / 6402373705728000.0};
+  0x1.0000000000000p+0, -0x1.0000000000000p-1, 0x1.5555555555536p-5,
+  -0x1.6c16c16c13a05p-10, 0x1.a01a019b1e24dp-16, -0x1.27e4f727f10b7p-22,
+  0x1.1ee96d0192650p-29, -0x1.8f762711e61e0p-37};
 static const double EXPONENTIAL[] = {
-  1.0, 1.0 / 1.0, 1.0 / 2.0, 1.0 / 6.0,
-  1.0 / 24.0, 1.0 / 120.0, 1.0 / 720.0, 1.0 / 5040.0,
-  1.0 / 40320.0, 1.0 / 362880.0, 1.0 / 3628800.0, 1.0 / 39916800.0,
-  1.0 / 479001600.0, 1.0 / 6227020800.0};
+  0x1.0000000000000p+0, 0x1.0000000000000p+0, 0x1.0000000000011p-1,
+  0x1.555555555555ap-3, 0x1.555555554f0cfp-5, 0x1.111111110f225p-7,
+  0x1.6c16c187fbe02p-10, 0x1.a01a01b14378fp-13, 0x1.a01991ac8730ap-16,
+  0x1.71ddf5749d126p-19, 0x1.28b4057f44145p-22, 0x1.af631d0059becp-26};
 static const double LOGARITHM[] = {
-  2.0, 2.0 / 3.0, 2.0 / 5.0, 2.0 / 7.0,
-  2.0 / 9.0, 2.0 / 11.0, 2.0 / 13.0, 2.0 / 15.0,
-  2.0 / 17.0, 2.0 / 19.0, 2.0 / 21.0};
+  0x1.0000000000000p+1, 0x1.55555555555aep-1, 0x1.999999997aeaap-2,
+  0x1.2492494513f76p-2, 0x1.c71c50004ffddp-3, 0x1.7466994f20a7cp-3,
+  0x1.3999bf614de60p-3, 0x1.2f4d88c4fad06p-3};
 static const double ARCTANGENT[] = {
-  1.0, -1.0 / 3.0, 1.0 / 5.0, -1.0 / 7.0,
-  1.0 / 9.0, -1.0 / 11.0, 1.0 / 13.0, -1.0 / 15.0,
-  1.0 / 17.0, -1.0 / 19.0, 1.0 / 21.0, -1.0 / 23.0,
-  1.0 / 25.0, -1.0 / 27.0};
+  0x1.0000000000000p+0, -0x1.5555555555481p-2, 0x1.999999996d307p-3,
+  -0x1.24924907fa636p-3, 0x1.c71c5f4b9c2adp-4, -0x1.7459b99bfc19bp-4,
+  0x1.3ab708d770276p-4, -0x1.0b3340fe2ed9ap-4, 0x1.78be0a9b1dd1fp-5};
 
-/* Estrin's scheme: pairs, pairs of pairs, ... so that no sum waits long for another. */
-INLINE real sum_of(const double *series, int terms, real x) {
-  real part[16];
+/* Horner's scheme, which takes the fewest operations; one term of all blocks after the other. */
+#define SUM_OF(series, x, sum) sum_of(series, sizeof series / sizeof *series, x, sum)
+INLINE void sum_of(const double *series, int terms, const real x[BLOCKS], real sum[BLOCKS]) {
+  EACH sum[q] = all(series[terms - 1]);
 #pragma GCC unroll 16
-  for (int i = 0; i < 16; i++) part[i] = all(i < terms ? series[i] : 0.0);
-#pragma GCC unroll 4
-  for (int left = terms; left > 1; left = (left + 1) / 2, x *= x) {
-#pragma GCC unroll 16
-    for (int i = 0; i < left / 2; i++) part[i] = part[2 * i] + part[2 * i + 1] * x;
-    if (left & 1) part[left / 2] = part[left - 1];
-  }
-  return part[0];
+  for (int i = terms - 2; i >= 0; i--) EACH sum[q] = series[i] + sum[q] * x[q];
 }
 
 /* ln x, x > 0 and normal: x = 2^k (1 + f), 1/sqrt 2 <= 1 + f < sqrt 2, 2 artanh(f/(2 + f)). */
-INLINE real ln(real x) {
-  word lifted = (word)x + (0x3FF0000000000000ull - 0x3FE6A09E667F3BCDull);
-  real k = (real)(0x4330000000000000ull | (lifted >> 52)) - (0x1p52 + 1023.0);
-  real f = (real)((lifted & 0x000FFFFFFFFFFFFFull) + 0x3FE6A09E667F3BCDull) - 1.0;
-  real s = f / (f + 2.0);
-  return k * 0x1.62e42fefa39efp-1 + s * sum_of(LOGARITHM, 11, s * s);
+INLINE void ln(const real x[BLOCKS], real y[BLOCKS]) {
+  real k[BLOCKS], s[BLOCKS], z[BLOCKS];
+  EACH {
+    word lifted = (word)x[q] + (0x3FF0000000000000ull - 0x3FE6A09E667F3BCDull);
+    k[q] = (real)(0x4330000000000000ull | (lifted >> 52)) - (0x1p52 + 1023.0);
+    real f = (real)((lifted & 0x000FFFFFFFFFFFFFull) + 0x3FE6A09E667F3BCDull) - 1.0;
+    s[q] = f / (f + 2.0);
+  }
+  EACH z[q] = s[q] * s[q];
+  SUM_OF(LOGARITHM, z, y);
+  EACH y[q] = k[q] * 0x1.62e42fefa39efp-1 + s[q] * y[q];
 }
 
 /* exp x, |x| < 700: x = n ln 2 + r. */
-INLINE real exponential(real x) {
-  real shifted = x * 0x1.71547652b82fep0 + 0x1.8p52, n = shifted - 0x1.8p52;
-  real r = (x - n * 0x1.62e42fee00000p-1) - n * 0x1.a39ef35793c76p-33;
-  return sum_of(EXPONENTIAL, 14, r) * (real)(((word)shifted << 52) + 0x3FF0000000000000ull);
+INLINE void exponential(const real x[BLOCKS], real y[BLOCKS]) {
+  real r[BLOCKS], power[BLOCKS];
+  EACH {
+    real shifted = x[q] * 0x1.71547652b82fep0 + 0x1.8p52, n = shifted - 0x1.8p52;
+    r[q] = (x[q] - n * 0x1.62e42fee00000p-1) - n * 0x1.a39ef35793c76p-33;
+    power[q] = (real)(((word)shifted << 52) + 0x3FF0000000000000ull);
+  }
+  SUM_OF(EXPONENTIAL, r, y);
+  EACH y[q] *= power[q];
 }
 
-/* sin x, |x| <= pi/2. */
-INLINE real sine_near(real x) { return x * sum_of(SINE, 11, x * x); }
-
 /* sin x and cos x, |x| < 1e5: the nearest multiple of pi/2 is taken off. */
-INLINE void turn(real x, real *sine, real *cosine) {
-  real shifted = x * 0x1.45f306dc9c883p-1 + 0x1.8p52, n = shifted - 0x1.8p52;
-  real r = (x - n * 0x1.921fb54400000p0) - n * 0x1.0b4611a626331p-34, z = r * r;
-  real s = r * sum_of(SINE, 9, z), c = sum_of(COSINE, 10, z);
-  word quarter = (word)shifted, odd = -(quarter & 1);
-  *sine = (real)((word)choose(odd, c, s) ^ ((quarter >> 1) << 63));
-  *cosine = (real)((word)choose(odd, s, c) ^ (((quarter + 1) >> 1) << 63));
+INLINE void turn(const real x[BLOCKS], real sine[BLOCKS], real cosine[BLOCKS]) {
+  real r[BLOCKS], z[BLOCKS], s[BLOCKS], c[BLOCKS];
+  word quarter[BLOCKS];
+  EACH {
+    real shifted = x[q] * 0x1.45f306dc9c883p-1 + 0x1.8p52, n = shifted - 0x1.8p52;
+    r[q] = (x[q] - n * 0x1.921fb54400000p0) - n * 0x1.0b4611a626331p-34, z[q] = r[q] * r[q];
+    quarter[q] = (word)shifted;
+  }
+  SUM_OF(SINE, z, s);
+  SUM_OF(COSINE, z, c);
+  EACH {
+    word odd = -(quarter[q] & 1);
+    s[q] *= r[q];
+    sine[q] = (real)((word)choose(odd, c[q], s[q]) ^ ((quarter[q] >> 1) << 63));
+    cosine[q] = (real)((word)choose(odd, s[q], c[q]) ^ (((quarter[q] + 1) >> 1) << 63));
+  }
 }
 
 /* atan(top/bottom), bottom not 0: the ratio or its inverse, less 0, 1/2 or 1 by the addition
    theorem. */
-INLINE real arctangent(real top, real bottom) {
-  word sign = ((word)top ^ (word)bottom) & (1ull << 63);
-  real a = magnitude(top), b = magnitude(bottom);
-  word inverted = (word)(a > b);
-  real p = choose(inverted, b, a), q = choose(inverted, a, b);
-  word high = (word)(p > 0.75 * q), middle = (word)(p > 0.25 * q);
-  real c = choose(high, all(1.0), choose(middle, all(0.5), all(0.0)));
-  real at_c = choose(middle, all(0x1.dac670561bb4fp-2), all(0.0));
-  at_c = choose(high, all(0x1.921fb54442d18p-1), at_c);
-  real s = (p - c * q) / (q + c * p);
-  real angle = at_c + s * sum_of(ARCTANGENT, 14, s * s);
-  return (real)((word)choose(inverted, 0x1.921fb54442d18p0 - angle, angle) ^ sign);
+INLINE void arctangent(const real top[BLOCKS], const real bottom[BLOCKS], real angle[BLOCKS]) {
+  word sign[BLOCKS], inverted[BLOCKS];
+  real at_c[BLOCKS], s[BLOCKS], z[BLOCKS];
+  EACH {
+    sign[q] = ((word)top[q] ^ (word)bottom[q]) & (1ull << 63);
+    real a = magnitude(top[q]), b = magnitude(bottom[q]);
+    inverted[q] = (word)(a > b);
+    real p = smaller(a, b), r = larger(a, b);
+    word high = (word)(p > 0.75 * r), middle = (word)(p > 0.25 * r);
+    real c = choose(high, all(1.0), (real)((word)all(0.5) & middle));
+    at_c[q] = (real)((word)all(0x1.dac670561bb4fp-2) & middle);
+    at_c[q] = choose(high, all(0x1.921fb54442d18p-1), at_c[q]);
+    s[q] = (p - c * r) / (r + c * p);
+  }
+  EACH z[q] = s[q] * s[q];
+  SUM_OF(ARCTANGENT, z, angle);
+  EACH {
+    real found = at_c[q] + s[q] * angle[q];
+    angle[q] = (real)((word)choose(inverted[q], 0x1.921fb54442d18p0 - found, found) ^ sign[q]);
+  }
 }
 
 /* A standard normal value, Box and Muller: cos(2 pi u) = -sin(2 pi (1/4 - |u - 1/2|)). */
-INLINE real normal(stream *g) {
-  real u1 = number(bits(g) + 1) * 0x1p-53, u2 = uniform(g);
-  real angle = 0x1.921fb54442d18p2 * (magnitude(u2 - 0.5) - 0.25);
-  return root(-2.0 * ln(u1)) * sine_near(angle);
+INLINE void normal(stream g[BLOCKS], real value[BLOCKS]) {
+  real u1[BLOCKS], angle[BLOCKS], z[BLOCKS], sine[BLOCKS];
+  EACH {
+    u1[q] = number(bits(&g[q]) + 1) * 0x1p-53;
+    angle[q] = 0x1.921fb54442d18p2 * (magnitude(uniform(&g[q]) - 0.5) - 0.25);
+    z[q] = angle[q] * angle[q];
+  }
+  ln(u1, value);
+  SUM_OF(SINE_FAR, z, sine);
+  EACH value[q] = root(-2.0 * value[q]) * (angle[q] * sine[q]);
 }

@@ -7,11 +7,13 @@ import json
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
-from compare import summary
-from compare.harness import OURS, Checked, Size, Workload
+from compare import instructions, summary
+from compare.harness import OURS, Checked, LeftOut, Size, Workload
+from compare.instructions import Counts
+from compare.performance import Performance, publish
 from compare.summary import Measured, Row
 from compare.worker import Worker, WorkerError, cores, serve
 
@@ -75,6 +77,29 @@ def measure(
     return done
 
 
+def counted() -> Counts | None:
+    """The instructions of a step, printed; None, and why, where they cannot be counted."""
+    try:
+        counts = instructions.count()
+    except LeftOut as error:
+        print(f"instructions of a step: not counted: {error}\n")
+        return None
+    print(f"instructions of a step, {counts.compiler}\n\n{instructions.table(counts)}\n")
+    return counts
+
+
+def make_page(page: Path, source: Path | None) -> int:
+    """A page from its source; without one, from its own data with the instructions of today."""
+    found = Performance.read(source or page.with_suffix(".json"))
+    if source is None:
+        counts = counted()
+        if counts is None:
+            return 1
+        found = replace(found, counts=counts)
+    print("wrote " + ", ".join(map(str, publish(found, page))))
+    return 0
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command; 0, or 1 if implementations disagree or fail."""
     given = list(sys.argv[1:] if arguments is None else arguments)
@@ -94,12 +119,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--quick", action="store_true", help="small sizes, to try whether all works"
     )
+    parser.add_argument(
+        "--page",
+        type=Path,
+        metavar="FILE.md",
+        help="measure nothing; make the page of what --from holds, or, without it, of what the page"
+        " holds, with the instructions counted anew",
+    )
+    parser.add_argument(
+        "--from", type=Path, dest="source", metavar="FILE.json", help="a performance.json"
+    )
     options = parser.parse_args(given)
+    if options.page is not None:
+        source = options.source or options.page.with_suffix(".json")
+        if not source.exists():
+            parser.error(f"{source} is not there: `make bench` writes out/performance.json")
+        return make_page(options.page, options.source)
     known = {one.name for workload in WORKLOADS for one in workload.implementations}
     for name in options.implementation or ():
         if name not in known:
             parser.error(f"--implementation {name!r}: choose from {', '.join(sorted(known))}")
 
+    options.out.mkdir(parents=True, exist_ok=True)
     machine = summary.Machine.this()
     print(f"{machine}\n")
     everything = []
@@ -112,13 +153,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
             done = Measured(workload, failures=[f"{workload.key}: {error}"])
         print(summary.table(done, machine.cores), end="\n\n", flush=True)
         everything.append(done)
+    whole = options.workload is None and options.implementation is None and not options.quick
+    Performance(machine, everything, counted() if whole else None).write(
+        options.out / "performance.json"
+    )
     rows: list[Row] = [row for done in everything for row in done.rows]
-    options.out.mkdir(parents=True, exist_ok=True)
     listed = json.dumps([asdict(row) for row in rows], indent=1)
     (options.out / "bench.json").write_text(f"{listed}\n", encoding="utf-8")
     page = summary.markdown(everything, machine, left_out=options.implementation)
     (options.out / "bench.md").write_text(page, encoding="utf-8")
-    written = ["bench.json", "bench.md"]
+    written = ["performance.json", "bench.json", "bench.md"]
     if not rows:
         print("nothing was measured: no chart")
     elif summary.chart(everything, machine, options.out / "bench.png"):

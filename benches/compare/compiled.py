@@ -23,7 +23,7 @@ FLAGS = (
     *("-fno-math-errno", "-fno-trapping-math", "-Wno-psabi"),
 )
 COLUMNS = 32
-"""A kernel takes whole multiples of so many runs: up to four blocks of eight."""
+"""A kernel takes whole multiples of so many runs: up to four blocks of the widest registers."""
 PIECES = 8
 """Pieces of the work for each thread, so that none waits long for one that is held up."""
 
@@ -44,9 +44,13 @@ def literal(value: float | int | Sequence[float]) -> str:
     return "{" + ", ".join(repr(float(entry)) for entry in value) + "}"
 
 
-def library(source: str, **constants: float | int | Sequence[float]) -> ctypes.CDLL:
-    """A C source as a loaded library; ``constants`` become macros."""
-    macros = "".join(f"#define {name} {literal(value)}\n" for name, value in constants.items())
+def library(
+    source: str, blocks: int = 1, **constants: float | int | Sequence[float]
+) -> ctypes.CDLL:
+    """A C source as a loaded library that takes ``blocks`` blocks of runs in turn; ``constants``
+    become macros."""
+    given = {"BLOCKS": blocks, **constants}
+    macros = "".join(f"#define {name} {literal(value)}\n" for name, value in given.items())
     with tempfile.TemporaryDirectory() as folder:
         file, built = Path(folder, "kernel.c"), Path(folder, "kernel.so")
         file.write_text(f'{macros}#include "columns.h"\n{source}', encoding="utf-8")

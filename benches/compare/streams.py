@@ -6,13 +6,12 @@ implementation of a workload draws the same numbers.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compare.harness import SEED, need
+from compare.harness import SEED, Array, Call, need
 from hgo_rs.reference.noise import Streams
 
 Words = NDArray[np.uint64]
@@ -81,6 +80,20 @@ def numba_draws(own: bool) -> tuple[Any, Any, Any]:
     return start, uniform, normal
 
 
+def numba_study(one: Any, words: Words, threads: int) -> Call:
+    """The call of ``one(words, run)``, a number, for every run; gives (runs, 1)."""
+    numba, runs = need("numba"), words.shape[1]
+
+    @numba.njit(parallel=threads > 1)
+    def study(words: Words) -> Array:
+        numbers = np.empty((runs, 1))
+        for run in numba.prange(runs):
+            numbers[run, 0] = one(words, run)
+        return numbers
+
+    return lambda: study(words)
+
+
 def jax_draws() -> tuple[Any, Any]:
     """In JAX: ``g, value = uniform(g)`` or ``normal(g)``, g the four words of a run's stream."""
     jax = need("jax")
@@ -109,15 +122,15 @@ def jax_draws() -> tuple[Any, Any]:
     return uniform, normal
 
 
-def jax_spread(threads: int) -> Callable[[Any], Any]:
-    """Arrays whose last axis is the runs, spread over as many devices as there are threads."""
-    jax = need("jax")
-    if threads == 1:
-        return lambda array: jax.device_put(array)
-    mesh = jax.sharding.Mesh(np.array(jax.devices()[:threads]), ("runs",))
+def jax_study(run: Any, columns: NDArray[Any], threads: int) -> Call:
+    """The call of ``run(column)`` for every run, a column each of (n, runs).
 
-    def spread(array: Any) -> Any:
-        axes = jax.sharding.PartitionSpec(*[None] * (np.ndim(array) - 1), "runs")
-        return jax.device_put(array, jax.sharding.NamedSharding(mesh, axes))
-
-    return spread
+    The runs are spread over as many devices as there are threads.
+    """
+    jax, place = need("jax"), None
+    if threads > 1:
+        mesh = jax.sharding.Mesh(np.array(jax.devices()[:threads]), ("runs",))
+        place = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec(None, "runs"))
+    study = jax.jit(jax.vmap(run, in_axes=1))
+    given = jax.device_put(np.ascontiguousarray(columns), place)
+    return lambda: study(given).block_until_ready()

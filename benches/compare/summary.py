@@ -9,10 +9,10 @@ import shutil
 import statistics
 import subprocess
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from compare.harness import OURS, Size, Workload
 from compare.worker import cores
@@ -50,13 +50,43 @@ class Measured:
     def add(self, name: str, threads: int, values: Sequence[float], size: Size) -> None:
         """Take the samples of an implementation."""
         value = statistics.median(values)
-        case = f", {self.workload.case}" if self.workload.case else ""
-        row = Row(self.workload.name, name + case, threads, value, size.runs, size.steps)
-        self.rows.append(row)
-        self.ns[name, threads] = value
+        self._take(
+            Row(self.workload.name, name + self._case, threads, value, size.runs, size.steps)
+        )
         low, _, high = statistics.quantiles(values, n=4)
         if (high - low) / value > NOISY:
             self.noisy.append(name if threads == 1 else f"{name} on {threads} threads")
+
+    @property
+    def _case(self) -> str:
+        return f", {self.workload.case}" if self.workload.case else ""
+
+    def _take(self, row: Row) -> None:
+        self.rows.append(row)
+        name = row.implementation.removesuffix(self._case)
+        self.ns[name, row.threads] = row.ns_per_step
+
+    def stored(self) -> dict[str, Any]:
+        """As JSON takes it."""
+        return {
+            "key": self.workload.key,
+            "rows": [asdict(row) for row in self.rows],
+            "missing": self.missing,
+            "failures": self.failures,
+            "noisy": self.noisy,
+        }
+
+    @classmethod
+    def of(cls, stored: Mapping[str, Any]) -> Measured:
+        """What `stored` gave."""
+        from compare.workloads import WORKLOADS
+
+        done = cls(next(one for one in WORKLOADS if one.key == stored["key"]))
+        done.missing, done.failures = dict(stored["missing"]), list(stored["failures"])
+        done.noisy = list(stored["noisy"])
+        for row in stored["rows"]:
+            done._take(Row(**row))
+        return done
 
     def fail(self, failed: Mapping[str, str], threads: int) -> None:
         """Take what went wrong."""
@@ -219,8 +249,8 @@ def chart(everything: Sequence[Measured], machine: Machine, file: Path) -> bool:
         for place, done in enumerate(shown, 1):
             _panel(figure.add_subplot(rows, columns, place), done, machine.cores)
         figure.suptitle(
-            f"Time per run and step\n{machine.processor}, {machine.cores} cores, "
-            f"{machine.instructions}"
+            "Time per run and step, on a logarithmic axis: further left is faster\n"
+            f"{machine.processor}, {machine.cores} cores, {machine.instructions}"
         )
         figure.savefig(file)
     return True
@@ -233,7 +263,8 @@ def _panel(ax: Axes, done: Measured, threads: int) -> None:
     smallest = min(done.ns.values())
     for place, name in enumerate(names):
         one, many = done.ns.get((name, 1)), done.ns.get((name, threads))
-        colour = COLOURS["vermillion" if name.startswith(OURS) else "blue"]
+        ours, limit = name.startswith(OURS), name.split(",")[0] == "C"
+        colour = COLOURS["vermillion" if ours else "black" if limit else "blue"]
         if one is None:
             ax.text(smallest, place, done.missing[name], color=COLOURS["grey"], va="center")
             continue

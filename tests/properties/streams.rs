@@ -104,6 +104,55 @@ fn moments_of_the_distributions() {
     }
 }
 
+/// A stream whose first output is `word`, the rest of its state from `source`.
+fn beginning_with(word: u64, source: &mut SplitMix64) -> Stream {
+    let [s0, s1, s2] = core::array::from_fn(|_| source.next_u64());
+    let s3 = word.wrapping_sub(s0).rotate_right(23).wrapping_sub(s0);
+    let mut stream = Stream::from_state([s0, s1, s2, s3]);
+    assert_eq!(stream.next_u64(), word);
+    Stream::from_state([s0, s1, s2, s3])
+}
+
+/// A normal value beyond t in magnitude has u₁ < exp(−t²/2). Draws on the condition u₁ ≤ 2⁻ᶻ ≥ that
+/// bound are beyond t with probability erfc(t/√2)·2ᶻ, and there are many.
+#[test]
+fn tails_of_the_normal_beyond_six_sigma() {
+    let mut source = SplitMix64::seed_from_u64(6);
+    // z, t, erfc(t/√2)
+    for (zeros, t, probability) in [
+        (25, 6.0, 1.973_175_290e-9),
+        (26, 6.25, 4.104_526_850e-10),
+        (27, 6.5, 8.032_001_167e-11),
+        (31, 7.0, 2.559_625_088e-12),
+        (37, 7.5, 6.381_783_346e-14),
+    ] {
+        let mut counts = [0_u32; 2];
+        for _ in 0..DRAWS {
+            let x = beginning_with(source.next_u64() >> zeros, &mut source).normal();
+            counts[usize::from(x < 0.0)] += u32::from(x.abs() > t);
+        }
+        let p = 0.5 * probability * f64::from(zeros).exp2();
+        let (mean, deviation) = (p * f64::from(DRAWS), (p * (1.0 - p) * f64::from(DRAWS)).sqrt());
+        for count in counts {
+            let off = (f64::from(count) - mean) / deviation;
+            assert!(off.abs() < 4.0, "beyond {t}: {count} for {mean}, {off} standard deviations");
+        }
+    }
+}
+
+/// The smallest u₁, 2⁻⁵³, is drawn where s₀ + s₃ = 0 = s₀; s₁ then decides on the angle.
+#[test]
+fn the_normal_reaches_the_radius_of_53_bits() {
+    let farthest = (106.0 * core::f64::consts::LN_2).sqrt(); // √(−2 ln 2⁻⁵³) = 8.57
+    let high = Stream::from_state([0, 1, 0, 0]).normal();
+    let low = Stream::from_state([0, 1 << 40, 0, 0]).normal();
+    assert!((high - farthest).abs() < 1e-14, "{high}");
+    assert!((low + farthest).abs() < 1e-9, "{low}");
+    // and u₁ = 1 gives 0, not a NaN
+    let nothing = beginning_with(u64::MAX, &mut SplitMix64::seed_from_u64(1)).normal();
+    assert_eq!(nothing, 0.0);
+}
+
 #[test]
 fn noise_signals() {
     let mut stream = Stream::new(1, 2, Channel::Measurement);

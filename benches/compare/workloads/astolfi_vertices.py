@@ -143,9 +143,7 @@ def in_jax(size: Size, threads: int) -> Call:
         initial = ((numpy.array(X0), start[:5], start[5:]), numpy.abs(start))
         return jax.lax.scan(step, initial, None, length=size.steps)[0][1]
 
-    study = jax.jit(jax.vmap(run, in_axes=1))
-    starts = streams.jax_spread(threads)(np.ascontiguousarray(STARTS.T))
-    return lambda: study(starts).block_until_ready()
+    return streams.jax_study(run, STARTS.T, threads)
 
 
 SOURCE = """
@@ -156,34 +154,36 @@ INLINE real phi(const real x[5]) { /* (20), in a short chain of operations */
   return (0.2 * x[0] * x[0] - 0.2) - ((x[1] + x[2]) + (4.0 * x[3] + x[4]));
 }
 
-/* d/dt of x[5], x_hat[5], eta[4]: (20), (11). */
-INLINE void rate(const real s[14], real d[14]) {
-  const real *x = s, *z = s + 5, *eta = s + 10;
+/* The rate d of x[5], x_hat[5], eta[4] at `at`, (20) and (11), used at once: next = from + w d, and
+   trial = s + h d. */
+INLINE void stage(const real at[14], const real s[14], const real from[14], double w, double h,
+                  real next[14], real trial[14]) {
+  const real *x = at, *z = at + 5, *eta = at + 10;
   real phi_s = clip(phi(z)), passed[5] = {x[0]};
+#pragma GCC unroll 8
   for (int i = 0; i < 4; i++) passed[i + 1] = clip(eta[i]);
+#pragma GCC unroll 8
   for (int i = 0; i < 5; i++) {
-    real e = passed[i] - z[i];
-    d[i] = i < 4 ? x[i + 1] : phi(x);
-    d[5 + i] = (i < 4 ? eta[i] : phi_s) + a[i] * e;
-    if (i < 4) d[10 + i] = (i < 3 ? passed[i + 2] : phi_s) + b[i] * e;
+    real e = passed[i] - z[i], d[3];
+    d[0] = i < 4 ? x[i + 1] : phi(x);
+    d[1] = (i < 4 ? eta[i] : phi_s) + a[i] * e;
+    d[2] = i < 4 ? (i < 3 ? passed[i + 2] : phi_s) + b[i] * e : all(0.0);
+#pragma GCC unroll 8
+    for (int j = 0, n = i; j < 3; j++, n += 5)
+      if (n < 14) next[n] = from[n] + w * d[j], trial[n] = s[n] + h * d[j];
   }
 }
 
 void astolfi(int64_t first, int64_t last, int64_t runs, const double *starts, int64_t steps,
              double *peaks) {
   for (int64_t run = first; run < last; run += RUNS) {
-    real s[14], k[14], next[14], trial[14], peak[9];
+    real s[14], next[14], second[14], third[14], peak[9];
     for (int i = 0; i < 5; i++) s[i] = all(x0[i]);
     for (int i = 0; i < 9; i++) peak[i] = magnitude(s[5 + i] = LOAD(starts + i * runs + run));
     for (int64_t n = 0; n < steps; n++) {
-      rate(s, k);
-      for (int i = 0; i < 14; i++) trial[i] = s[i] + 0.5 * H * k[i];
-      for (int i = 0; i < 14; i++) next[i] = s[i] + 2.0 * H / 9.0 * k[i];
-      rate(trial, k);
-      for (int i = 0; i < 14; i++) trial[i] = s[i] + 0.75 * H * k[i];
-      for (int i = 0; i < 14; i++) next[i] += 3.0 * H / 9.0 * k[i];
-      rate(trial, k);
-      for (int i = 0; i < 14; i++) s[i] = next[i] + 4.0 * H / 9.0 * k[i];
+      stage(s, s, s, 2.0 * H / 9.0, 0.5 * H, next, second);
+      stage(second, s, next, 3.0 * H / 9.0, 0.75 * H, next, third);
+      stage(third, s, next, 4.0 * H / 9.0, 0.0, s, second);
       for (int i = 0; i < 9; i++) peak[i] = larger(peak[i], magnitude(s[5 + i]));
     }
     for (int i = 0; i < 9; i++) STORE(peaks + i * runs + run, peak[i]);

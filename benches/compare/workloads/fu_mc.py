@@ -73,7 +73,7 @@ def twin(size: Size, threads: int) -> Call:
 def in_numba(size: Size, threads: int, own: bool = False) -> Call:
     numba = need("numba")
     start, _, normal = streams.numba_draws(own)
-    (begin, end), runs = window(size), size.runs
+    begin, end = window(size)
 
     @numba.njit(fastmath=True, error_model="numpy")
     def one(words: streams.Words, run: int) -> float:
@@ -91,15 +91,7 @@ def in_numba(size: Size, threads: int, own: bool = False) -> Call:
             x1, x2 = x1 + T * x2, x2 + T * (mu * x2 - x1) + DW * xi  # (18), (4)
         return squares / (end - begin)
 
-    @numba.njit(parallel=threads > 1)
-    def study(words: streams.Words) -> Array:
-        mean_square = np.empty((runs, 1))
-        for run in numba.prange(runs):
-            mean_square[run, 0] = one(words, run)
-        return mean_square
-
-    words = streams.states(runs, PROCESS)
-    return lambda: study(words)
+    return streams.numba_study(one, streams.states(size.runs, PROCESS), threads)
 
 
 def in_jax(size: Size, threads: int) -> Call:
@@ -125,35 +117,39 @@ def in_jax(size: Size, threads: int) -> Call:
         squares = jax.lax.scan(step, initial, jax.numpy.arange(end))[0][-1]
         return (squares / (end - begin))[None]
 
-    study = jax.jit(jax.vmap(run, in_axes=1))
-    words = streams.jax_spread(threads)(streams.states(size.runs, PROCESS))
-    return lambda: study(words).block_until_ready()
+    return streams.jax_study(run, streams.states(size.runs, PROCESS), threads)
 
 
 SOURCE = """
 void fu(int64_t first, int64_t last, int64_t runs, const uint64_t *words, int64_t begin,
         int64_t end, double *mean_square) {
-  for (int64_t run = first; run < last; run += RUNS) {
-    stream process = stream_of(words, runs, run);
-    real x1 = all(X1), x2 = all(X2), z1 = all(Z1), z2 = all(Z2), squares = all(0.0);
+  for (int64_t run = first; run < last; run += RUNS * BLOCKS) {
+    stream process[BLOCKS];
+    real x1[BLOCKS], x2[BLOCKS], z1[BLOCKS], z2[BLOCKS], squares[BLOCKS], xi[BLOCKS];
+    EACH process[q] = stream_of(words, runs, run + RUNS * q), squares[q] = all(0.0);
+    EACH x1[q] = all(X1), x2[q] = all(X2), z1[q] = all(Z1), z2[q] = all(Z2);
     for (int64_t k = 0; k < end; k++) {
-      real e = x1 - z1, e2 = x2 - z2;
-      if (k >= begin) squares += e * e + e2 * e2;
-      real mu = EPSILON * (1.0 - x1 * x1);
-      real l2 = 5.0 - EPSILON * (z1 + x1) * z2 + (5.0 + mu) * mu;
-      real z2_rate = EPSILON * (1.0 - z1 * z1) * z2 - z1 + l2 * e;
-      z1 += T * (z2 + (5.0 + mu) * e), z2 += T * z2_rate; /* (5) */
-      real x2_rate = mu * x2 - x1;
-      x1 += T * x2, x2 += T * x2_rate + DW * normal(&process); /* (18), (4) */
+      normal(process, xi);
+      EACH {
+        real e = x1[q] - z1[q], e2 = x2[q] - z2[q];
+        if (k >= begin) squares[q] += e * e + e2 * e2;
+        real mu = EPSILON * (1.0 - x1[q] * x1[q]);
+        real l2 = 5.0 - EPSILON * (z1[q] + x1[q]) * z2[q] + (5.0 + mu) * mu;
+        real z2_rate = EPSILON * (1.0 - z1[q] * z1[q]) * z2[q] - z1[q] + l2 * e;
+        z1[q] += T * (z2[q] + (5.0 + mu) * e), z2[q] += T * z2_rate; /* (5) */
+        real x2_rate = mu * x2[q] - x1[q];
+        x1[q] += T * x2[q], x2[q] += T * x2_rate + DW * xi[q]; /* (18), (4) */
+      }
     }
-    STORE(mean_square + run, squares / (double)(end - begin));
+    EACH STORE(mean_square + run + RUNS * q, squares[q] / (double)(end - begin));
   }
 }
 """
 
 
 def in_c(size: Size, threads: int) -> Call:
-    kernel = compiled.library(SOURCE, T=T, EPSILON=EPSILON, DW=DW, X1=X1, X2=X2, Z1=Z1, Z2=Z2).fu
+    start = {"X1": X1, "X2": X2, "Z1": Z1, "Z2": Z2}
+    kernel = compiled.library(SOURCE, blocks=4, T=T, EPSILON=EPSILON, DW=DW, **start).fu
     words, mean_square = streams.states(size.runs, PROCESS), np.empty((size.runs, 1))
     return compiled.call(kernel, size.runs, threads, words, *window(size), result=mean_square)
 

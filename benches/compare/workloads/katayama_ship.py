@@ -236,106 +236,122 @@ def in_jax(size: Size, threads: int) -> Call:
         squares = jax.lax.scan(step, initial, numpy.arange(end))[0][-1]
         return numpy.sqrt(numpy.stack(squares) / (end - begin))
 
-    study = jax.jit(jax.vmap(run, in_axes=1))
-    begun = streams.jax_spread(threads)(np.ascontiguousarray(starts(size.runs).T))
-    return lambda: study(begun).block_until_ready()
+    return streams.jax_study(run, starts(size.runs).T, threads)
 
 
 SOURCE = """
-typedef struct { real x[3], z[3]; } ship;
-typedef struct { real u1, u2; } input;
+typedef real block[BLOCKS];
+typedef struct { block x[3], z[3]; } ship;
+typedef struct { block u1, u2; } input;
 
 /* d(z), lambda21, lambda22, lambda31 of the appendix. */
-INLINE void coefficients(const real z[3], real d[3], real lambda[3]) {
-  real c1 = M22 * z[1] + M23 * z[2], c2 = -M11 * z[0];
-  real f1 = D11 * z[0] - c1 * z[2];
-  real f2 = D22 * z[1] + D23 * z[2] - c2 * z[2];
-  real f3 = c1 * z[0] + c2 * z[1] + D32 * z[1] + D33 * z[2];
-  d[0] = f1 * (-1.0 / M11);
-  d[1] = (M23 * f3 - M33 * f2) * (1.0 / DET);
-  d[2] = (M23 * f2 - M22 * f3) * (1.0 / DET);
-  real s = z[1] - 1.18 * z[2], zz = z[0] * z[0], ss = s * s;
-  lambda[0] = 0.102 * zz - 0.0232 * ss;
-  lambda[1] = -0.0232 * (zz + ss) * arctangent(s, z[0]);
-  lambda[2] = 0.287 * zz + 0.307 * ss;
+INLINE void coefficients(const block z[3], block d[3], block lambda[3]) {
+  block s, angle;
+  EACH s[q] = z[1][q] - 1.18 * z[2][q];
+  arctangent(s, z[0], angle);
+  EACH {
+    real z1 = z[0][q], z2 = z[1][q], z3 = z[2][q], c1 = M22 * z2 + M23 * z3, c2 = -M11 * z1;
+    real f1 = D11 * z1 - c1 * z3;
+    real f2 = D22 * z2 + D23 * z3 - c2 * z3;
+    real f3 = c1 * z1 + c2 * z2 + D32 * z2 + D33 * z3;
+    d[0][q] = f1 * (-1.0 / M11);
+    d[1][q] = (M23 * f3 - M33 * f2) * (1.0 / DET);
+    d[2][q] = (M23 * f2 - M22 * f3) * (1.0 / DET);
+    real zz = z1 * z1, ss = s[q] * s[q];
+    lambda[0][q] = 0.102 * zz - 0.0232 * ss;
+    lambda[1][q] = -0.0232 * (zz + ss) * angle[q];
+    lambda[2][q] = 0.287 * zz + 0.307 * ss;
+  }
 }
-INLINE void known(const real z[3], input u, real f[3]) {
-  real lambda[3];
+INLINE void known(const block z[3], const input *u, block f[3]) {
+  block lambda[3];
   coefficients(z, f, lambda);
-  f[0] += u.u1;
-  f[1] += lambda[0] * u.u2 + lambda[1];
-  f[2] += lambda[2] * u.u2 - 13.23 * lambda[1];
+  EACH {
+    f[0][q] += u->u1[q];
+    f[1][q] += lambda[0][q] * u->u2[q] + lambda[1][q];
+    f[2][q] += lambda[2][q] * u->u2[q] - 13.23 * lambda[1][q];
+  }
 }
-INLINE ship drift(const ship *s, input u) { /* (20) */
-  ship rate;
-  real sine, cosine;
-  turn(s->x[2], &sine, &cosine);
-  rate.x[0] = cosine * s->z[0] - sine * s->z[1];
-  rate.x[1] = sine * s->z[0] + cosine * s->z[1];
-  rate.x[2] = s->z[2];
-  known(s->z, u, rate.z);
-  return rate;
+INLINE void drift(const ship *s, const input *u, ship *rate) { /* (20) */
+  block sine, cosine;
+  known(s->z, u, rate->z);
+  turn(s->x[2], sine, cosine);
+  EACH {
+    rate->x[0][q] = cosine[q] * s->z[0][q] - sine[q] * s->z[1][q];
+    rate->x[1][q] = sine[q] * s->z[0][q] + cosine[q] * s->z[1][q];
+    rate->x[2][q] = s->z[2][q];
+  }
 }
-INLINE input control(const ship *s) { /* (21) */
-  real d[3], lambda[3], sine, cosine, x2 = s->x[1], z1 = s->z[0], z2 = s->z[1], z3 = s->z[2];
+INLINE void control(const ship *s, input *u) { /* (21) */
+  block d[3], lambda[3], sines, cosines, down, six, angle;
+  EACH down[q] = -s->x[1][q], six[q] = all(6.0);
+  arctangent(down, six, angle);
   coefficients(s->z, d, lambda);
-  turn(s->x[2], &sine, &cosine);
-  real gamma = 6.0 / (36.0 + x2 * x2), v = z1 * sine + z2 * cosine;
-  real z3_tilde = z3 + K * (s->x[2] - arctangent(-x2, all(6.0))) + gamma * v;
-  real kappa = gamma * gamma * x2 * v * v * (1.0 / 3.0) - K * (z3 + gamma * v) -
-      gamma * (d[0] * sine + (d[1] + lambda[1]) * cosine + (z1 * cosine - z2 * sine) * z3);
-  real u1 = (0.8 - z1) * (1.0 / (H + 0.3)) - d[0];
-  real u2 = kappa - d[2] + 13.23 * lambda[1] - K * z3_tilde - gamma * u1 * sine;
-  return (input){u1, u2 / (lambda[2] + lambda[0] * gamma * cosine)};
+  turn(s->x[2], sines, cosines);
+  EACH {
+    real z1 = s->z[0][q], z2 = s->z[1][q], z3 = s->z[2][q], sine = sines[q], cosine = cosines[q];
+    real x2 = s->x[1][q], gamma = 6.0 / (36.0 + x2 * x2), v = z1 * sine + z2 * cosine;
+    real z3_tilde = z3 + K * (s->x[2][q] - angle[q]) + gamma * v;
+    real kappa = gamma * gamma * x2 * v * v * (1.0 / 3.0) - K * (z3 + gamma * v) - gamma *
+        (d[0][q] * sine + (d[1][q] + lambda[1][q]) * cosine + (z1 * cosine - z2 * sine) * z3);
+    u->u1[q] = (0.8 - z1) * (1.0 / (H + 0.3)) - d[0][q];
+    real u2 = kappa - d[2][q] + 13.23 * lambda[1][q] - K * z3_tilde - gamma * u->u1[q] * sine;
+    u->u2[q] = u2 / (lambda[2][q] + lambda[0][q] * gamma * cosine);
+  }
 }
-INLINE ship plus(const ship *a, double h, const ship *b) {
-  ship sum;
-  for (int i = 0; i < 3; i++) sum.x[i] = a->x[i] + h * b->x[i], sum.z[i] = a->z[i] + h * b->z[i];
-  return sum;
+INLINE void plus(const ship *a, double h, const ship *b, ship *sum) {
+  for (int i = 0; i < 3; i++)
+    EACH sum->x[i][q] = a->x[i][q] + h * b->x[i][q], sum->z[i][q] = a->z[i][q] + h * b->z[i][q];
 }
 
 void katayama(int64_t first, int64_t last, int64_t runs, const double *starts, int64_t begin,
               int64_t end, double *rms) {
   static const double h[3] = {H1, H2, H3};
-  for (int64_t run = first; run < last; run += RUNS) {
+  for (int64_t run = first; run < last; run += RUNS * BLOCKS) {
     ship s, k, sum, trial;
-    real before[3], z_hat[3], squares[3];
+    block before[3], z_hat[3], squares[3];
     input u;
-    for (int i = 0; i < 3; i++) {
-      s.x[i] = LOAD(starts + i * runs + run), s.z[i] = LOAD(starts + (3 + i) * runs + run);
-      z_hat[i] = squares[i] = all(0.0);
+    for (int i = 0; i < 3; i++) EACH {
+      int64_t place = i * runs + run + RUNS * q;
+      s.x[i][q] = LOAD(starts + place), s.z[i][q] = LOAD(starts + 3 * runs + place);
+      z_hat[i][q] = squares[i][q] = all(0.0);
     }
     for (int64_t n = 0; n < end; n++) {
       if (n > 0) {
-        real sine, cosine, slope[3], psi[3], f[3];
-        turn(before[2], &sine, &cosine);
-        for (int i = 0; i < 3; i++) slope[i] = (s.x[i] - before[i]) * (1.0 / H);
-        psi[0] = cosine * slope[0] + sine * slope[1];
-        psi[1] = cosine * slope[1] - sine * slope[0];
-        psi[2] = slope[2];
-        known(psi, u, f);
-        for (int i = 0; i < 3; i++) z_hat[i] += H * (h[i] * (psi[i] - z_hat[i]) + f[i]); /* (22) */
+        block sine, cosine, psi[3], f[3];
+        turn(before[2], sine, cosine);
+        EACH {
+          real slope[3];
+          for (int i = 0; i < 3; i++) slope[i] = (s.x[i][q] - before[i][q]) * (1.0 / H);
+          psi[0][q] = cosine[q] * slope[0] + sine[q] * slope[1];
+          psi[1][q] = cosine[q] * slope[1] - sine[q] * slope[0];
+          psi[2][q] = slope[2];
+        }
+        known(psi, &u, f);
+        for (int i = 0; i < 3; i++) /* (22) */
+          EACH z_hat[i][q] += H * (h[i] * (psi[i][q] - z_hat[i][q]) + f[i][q]);
       }
-      for (int i = 0; i < 3; i++) {
-        real e = s.z[i] - z_hat[i];
-        if (n >= begin) squares[i] += e * e;
-        before[i] = s.x[i];
+      for (int i = 0; i < 3; i++) EACH {
+        real e = s.z[i][q] - z_hat[i][q];
+        if (n >= begin) squares[i][q] += e * e;
+        before[i][q] = s.x[i][q];
       }
-      u = control(&s);
-      k = drift(&s, u), sum = plus(&s, H / 6.0, &k), trial = plus(&s, 0.5 * H, &k);
-      k = drift(&trial, u), sum = plus(&sum, H / 3.0, &k), trial = plus(&s, 0.5 * H, &k);
-      k = drift(&trial, u), sum = plus(&sum, H / 3.0, &k), trial = plus(&s, H, &k);
-      k = drift(&trial, u), s = plus(&sum, H / 6.0, &k);
+      control(&s, &u);
+      drift(&s, &u, &k), plus(&s, H / 6.0, &k, &sum), plus(&s, 0.5 * H, &k, &trial);
+      drift(&trial, &u, &k), plus(&sum, H / 3.0, &k, &sum), plus(&s, 0.5 * H, &k, &trial);
+      drift(&trial, &u, &k), plus(&sum, H / 3.0, &k, &sum), plus(&s, H, &k, &trial);
+      drift(&trial, &u, &k), plus(&sum, H / 6.0, &k, &s);
     }
     for (int i = 0; i < 3; i++)
-      STORE(rms + i * runs + run, root(squares[i] / (double)(end - begin)));
+      EACH STORE(rms + i * runs + run + RUNS * q, root(squares[i][q] / (double)(end - begin)));
   }
 }
 """
 
 
 def in_c(size: Size, threads: int) -> Call:
-    kernel = compiled.library(SOURCE, H=H, K=K, H1=H1, H2=H2, H3=H3, DET=DET, **MATRICES).katayama
+    constants = {"H": H, "K": K, "H1": H1, "H2": H2, "H3": H3, "DET": DET, **MATRICES}
+    kernel = compiled.library(SOURCE, blocks=2, **constants).katayama
     begun, rms = np.ascontiguousarray(starts(size.runs).T), np.empty((3, size.runs))
     call = compiled.call(kernel, size.runs, threads, begun, *window(size), result=rms)
     return lambda: call().T

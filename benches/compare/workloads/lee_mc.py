@@ -70,7 +70,7 @@ def twin(size: Size, threads: int) -> Call:
 def in_numba(size: Size, threads: int, own: bool = False) -> Call:
     numba = need("numba")
     start, uniform, _ = streams.numba_draws(own)
-    (begin, end), runs = window(size), size.runs
+    begin, end = window(size)
 
     @numba.njit(fastmath=True, error_model="numpy")
     def one(words: streams.Words, run: int) -> float:
@@ -85,15 +85,7 @@ def in_numba(size: Size, threads: int, own: bool = False) -> Call:
             x1, x2 = x1 + T * x2, x2 + T * (-x1 / (1.0 + x1 * x1) - x2)  # (38)
         return np.sqrt(squares / (end - begin))
 
-    @numba.njit(parallel=threads > 1)
-    def study(words: streams.Words) -> Array:
-        rms = np.empty((runs, 1))
-        for run in numba.prange(runs):
-            rms[run, 0] = one(words, run)
-        return rms
-
-    words = streams.states(runs, MEASUREMENT)
-    return lambda: study(words)
+    return streams.numba_study(one, streams.states(size.runs, MEASUREMENT), threads)
 
 
 def in_jax(size: Size, threads: int) -> Call:
@@ -115,14 +107,10 @@ def in_jax(size: Size, threads: int) -> Call:
         squares = jax.lax.scan(step, initial, jax.numpy.arange(end))[0][-1]
         return jax.numpy.sqrt(squares / (end - begin))[None]
 
-    study = jax.jit(jax.vmap(run, in_axes=1))
-    words = streams.jax_spread(threads)(streams.states(size.runs, MEASUREMENT))
-    return lambda: study(words).block_until_ready()
+    return streams.jax_study(run, streams.states(size.runs, MEASUREMENT), threads)
 
 
 SOURCE = """
-#define BLOCKS 4 /* a division takes long: the four wait for theirs together */
-
 void lee(int64_t first, int64_t last, int64_t runs, const uint64_t *words, int64_t begin,
          int64_t end, double *rms) {
   for (int64_t run = first; run < last; run += RUNS * BLOCKS) {
@@ -147,7 +135,7 @@ void lee(int64_t first, int64_t last, int64_t runs, const uint64_t *words, int64
 
 def in_c(size: Size, threads: int) -> Call:
     kernel = compiled.library(
-        SOURCE, T=T, ELL=ELL, K1=K1, K2=K2, X1=X1, X2=X2, LOW=LOW, HIGH=HIGH
+        SOURCE, blocks=4, T=T, ELL=ELL, K1=K1, K2=K2, X1=X1, X2=X2, LOW=LOW, HIGH=HIGH
     ).lee
     words, rms = streams.states(size.runs, MEASUREMENT), np.empty((size.runs, 1))
     return compiled.call(kernel, size.runs, threads, words, *window(size), result=rms)

@@ -152,6 +152,9 @@ def low_power_lfilter(size: Size, threads: int) -> Call:
 
 
 LOW_POWER_C = """
+#if defined __GNUC__ && !defined __clang__
+#pragma GCC optimize("no-tree-slp-vectorize") /* pairs of these sums cost more than they save */
+#endif
 #define X(x, a, from, n) x = (T * a * (from) + T * (n)) + (1.0 - T * a) * x
 #define ETA(n, b, e, next) n += T * b * (e) + T * (next)
 void run(int64_t samples, const double *y, double *x_hat) {
@@ -170,7 +173,7 @@ LOW_POWER_GAINS |= {f"B{i}": b for i, b in enumerate((B1, B2, B3, B4), 1)}
 
 
 def in_c(source: str, n: int, size: Size, **constants: float) -> Call:
-    run, y = compiled.library(source, T=T, **constants).run, record(size.steps)
+    run, y = compiled.library(source, 1, T=T, **constants).run, record(size.steps)
 
     def call() -> Array:
         x_hat = np.empty((len(y), n))

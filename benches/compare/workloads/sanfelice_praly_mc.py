@@ -90,7 +90,7 @@ def twin(size: Size, threads: int) -> Call:
 def in_numba(size: Size, threads: int, own: bool = False) -> Call:
     numba = need("numba")
     start, _, normal = streams.numba_draws(own)
-    (begin, end), runs = window(size), size.runs
+    begin, end = window(size)
 
     @numba.njit(fastmath=True, error_model="numpy")
     def rate(y: float, z1: float, z2: float, r: float) -> tuple[float, float, float]:
@@ -119,15 +119,7 @@ def in_numba(size: Size, threads: int, own: bool = False) -> Call:
         mean = total / (end - begin)
         return np.sqrt(squares / (end - begin) - mean * mean)
 
-    @numba.njit(parallel=threads > 1)
-    def study(words: streams.Words) -> Array:
-        std = np.empty((runs, 1))
-        for run in numba.prange(runs):
-            std[run, 0] = one(words, run)
-        return std
-
-    words = streams.states(runs, MEASUREMENT)
-    return lambda: study(words)
+    return streams.numba_study(one, streams.states(size.runs, MEASUREMENT), threads)
 
 
 def in_jax(size: Size, threads: int) -> Call:
@@ -167,19 +159,23 @@ def in_jax(size: Size, threads: int) -> Call:
         mean = total / (end - begin)
         return numpy.sqrt(squares / (end - begin) - mean * mean)[None]
 
-    study = jax.jit(jax.vmap(run, in_axes=1))
-    words = streams.jax_spread(threads)(streams.states(size.runs, MEASUREMENT))
-    return lambda: study(words).block_until_ready()
+    return streams.jax_study(run, streams.states(size.runs, MEASUREMENT), threads)
 
 
 SOURCE = """
-#define BLOCKS 4 /* a power takes long: the four wait for theirs together */
 typedef struct { real z1, z2, r; } state;
 
-INLINE state rate(real y, state s) {
-  real e = y - s.z1, r2 = s.r * s.r, power = exponential(POWER * ln(s.r));
-  real r_rate = P1 * ((e * e - P2) * power + P2 / (r2 * r2)); /* (6) */
-  return (state){s.z2 + NU1 * s.z1 + K1 * s.r * e, K2 * r2 * e, r_rate}; /* (20) */
+INLINE void rate(const real y[BLOCKS], const state s[BLOCKS], state d[BLOCKS]) {
+  real power[BLOCKS];
+  EACH power[q] = s[q].r;
+  ln(power, power);
+  EACH power[q] *= POWER;
+  exponential(power, power);
+  EACH {
+    real e = y[q] - s[q].z1, r = s[q].r, r2 = r * r;
+    real r_rate = P1 * ((e * e - P2) * power[q] + P2 / (r2 * r2)); /* (6) */
+    d[q] = (state){s[q].z2 + NU1 * s[q].z1 + K1 * r * e, K2 * r2 * e, r_rate}; /* (20) */
+  }
 }
 INLINE state plus(state s, double h, state d) {
   return (state){s.z1 + h * d.z1, s.z2 + h * d.z2, s.r + h * d.r};
@@ -189,18 +185,24 @@ void sanfelice(int64_t first, int64_t last, int64_t runs, const uint64_t *words,
                int64_t end, double *std) {
   for (int64_t run = first; run < last; run += RUNS * BLOCKS) {
     stream noise[BLOCKS];
-    state s[BLOCKS], a[BLOCKS], b[BLOCKS], c[BLOCKS];
+    state s[BLOCKS], next[BLOCKS], trial[BLOCKS], d[BLOCKS];
     real y[BLOCKS], total[BLOCKS], squares[BLOCKS];
     EACH noise[q] = stream_of(words, runs, run + RUNS * q);
     EACH s[q] = (state){all(Z1), all(Z2), all(R0)}, total[q] = squares[q] = all(0.0);
     for (int64_t k = 0; k < end; k++) {
       if (k >= begin) EACH total[q] += s[q].z2, squares[q] += s[q].z2 * s[q].z2;
-      if (k % HOLD == 0) EACH y[q] = X1 + (MEAN + STD * normal(&noise[q]));
-      EACH a[q] = rate(y[q], s[q]);
-      EACH b[q] = rate(y[q], plus(s[q], 0.5 * H, a[q]));
-      EACH c[q] = rate(y[q], plus(s[q], 0.5 * H, b[q])), b[q] = plus(b[q], 1.0, c[q]);
-      EACH c[q] = rate(y[q], plus(s[q], H, c[q])), a[q] = plus(a[q], 1.0, c[q]);
-      EACH s[q] = plus(plus(s[q], H / 6.0, a[q]), H / 3.0, b[q]), s[q].r = larger(s[q].r, all(1.0));
+      if (k % HOLD == 0) {
+        normal(noise, y);
+        EACH y[q] = X1 + (MEAN + STD * y[q]);
+      }
+      rate(y, s, d);
+      EACH next[q] = plus(s[q], H / 6.0, d[q]), trial[q] = plus(s[q], 0.5 * H, d[q]);
+      rate(y, trial, d);
+      EACH next[q] = plus(next[q], H / 3.0, d[q]), trial[q] = plus(s[q], 0.5 * H, d[q]);
+      rate(y, trial, d);
+      EACH next[q] = plus(next[q], H / 3.0, d[q]), trial[q] = plus(s[q], H, d[q]);
+      rate(y, trial, d);
+      EACH s[q] = plus(next[q], H / 6.0, d[q]), s[q].r = larger(s[q].r, all(1.0));
     }
     EACH total[q] /= (double)(end - begin), squares[q] /= (double)(end - begin);
     EACH STORE(std + run + RUNS * q, root(squares[q] - total[q] * total[q]));
@@ -213,7 +215,7 @@ def in_c(size: Size, threads: int) -> Call:
     observer = {"NU1": NU1, "P1": P1, "P2": P2, "K1": K1, "K2": K2, "POWER": POWER}
     noise = {"MEAN": MEAN, "STD": STD, "HOLD": HOLD}
     start = {"X1": X1, "Z1": Z1, "Z2": Z2, "R0": R0}
-    kernel = compiled.library(SOURCE, H=H, **observer, **noise, **start).sanfelice
+    kernel = compiled.library(SOURCE, blocks=4, H=H, **observer, **noise, **start).sanfelice
     words, std = streams.states(size.runs, MEASUREMENT), np.empty((size.runs, 1))
     return compiled.call(kernel, size.runs, threads, words, *window(size), result=std)
 
