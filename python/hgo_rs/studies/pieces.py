@@ -99,7 +99,7 @@ class Todo:
         """The next task, of about `wanted` run-steps and at most `_ROOM` numbers."""
         pieces: list[Piece] = []
         room = float(_ROOM)
-        while self.gaps and wanted > 0.0 and room > 0.0:
+        while self.gaps and (not pieces or (wanted > 0.0 and room > 0.0)):
             case, first, left = self.gaps.popleft()
             experiment = self.result.experiments[case]
             fits = min(wanted / experiment.spec["steps"], room / experiment.numbers)
