@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import copy
 import os
 import queue
 import time
@@ -57,7 +58,8 @@ def cost(result: StudyResult, piece: Piece) -> int:
 def work(specs: list[dict[str, Any]], backend: str) -> tuple[list[dict[str, Any]], float]:
     """What a worker does: the outputs of specs, and the seconds that they took."""
     start = time.perf_counter()
-    return [execute(spec, backend) for spec in specs], time.perf_counter() - start
+    # Arrays may have travelled to addresses that are no multiple of 8; copies are aligned.
+    return [execute(copy.deepcopy(spec), backend) for spec in specs], time.perf_counter() - start
 
 
 class Here:

@@ -35,9 +35,11 @@ class Saved:
 
     def __init__(self, path: str | os.PathLike[str], result: StudyResult) -> None:
         try:
-            import pyarrow  # noqa: F401
+            import pyarrow as pa
+            import pyarrow.parquet as pq
         except ImportError as error:
             raise MissingExtraError("save needs pyarrow: pip install 'hgo_rs[data]'") from error
+        self.pa, self.pq = pa, pq
         try:
             self.path = Path(path)
         except TypeError:
@@ -60,11 +62,8 @@ class Saved:
         """
         if not self.path.exists():
             return
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         try:
-            with pq.ParquetFile(self.path, page_checksum_verification=True) as file:
+            with self.pq.ParquetFile(self.path, page_checksum_verification=True) as file:
                 saved = json.loads((file.schema_arrow.metadata or {})[_KEY])
                 self._check_same(saved["study"])
                 table = file.read()
@@ -84,7 +83,7 @@ class Saved:
                         out[key][result.finished[i]] = values.reshape(-1, *out[key].shape[1:])
         except HgoError:
             raise
-        except (pa.ArrowException, OSError, LookupError, TypeError, ValueError) as error:
+        except (self.pa.ArrowException, OSError, LookupError, TypeError, ValueError) as error:
             told = " ".join(f"{type(error).__name__}: {error}".split())
             raise HgoError(
                 f"save = {str(self.path)!r}: must be a study saved by hgo_rs, and whole; it cannot "
@@ -113,10 +112,7 @@ class Saved:
         self.unsaved, self.due = False, end + max(1.0, _SHARE * (end - start))
 
     def _write(self) -> None:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        result = self.result
+        pa, result = self.pa, self.result
         columns = {name: pa.array(values) for name, values in result.run_table().items()}
         for key in ("x", "memory", "y"):
             if all(key in out for out in result.outputs):
@@ -132,7 +128,7 @@ class Saved:
         beside = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
         try:
             with beside.open("wb") as file:
-                pq.write_table(table, file, write_page_checksum=True)
+                self.pq.write_table(table, file, write_page_checksum=True)
                 file.flush()
                 os.fsync(file.fileno())
             beside.replace(self.path)

@@ -18,7 +18,7 @@ from hgo_rs.studies.saved import Saved
 
 __all__ = ["study"]
 
-_RUNS = 2**40
+_RUNS = 2**30
 _FREE = 0.8
 """Part of the free memory that a result may take."""
 
