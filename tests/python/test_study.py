@@ -427,6 +427,15 @@ def test_a_saved_study_continues_with_the_same_bits(tmp_path, monkeypatch, every
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_frames_of_some_cases_only_are_saved(tmp_path):
+    pytest.importorskip("pyarrow")
+    arguments = {"grid": {"every": [0, 50]}, "runs": 3, "save": tmp_path / "study.parquet"}
+    first = study(lambda every: lee(every=every), **arguments)
+    same(study(lambda every: lee(every=every), **arguments, progress=Stop(1)), first)
+    assert first[0].x is None
+    assert first[1].x.shape == (3, 5, 2)
+
+
 SAVED = {"grid": {"ell": [20.0, 50.0]}, "runs": 4, "rng": 4}
 OTHERS = {
     "seed is 4 there and 5 here": {"rng": 5},

@@ -263,15 +263,18 @@ class StudyResult:
             more = ", ..." if len(lost) > 3 else ""
             are = "run diverged and is" if len(lost) == 1 else "runs diverged and are"
             told.append(f"{len(lost)} {are} left out of the table: (case, run) {named}{more}")
-            worst = int(np.bincount(lost[:, 0]).argmax())
-            count = int((lost[:, 0] == worst).sum())
-            told.append(f"most of them, {count}, in {title(worst, self.parameters[worst])}")
+            counts = np.bincount(lost[:, 0])
+            worst = int(counts.argmax())
+            told.append(
+                f"up to {counts[worst]} in one case: {title(worst, self.parameters[worst])}"
+            )
         return "; ".join(told)
 
 
 _FRAMES = 2**24
 """Most frames of a run that is shown."""
-FRAMES = ("x", "memory", "y", "t")
+FRAMES = ("x", "memory", "y")
+"""Outputs with a row for each kept frame."""
 DIMENSIONS = {
     "mean": ("window", "signal"),
     "rms": ("window", "signal"),

@@ -40,6 +40,7 @@ class Saved:
         except ImportError as error:
             raise MissingExtraError("save needs pyarrow: pip install 'hgo_rs[data]'") from error
         self.pa, self.pq = pa, pq
+        pa.array(np.zeros(1))  # loads pandas, if it is there: now, not when Ctrl-C waits for it
         try:
             self.path = Path(path)
         except TypeError:
@@ -75,10 +76,10 @@ class Saved:
             result.fill(columns)
             for i, out in enumerate(result.outputs):
                 rows = columns["case"] == i
-                for key in out.keys() & set(FRAMES):
-                    if key == "t":
-                        out[key][:] = saved["times"][i]
-                    elif rows.any():
+                if "t" in out:
+                    out["t"][:] = saved["times"][i]
+                for key in FRAMES if rows.any() else ():
+                    if key in out:
                         values = np.stack(columns[key][rows])
                         out[key][result.finished[i]] = values.reshape(-1, *out[key].shape[1:])
         except HgoError:
@@ -114,12 +115,12 @@ class Saved:
     def _write(self) -> None:
         pa, result = self.pa, self.result
         columns = {name: pa.array(values) for name, values in result.run_table().items()}
-        for key in ("x", "memory", "y"):
-            if all(key in out for out in result.outputs):
+        for key in FRAMES:
+            if any(key in out for out in result.outputs):
                 runs = [
-                    row.ravel()
+                    row.ravel() if key in out else None
                     for out, mask in zip(result.outputs, result.finished, strict=True)
-                    for row in out[key][mask]
+                    for row in out.get(key, mask)[mask]
                 ]
                 columns[key] = pa.array(runs, pa.list_(pa.float64()))
         times = [out["t"].tolist() if "t" in out else None for out in result.outputs]
