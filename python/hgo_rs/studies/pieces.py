@@ -65,6 +65,9 @@ def work(specs: list[dict[str, Any]], backend: str) -> tuple[list[dict[str, Any]
 class Here:
     """An executor that does the work at once, in this thread: Ctrl-C reaches it."""
 
+    def shutdown(self, wait: bool) -> None:
+        """There is nothing that waits."""
+
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
         future: Future[Any] = Future()
         try:
@@ -74,16 +77,19 @@ class Here:
         return future
 
 
-def executor_of(executor: Any) -> Any:
-    """Something that submits: None means this thread, a dask Client is asked for its executor."""
+def executor_of(executor: Any) -> tuple[Any, bool]:
+    """Something that submits, and whether it serves this study alone.
+
+    None means this thread; a dask Client is asked for an executor.
+    """
     if executor is None:
-        return Here()
+        return Here(), True
     if hasattr(executor, "get_executor"):
-        return executor.get_executor(pure=False)
+        return executor.get_executor(pure=False), True
     allowed = "an executor as of concurrent.futures, or a dask.distributed Client"
     remedy = "leave it out to compute in this process"
     check(callable(getattr(executor, "submit", None)), "executor", executor, allowed, remedy)
-    return executor
+    return executor, False
 
 
 class Todo:
@@ -117,9 +123,15 @@ class Todo:
 
 
 def compute(
-    result: StudyResult, executor: Any, piece: int | None, finished: Callable[[int], None]
+    result: StudyResult,
+    executor: Any,
+    own: bool,
+    piece: int | None,
+    finished: Callable[[int], None],
 ) -> None:
     """Compute all runs that are not finished; `finished` is told the run-steps of each task.
+
+    An executor of this study alone (`own`) is shut down at the end.
 
     Raises
     ------
@@ -182,8 +194,11 @@ def compute(
                 except queue.Empty:
                     continue
     finally:
-        for future in list(flying):
-            future.cancel()
+        if own:
+            executor.shutdown(wait=False)  # cancels all at once
+        else:
+            for future in list(flying):
+                future.cancel()
         while not done.empty():  # what was finished meanwhile is kept
             future = done.get()
             if future in flying and not future.cancelled():

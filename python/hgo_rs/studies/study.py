@@ -92,7 +92,7 @@ def study(
     if piece is not None:
         piece = check_integer(piece, "piece", least=1, most=_RUNS)
     check_choice("backend", backend, BACKENDS)
-    executor = executor_of(executor)
+    executor, own = executor_of(executor)
     planned = experiments(build, rows, runs=runs, seed=seed, backend=backend)
     _check_memory(planned, runs, max_memory, twice=save is not None)
     result = _empty(rows, axes, planned, runs, seed, backend)
@@ -113,7 +113,7 @@ def study(
 
         try:
             try:
-                compute(result, executor, piece, finished)
+                compute(result, executor, own, piece, finished)
             finally:
                 if saved is not None:
                     saved.keep(now=True)
