@@ -31,6 +31,7 @@ from hgo_rs.observers import (
 )
 from hgo_rs.results import Gap, RunResult, SimulationResult
 from hgo_rs.simulate import simulate
+from hgo_rs.studies import StudyError, StudyInterrupted, StudyProgress, StudyResult, study
 
 __version__ = "0.1.0"
 
@@ -63,10 +64,15 @@ __all__ = [
     "Sines",
     "StandardObserver",
     "StochasticApproximation",
+    "StudyError",
+    "StudyInterrupted",
+    "StudyProgress",
+    "StudyResult",
     "UniformNoise",
     "Unknown",
     "VanDerPol",
     "__version__",
     "filtered_noise",
     "simulate",
+    "study",
 ]

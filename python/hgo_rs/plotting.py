@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -296,6 +296,52 @@ def note_peak(ax: Axes, values: np.ndarray) -> None:
         color="#5a5a5a",
         bbox={"boxstyle": "square,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.85},
     )
+
+
+def sweep_figure(
+    lines: Mapping[str, tuple[Any, Any, Any]],
+    *,
+    x: str,
+    y: str,
+    figure: Figure | None = None,
+) -> Figure:
+    """Draw a quantity over a parameter, with error bars; a line for each named (x, y, error)."""
+    require_matplotlib()
+    with style():
+        figure = new_figure() if figure is None else figure
+        ax = figure.subplots()
+        for name, (values, means, errors) in lines.items():
+            numbers = np.issubdtype(np.asarray(values).dtype, np.number)
+            order = np.argsort(values, kind="stable") if numbers else np.arange(len(values))
+            ax.errorbar(
+                np.asarray(values)[order],
+                np.asarray(means)[order],
+                yerr=np.nan_to_num(np.asarray(errors)[order]),
+                marker="o",
+                markersize=3.5,
+                capsize=2.5,
+                label=name,
+            )
+        for axis, all_values in (
+            ("x", np.concatenate([np.asarray(line[0]) for line in lines.values()])),
+            ("y", np.concatenate([np.asarray(line[1]) for line in lines.values()])),
+        ):
+            if _spans_decades(all_values):
+                ax.set(**{f"{axis}scale": "log"})
+        ax.set_xlabel(x)
+        ax.set_ylabel(y)
+        ax.margins(x=0.03)
+        if len(lines) > 1:
+            ax.legend()
+    return figure
+
+
+def _spans_decades(values: np.ndarray) -> bool:
+    """Whether positive numbers differ by more than a factor of ten."""
+    if not np.issubdtype(values.dtype, np.number):
+        return False
+    finite = values[np.isfinite(values)]
+    return len(finite) > 0 and finite.min() > 0.0 and finite.max() > 10.0 * finite.min()
 
 
 def save(figure: Figure, path: str | Path) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,10 +34,49 @@ PLANT_METHODS = (
 """How the plant moves; `held` keeps it at x0, the last three need process noise."""
 
 
+BACKENDS = ("rust", "numpy")
+
 _LONGEST = 10**15
 """Steps of the longest run."""
 _LARGEST = 2**30
 """Numbers in the largest result."""
+
+METRICS = ("mean", "rms", "max", "peak")
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A checked experiment: plain data, from which any of its runs can be computed anywhere.
+
+    Attributes
+    ----------
+    spec : dict
+        What the core and the reference read: numbers, strings, lists, dicts and arrays.
+    n : int
+        Order of the observer.
+    shapes : dict
+        Shape that each named output has for one run; a piece of R runs gives (R, *shape).
+    """
+
+    spec: dict[str, Any]
+    n: int
+    shapes: dict[str, tuple[int, ...]]
+
+    @property
+    def numbers(self) -> int:
+        """Numbers in the result of one run."""
+        return sum(math.prod(shape) for shape in self.shapes.values())
+
+    def piece(self, first: int, runs: int) -> dict[str, Any]:
+        """The spec of runs first, ..., first + runs - 1 alone."""
+        rows = slice(first, first + runs)
+        spec = self.spec | {"runs": runs, "first_run": first}
+        for name in ("x0", "memory0"):
+            spec[name] = spec[name][rows] if spec[name].ndim == 2 else spec[name]
+        values = spec["noise"].get("values")
+        if values is not None and values.ndim == 2:
+            spec["noise"] = spec["noise"] | {"values": values[rows]}
+        return spec
 
 
 def simulate(
@@ -110,6 +152,39 @@ def simulate(
     HgoError
         A parameter outside its range, a plant and an observer that do not fit, an unstable step.
     """
+    given = locals()
+    backend = check_choice("backend", given.pop("backend"), BACKENDS)
+    experiment = plan(**given)
+    kept = runs * experiment.numbers
+    remedy = f"as it is the result would hold {kept:.3g} numbers; fewer runs or a larger every"
+    check(kept <= _LARGEST, "runs", runs, f"such that {_LARGEST:.3g} numbers do", remedy)
+    return result_of(execute(experiment.spec, backend), experiment)
+
+
+def plan(
+    plant: Model,
+    observer: Observer,
+    *,
+    x0: npt.ArrayLike,
+    dt: float | None,
+    schedule: FixedStep | StochasticApproximation | None,
+    plant_schedule: FixedStep | StochasticApproximation | None,
+    t_end: float | None,
+    steps: int | None,
+    memory0: npt.ArrayLike | None,
+    mode: str,
+    plant_method: str | None,
+    substeps: int,
+    noise: Noise | None,
+    runs: int,
+    rng: int | np.random.Generator,
+    windows: Sequence[tuple[float, float]],
+    settle: float | None,
+    histogram: tuple[float, float] | None,
+    every: int,
+    allow_unstable: bool,
+) -> Experiment:
+    """The arguments of `simulate`, checked."""
     n_y = _check_fit(plant, observer)
     if check_choice("mode", mode, ("sampled", "joint")) == "joint":
         method = observer.spec.get("method", "a recursion")
@@ -118,7 +193,6 @@ def simulate(
     if plant_method is None:
         plant_method = _plant_method(plant)
     check_choice("plant_method", plant_method, PLANT_METHODS)
-    check_choice("backend", backend, ("rust", "numpy"))
     if (dt is None) == (schedule is None):
         raise HgoError("dt: give either dt [s] or schedule")
     clock = FixedStep(check_number(dt, "dt", above=0.0)) if schedule is None else schedule
@@ -153,10 +227,6 @@ def simulate(
     pairs = check_array(windows, "windows")
     listed = pairs.size == 0 or (pairs.ndim == 2 and pairs.shape[1] == 2)
     check(listed, "windows", windows, "pairs (from, to)", "give a list of them")
-    frames = 0 if every == 0 else steps // every + 1
-    kept = runs * (frames * (nx + m + n_y) + (3 * len(pairs) + 2) * m + nx)
-    remedy = f"as it is the result would hold {kept:.3g} numbers; fewer runs or a larger every"
-    check(kept <= _LARGEST, "runs", runs, f"such that {_LARGEST:.3g} numbers do", remedy)
     seed = int(rng.integers(2**63)) if isinstance(rng, np.random.Generator) else rng
     spec: dict[str, Any] = {
         "plant": plant.spec,
@@ -180,15 +250,51 @@ def simulate(
         spec["settle"] = check_number(settle, "settle", above=0.0)
     if histogram is not None:
         spec["histogram"] = _window(check_array(histogram, "histogram"), "histogram", period, steps)
-    if backend == "rust":
-        out = _core.simulate(spec)
-    else:
-        from hgo_rs import reference
+    return Experiment(spec, observer.n, _shapes(spec, observer.n, nx, m, n_y))
 
-        try:
-            out = reference.simulate(spec)
-        except ValueError as error:
-            raise HgoError(str(error)) from error
+
+def _shapes(spec: Mapping[str, Any], n: int, nx: int, m: int, n_y: int) -> dict[str, Any]:
+    """Shape of each output of one run."""
+    signals = n if spec["plant"]["kind"] == "ship" else m  # its filters are no signals
+    window = (len(spec["windows"]), signals)
+    shapes = {"mean": window, "rms": window, "max": window, "peak": (signals,)}
+    asked = spec.get("metrics")
+    out: dict[str, Any] = {k: v for k, v in shapes.items() if asked is None or k in asked}
+    out |= dict.fromkeys(("settling_time", "diverged_at", "undefined_at"), ())
+    out |= {"final_x": (nx,), "final_memory": (m,)}
+    if spec["every"]:
+        frames = spec["steps"] // spec["every"] + 1
+        out |= {"x": (frames, nx), "memory": (frames, m), "y": (frames, n_y)}
+    return out
+
+
+_threads_of: int | None = None
+"""The process in which the core's threads started."""
+
+
+def execute(spec: dict[str, Any], backend: str) -> dict[str, Any]:
+    """Outputs of a spec: named arrays (runs, ...), and the frames' times "t"."""
+    if backend == "rust":
+        global _threads_of
+        if _threads_of not in (None, os.getpid()):
+            raise HgoError(
+                "executor: this process was forked after the core's threads had started, and "
+                "would wait for them for ever; start processes afresh, for example "
+                "ProcessPoolExecutor(mp_context=multiprocessing.get_context('spawn'))"
+            )
+        _threads_of = os.getpid()
+        return _core.simulate(spec)
+    from hgo_rs import reference
+
+    try:
+        return reference.simulate(spec)
+    except ValueError as error:
+        raise HgoError(str(error)) from error
+
+
+def result_of(out: dict[str, Any], experiment: Experiment) -> SimulationResult:
+    """The outputs of an experiment with their names; a metric that was not asked for is None."""
+    out = {**dict.fromkeys(METRICS), **out}
     return SimulationResult(
         mean=out["mean"],
         rms=out["rms"],
@@ -204,8 +310,8 @@ def simulate(
         memory=out.get("memory"),
         y=out.get("y"),
         histogram=out.get("histogram"),
-        n=observer.n,
-        spec=spec,
+        n=experiment.n,
+        spec=experiment.spec,
     )
 
 
