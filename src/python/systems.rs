@@ -1,6 +1,7 @@
 //! The systems that Python can name: what an observer knows, and the plants.
 
 use super::spec::Spec;
+use crate::Scalar;
 use crate::model::{InputGain, Model, PhaseVariable, last, no_input};
 use crate::models::{Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, VanDerPol};
 use nalgebra::SVector;
@@ -38,7 +39,7 @@ impl<const N: usize> PhaseVariable<f64, N, 1> for AnyModel {
     #[inline(always)]
     fn phi(&self, t: f64, x: &SVector<f64, N>, u: &SVector<f64, 1>) -> f64 {
         match self {
-            Self::Unknown | Self::SanfelicePraly(_) => 0.0,
+            Self::Unknown | Self::SanfelicePraly(_) => Scalar::NEG_ZERO,
             Self::Input(model) => model.phi(t, x, u),
             Self::Lee(model) => model.phi(t, &head(x), &no_input()),
             Self::VanDerPol(model) => model.phi(t, &head(x), &no_input()),
