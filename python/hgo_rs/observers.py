@@ -269,34 +269,38 @@ class Observer(_core.Online):
         told = _inputs(u, len(samples), self.n_u)
         start = self._start(x_hat0, r0, memory0)
         self._check_start(start)
-        track = self._core.run(clock, samples, told, start)
+        filters = self._core.is_current
+        track = self._core.run(clock, samples, told, start, innovation=filters)
         if not track["sound"]:
-            _check_samples(samples, self.n_y)
-            _check_times(np.asarray(clock))
+            _check_samples(track["y"], self.n_y)
+            _check_times(clock)
             _check_inputs(told)
-        time, samples, memory = track["time"], track["y"], track["memory"]
-        if track["longest_step"] is not None:
-            k, dt = track["longest_step"]
+
+        def time(k: int) -> float:
+            return clock * k if isinstance(clock, float) else float(clock[k])
+
+        k, longest = track["longest_step"]
+        if longest > 0.0:
             try:
-                self._check_dt(dt, allow)
+                self._check_dt(longest, allow)
             except DesignError as error:
-                where = f"after sample {k} (t = {time[k]:g} s), " if np.ndim(t_or_dt) else ""
+                where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
                 raise DesignError(f"{where}{error}") from None
         if track["undefined"] is not None:
-            k = track["undefined"]
-            raise HgoError(_undefined(k, samples[k]))
+            raise HgoError(_undefined(track["undefined"], track["y"][track["undefined"]]))
+        memory = track["memory"]
         bound = self._bound(float(np.max(np.abs(start))), track["largest_sample"])
         if not (track["largest"] <= bound or allow):  # NaN is not within
             k = int(np.argmin(np.all(np.abs(memory) <= bound, axis=1)))
-            raise HgoError(f"the estimate diverged at sample {k} (t = {time[k]:g} s): {_TAMER}")
-        return RunResult(
-            time=time,
+            raise HgoError(f"the estimate diverged at sample {k} (t = {time(k):g} s): {_TAMER}")
+        return RunResult.of_run(
+            clock,
+            track.get("innovation"),
             x_hat=memory[:, : self.n],
             auxiliary=memory[:, self.n :],
-            innovation=track["innovation"],
             missing=track["missing"],
             gain=self.gains(memory),
-            y=samples,
+            y=track["y"],
             memory=memory,
         )
 
@@ -836,7 +840,8 @@ def _clock(t_or_dt: npt.ArrayLike, count: int) -> float | Array:
     return given
 
 
-def _check_times(t: Array) -> None:
+def _check_times(clock: float | Array) -> None:
+    t = np.atleast_1d(clock)
     bad = ~np.isfinite(t)
     if bad.any():
         raise HgoError(f"t at sample {int(np.argmax(bad))} is not finite: every sample needs one")

@@ -59,6 +59,34 @@ class RunResult:
     y: Array
     memory: Array
 
+    @classmethod
+    def of_run(cls, clock: float | Array, innovation: Array | None, **fields: Any) -> RunResult:
+        """A result at times or under a period, whose laws predict unless an innovation is given.
+
+        The times of a period and y - x_hat_1 are computed when they are first asked for.
+        """
+        made = object.__new__(cls)
+        made.__dict__.update(fields)
+        if isinstance(clock, float):
+            made.__dict__["_period"] = clock
+        else:
+            made.__dict__["time"] = np.array(clock)
+        if innovation is not None:
+            made.__dict__["innovation"] = innovation
+        return made
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name == "time" and "_period" in self.__dict__:
+                value = np.arange(len(self.memory), dtype=np.float64) * self._period
+            elif name == "innovation" and "y" in self.__dict__:
+                value = self.y - self.x_hat[:, : self.y.shape[1]]
+            else:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            self.__dict__[name] = value
+            return value
+
     @property
     def gaps(self) -> list[Gap]:
         """Every run of missing samples."""

@@ -3,7 +3,7 @@
 use super::design::order_refused;
 use super::errors::refused;
 use super::interrupt::StopFlag;
-use super::record::{self, Clock, Given};
+use super::record::{self, Clock, Pass};
 use super::spec::{Spec, contiguous};
 use super::study::{self, Plan, StudyResult};
 use super::systems::{AnyModel, read_ship, read_van_der_pol};
@@ -13,8 +13,8 @@ use crate::memory::Memory;
 use crate::model::Unknown;
 use crate::models::Correction;
 use crate::observer::{
-    ContinuousLaw, Discretisation, Discretised, METHODS, Method, Observer as CoreObserver, Status,
-    Timing,
+    ContinuousLaw, Discretisation, Discretised, Euler, METHODS, Method, Observer as CoreObserver,
+    StaggeredEuler, Status, Timing,
 };
 use crate::observers::{
     HardClip, LowPower, ModifiedObserver, NoSaturation, ReducedOrderObserver, RepelledCollection,
@@ -24,6 +24,7 @@ use nalgebra::SVector;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyFloat, PyFloatMethods};
+use std::ops::Range;
 
 /// The adaptive and the dead-zone law behind one memory r.
 #[derive(Clone, Copy)]
@@ -120,22 +121,11 @@ fn read_method(spec: &Spec<'_>) -> PyResult<Discretisation> {
     known.map(|k| METHODS[k]).ok_or_else(|| spec.unknown("method", &method, &METHOD_NAMES))
 }
 
-/// A stretch of a record to step over: a row a sample, the same number of rows in every slice.
-pub struct Stretch<'a> {
-    pub t: &'a [f64],
-    pub dt: &'a [f64],
-    pub y: &'a [f64],
-    pub u: &'a [f64],
-    /// The memory that is shown at each sample: before its use, or after it (current timing).
-    pub memory: &'a mut [f64],
-    pub innovation: &'a mut [f64],
-    pub status: &'a mut [u8],
-}
-
 /// A law in discrete time, with its memory as a flat vector.
 pub trait Recursion: Send + Sync {
     fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status;
-    fn advance(&self, memory: &mut [f64], stretch: Stretch<'_>);
+    /// See [`record::advance`].
+    fn advance(&self, memory: &mut [f64], samples: Range<usize>, pass: &mut Pass<'_>);
 }
 
 impl<O> Recursion for O
@@ -150,25 +140,8 @@ where
         z.write(memory);
         status
     }
-
-    fn advance(&self, memory: &mut [f64], stretch: Stretch<'_>) {
-        let Stretch { t, dt, y, u, memory: shown, innovation, status } = stretch;
-        let p = O::Measurement::LEN;
-        let q = u.len().checked_div(t.len()).unwrap_or(0);
-        let mut z = O::State::read(memory);
-        let given = t.iter().zip(dt).zip(y.chunks_exact(p));
-        let made = shown.chunks_exact_mut(O::State::LEN).zip(innovation.chunks_exact_mut(p));
-        for (k, ((((t, dt), y), (row, innovation)), status)) in
-            given.zip(made).zip(status).enumerate()
-        {
-            let (y, u) = (O::Measurement::read(y), O::Input::read(u.get(k * q..).unwrap_or(&[])));
-            self.innovation(&z, &y).write(innovation);
-            let before = z;
-            *status = CoreObserver::step(self, &mut z, &y, &u, *t, *dt) as u8;
-            let now = if O::TIMING == Timing::Current { &z } else { &before };
-            now.write(row);
-        }
-        z.write(memory);
+    fn advance(&self, memory: &mut [f64], samples: Range<usize>, pass: &mut Pass<'_>) {
+        record::advance(self, memory, samples, pass);
     }
 }
 
@@ -236,8 +209,24 @@ where
         Some(1) => Box::new(Discretised { law, scheme: Method::<1> }),
         Some(2) => Box::new(Discretised { law, scheme: Method::<2> }),
         Some(3) => Box::new(Discretised { law, scheme: Method::<3> }),
-        Some(4) => Box::new(Discretised { law, scheme: Method::<4> }),
-        _ => Box::new(Discretised { law, scheme }),
+        _ => Box::new(Discretised { law, scheme: Method::<4> }), // they all stand in METHODS
+    }
+}
+
+/// As [`recursion`], of `typed`, the same law in types that leave less to choose, if the scheme is one
+/// of a single stage: with more of them it is the arithmetic that takes the time.
+fn typed<L, Typed>(law: L, typed: Typed, scheme: Discretisation) -> Box<dyn Recursion>
+where
+    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Send + Sync + 'static,
+    Typed: ContinuousLaw<f64> + Send + Sync + 'static,
+    Typed::Input: Memory<f64>,
+{
+    match scheme {
+        Discretisation::Euler => Box::new(Discretised { law: typed, scheme: Euler }),
+        Discretisation::StaggeredEuler => {
+            Box::new(Discretised { law: typed, scheme: StaggeredEuler })
+        }
+        Discretisation::RungeKutta(_) => recursion(law, scheme),
     }
 }
 
@@ -281,8 +270,8 @@ fn standard<const N: usize>(
         AnyGain::Constant(gain) => {
             let law = StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?;
             let recursion = match model {
-                AnyModel::Unknown => recursion(law.typed::<_, _, 0>(gain, Unknown), scheme),
-                AnyModel::Input(known) => recursion(law.typed::<_, _, 1>(gain, known), scheme),
+                AnyModel::Unknown => typed(law, law.typed::<_, _, 0>(gain, Unknown), scheme),
+                AnyModel::Input(known) => typed(law, law.typed::<_, _, 1>(gain, known), scheme),
                 _ => recursion(law, scheme),
             };
             boxed!(N, law, scheme, model, recursion)
@@ -327,10 +316,10 @@ fn low_power<const N: usize>(
             let law = LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
             let recursion = match (model, saturation) {
                 (AnyModel::Unknown, AnySaturation::None) => {
-                    recursion(law.typed::<_, _, 0>(Unknown, NoSaturation), scheme)
+                    typed(law, law.typed::<_, _, 0>(Unknown, NoSaturation), scheme)
                 }
                 (AnyModel::Input(known), AnySaturation::None) => {
-                    recursion(law.typed::<_, _, 1>(known, NoSaturation), scheme)
+                    typed(law, law.typed::<_, _, 1>(known, NoSaturation), scheme)
                 }
                 _ => recursion(law, scheme),
             };
@@ -530,7 +519,8 @@ impl Observer {
     }
 
     /// Run over a record: times (N,) or a period, samples (N, n_y), inputs (N, n_u), memory to start
-    /// from. Gives the record and the track, and what there is to find fault with.
+    /// from. Gives the track, a copy of the samples, and what there is to find fault with.
+    #[pyo3(signature = (t, y, u, memory0, innovation=true))]
     fn run<'py>(
         &self,
         py: Python<'py>,
@@ -538,21 +528,21 @@ impl Observer {
         y: &Bound<'py, PyAny>,
         u: &Bound<'py, PyAny>,
         memory0: &Bound<'py, PyAny>,
+        innovation: bool,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let (n_y, n_u) = (self.inner.n_y(), self.inner.n_u());
         let y = contiguous(y)?;
-        let samples = y.len() / n_y;
-        let y = checked_size("y", y, samples * n_y)?;
-        let period = t.cast::<PyFloat>().ok().map(PyFloatMethods::value);
-        let given = if period.is_none() { Some(sized("t", t, samples)?) } else { None };
-        let u = sized("u", u, samples * n_u)?;
+        let samples = y.len() / self.inner.n_y();
+        let y = checked_size("y", y, samples * self.inner.n_y())?;
+        let period = t.cast::<PyFloat>().ok().map(|t| Clock::Period(t.value()));
+        let times = if period.is_none() { Some(sized("t", t, samples)?) } else { None };
+        let u = sized("u", u, samples * self.inner.n_u())?;
         let mut memory = sized("memory0", memory0, self.memory_len)?.as_slice()?.to_vec();
-        let clock = match (&given, period) {
-            (Some(t), _) => Clock::Times(t.as_slice()?),
-            (None, period) => Clock::Period(period.unwrap_or(f64::NAN)),
+        let clock = match &times {
+            Some(t) => Clock::Times(t.as_slice()?),
+            None => period.unwrap_or(Clock::Times(&[])),
         };
-        let given = Given { clock, y: y.as_slice()?, u: u.as_slice()? };
-        record::run(py, &*self.inner, given, &mut memory)
+        let record = (clock, y.as_slice()?, u.as_slice()?);
+        record::run(py, &*self.inner, &mut memory, record, innovation)
     }
 }
 

@@ -1,6 +1,6 @@
 //! An observer in use from Python, a sample a call: law, memory and clock.
 //!
-//! A call that is surely sound (numbers, the step of the call before) costs its step and its array.
+//! A call that is surely sound (numbers, no step longer than before) costs its step and its array.
 //! Every other one is handed to the checks in Python, which have the words for what is wrong.
 
 use super::errors::refused;
@@ -30,10 +30,8 @@ pub struct Online {
     /// Time since the start [s].
     #[pyo3(get, set, name = "_time")]
     time: f64,
-    /// The last step that was found stable.
-    checked_dt: f64,
-    /// Let `step` and `run` use a step beyond the stability limit.
-    #[pyo3(get, set)]
+    /// The longest step that was found stable: shorter ones are.
+    stable_dt: f64,
     allow_unstable: bool,
     /// How far start-up peaks may rise above the samples.
     lift: f64,
@@ -82,7 +80,7 @@ impl Online {
             next: Vec::new(),
             shown: None,
             time: 0.0,
-            checked_dt: f64::NAN,
+            stable_dt: 0.0,
             allow_unstable: false,
             lift: 1.0,
         }
@@ -94,14 +92,15 @@ impl Online {
         self.memory = law.get().law().initial();
         self.next = self.memory.clone();
         self.law = Some(law.unbind());
-        self.allow_unstable = allow_unstable;
-        self.lift = lift;
+        (self.shown, self.time, self.stable_dt) = (None, 0.0, 0.0);
+        (self.allow_unstable, self.lift) = (allow_unstable, lift);
     }
 
     /// Where it stands, (m,): x_hat first, then auxiliary states, then the gain r where it moves.
     #[getter]
     fn memory<'py>(&mut self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        let shown = self.shown.get_or_insert_with(|| PyArray1::from_slice(py, &self.memory).unbind());
+        let shown =
+            self.shown.get_or_insert_with(|| PyArray1::from_slice(py, &self.memory).unbind());
         shown.bind(py).clone()
     }
 
@@ -115,6 +114,18 @@ impl Online {
         };
         slf.borrow_mut().shown = Some(array.unbind());
         Ok(())
+    }
+
+    /// Let `step` and `run` use a step beyond the stability limit.
+    #[getter]
+    fn allow_unstable(&self) -> bool {
+        self.allow_unstable
+    }
+
+    #[setter]
+    fn set_allow_unstable(&mut self, allow_unstable: bool) {
+        self.allow_unstable = allow_unstable;
+        self.stable_dt = 0.0;
     }
 
     /// The largest magnitude of a memory that did not diverge, from those of start and samples.
@@ -155,17 +166,17 @@ impl Online {
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let py = slf.py();
-        let (n, n_y, n_u, checked_dt, time) = {
+        let (n, n_y, n_u, stable_dt, time) = {
             let me = slf.borrow();
             let law = me.law(py)?.law();
-            (law.n(), law.n_y(), law.n_u(), me.checked_dt, me.time)
+            (law.n(), law.n_y(), law.n_u(), me.stable_dt, me.time)
         };
         let place = out.map(|out| place(slf, out, n)).transpose()?;
         let dt = match dt.cast::<PyFloat>() {
-            Ok(dt) if dt.value() == checked_dt => checked_dt,
+            Ok(dt) if 0.0 < dt.value() && dt.value() <= stable_dt => dt.value(),
             _ => {
                 let dt = slf.call_method1(intern!(py, "_checked_dt"), (dt,))?.extract()?;
-                slf.borrow_mut().checked_dt = dt;
+                slf.borrow_mut().stable_dt = stable_dt.max(dt);
                 dt
             }
         };
