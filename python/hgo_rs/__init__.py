@@ -17,7 +17,16 @@ if TYPE_CHECKING:
         FixedStep,
         StochasticApproximation,
     )
-    from hgo_rs.models import Crackle, InputGain, Lee, Model, SanfelicePraly, Ship, Unknown, VanDerPol
+    from hgo_rs.models import (
+        Crackle,
+        InputGain,
+        Lee,
+        Model,
+        SanfelicePraly,
+        Ship,
+        Unknown,
+        VanDerPol,
+    )
     from hgo_rs.noise import (
         Noise,
         NormalNoise,

@@ -215,12 +215,13 @@ class Observer(_core.Online):
 
     def _no_place(self, out: Any) -> HgoError:
         allowed = f"a writeable, contiguous float64 array of shape ({self.n},)"
-        shown = type(out).__name__
-        if isinstance(out, np.ndarray):
-            kinds = {"read-only": not out.flags.writeable, "strided": not out.flags.contiguous}
-            named = [kind for kind, holds in kinds.items() if holds]
-            shown = " ".join([*named, f"{out.dtype} array of shape {out.shape}"])
-        return HgoError(f"out is a {shown}: must be {allowed}; give numpy.empty({self.n})")
+        remedy = f"give numpy.empty({self.n})"
+        if not isinstance(out, np.ndarray):
+            return HgoError(explain("out", out, allowed, remedy))
+        flags = {"writeable": "read-only", "c_contiguous": "strided", "aligned": "unaligned"}
+        lacks = [word for flag, word in flags.items() if not getattr(out.flags, flag)]
+        shown = ", ".join([f"out of shape {out.shape}", str(out.dtype), *lacks])
+        return HgoError(f"{shown}: must be {allowed}; {remedy}")
 
     def _divergence(self) -> HgoError:
         return HgoError(f"the estimate would diverge at t = {self._time:g} s: {_TAMER}")

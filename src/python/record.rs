@@ -24,11 +24,11 @@ pub enum Clock<'a> {
 }
 
 impl Clock<'_> {
-    /// Time of sample k; NaN after the last one.
+    /// Time of sample k, which is also given as a number; NaN after the last one.
     #[inline(always)]
-    fn at(&self, k: usize) -> f64 {
+    fn at(&self, k: usize, number: f64) -> f64 {
         match self {
-            Self::Period(period) => k as f64 * period,
+            Self::Period(period) => number * period,
             Self::Times(t) => t.get(k).copied().unwrap_or(f64::NAN),
         }
     }
@@ -52,7 +52,7 @@ pub struct Pass<'a> {
 /// What there is to find fault with.
 #[derive(Clone, Copy, Default)]
 pub struct Findings {
-    /// A time that is not finite or does not increase, or an input that is not finite.
+    /// A time that does not increase, or an input that is not finite.
     unsound: bool,
     /// The longest step over which a sample corrects, and where it begins.
     longest: f64,
@@ -75,45 +75,56 @@ where
     let (p, m, count) = (O::Measurement::LEN, O::State::LEN, pass.missing.len());
     let q = pass.u.len().checked_div(count).unwrap_or(0);
     let filters = O::TIMING == Timing::Current;
-    let (mut z, mut found) = (O::State::read(memory), pass.found);
+    let (clock, u, mut found) = (pass.clock, pass.u, pass.found);
+    let given = pass.given[by(p, &samples)].chunks_exact(p);
+    let kept = pass.y[by(p, &samples)].chunks_exact_mut(p);
+    let marks = pass.missing[samples.clone()].iter_mut().zip(&mut pass.status[samples.clone()]);
+    let rows = pass.memory[by(m, &samples)].chunks_exact_mut(m);
+
+    let mut z = O::State::read(memory);
     let (mut largest, mut spoilt) = (O::State::zero(), O::State::zero());
-    let mut t = pass.clock.at(samples.start);
-    let mut before = pass.clock.at(samples.start.saturating_sub(1));
-    for k in samples {
-        let (is_last, next) = (k + 1 == count, pass.clock.at(k + 1));
+    let mut number = samples.start as f64;
+    let mut t = clock.at(samples.start, number);
+    let mut before = clock.at(samples.start.saturating_sub(1), (number - 1.0).max(0.0));
+    for ((((given, kept), (missing, status)), row), k) in
+        given.zip(kept).zip(marks).zip(rows).zip(samples.clone())
+    {
+        number += 1.0;
+        let (is_last, next) = (k + 1 == count, clock.at(k + 1, number));
         let since = t - before;
         let dt = if is_last { since } else { next - t };
-        found.unsound |= !t.is_finite() | !(dt > 0.0 || is_last);
+        found.unsound |= !(dt > 0.0 || is_last);
 
-        let row = &pass.given[k * p..(k + 1) * p];
-        pass.y[k * p..(k + 1) * p].copy_from_slice(row);
-        let mut missing = false;
-        for y in row {
+        *missing = false;
+        for (kept, y) in kept.iter_mut().zip(given) {
+            *kept = *y;
             found.largest_sample = larger(found.largest_sample, *y);
-            missing |= y.is_nan();
+            *missing |= y.is_nan();
         }
-        pass.missing[k] = missing;
         // a step over which nothing is corrected may be of any length
         let (corrected, from) = if filters { (since, k.saturating_sub(1)) } else { (dt, k) };
-        let corrects = !missing && (filters || !is_last);
-        if corrects && corrected > found.longest {
+        if corrected > found.longest && !*missing && (filters || !is_last) {
             (found.longest, found.longest_from) = (corrected, from);
         }
+        let mut told = O::Input::read(&[]);
+        if O::Input::LEN > 0 {
+            let u = u.get(k * q..(k + 1) * q).unwrap_or(&[]);
+            found.unsound |= !u.iter().all(|u| u.is_finite());
+            told = O::Input::read(u);
+        }
 
-        let u = pass.u.get(k * q..(k + 1) * q).unwrap_or(&[]);
-        found.unsound |= !u.iter().all(|u| u.is_finite());
-        let (y, u) = (O::Measurement::read(row), O::Input::read(u));
-        if let Some(row) = pass.innovation.get_mut(k * p..(k + 1) * p) {
+        let y = O::Measurement::read(given);
+        if filters && let Some(row) = pass.innovation.get_mut(k * p..(k + 1) * p) {
             observer.innovation(&z, &y).write(row);
         }
-        let mut shown = z;
-        let status = observer.step(&mut z, &y, &u, t, dt);
-        shown = if filters { z } else { shown };
-        shown.write(&mut pass.memory[k * m..(k + 1) * m]);
+        let start = z;
+        let made = observer.step(&mut z, &y, &told, t, dt);
+        let shown = if filters { z } else { start };
+        shown.write(row);
         largest = largest.zip(&shown, larger);
         spoilt = spoilt.zip(&shown, |sum, z| sum + (z - z)); // NaN once z is not finite
-        pass.status[k] = status as u8;
-        if status == Status::ModelUndefined && !missing && found.undefined.is_none() {
+        *status = made as u8;
+        if made == Status::ModelUndefined && !*missing && found.undefined.is_none() {
             found.undefined = Some(k);
         }
         (before, t) = (t, next);
@@ -122,6 +133,19 @@ where
     largest.visit(&mut |z| found.largest = larger(found.largest, z));
     spoilt.visit(&mut |sum| found.largest += sum);
     pass.found = found;
+    if !filters && let Some(innovation) = pass.innovation.get_mut(by(p, &samples)) {
+        let rows = pass.memory[by(m, &samples)].chunks_exact(m);
+        let y = pass.y[by(p, &samples)].chunks_exact(p);
+        for ((innovation, z), y) in innovation.chunks_exact_mut(p).zip(rows).zip(y) {
+            let (z, y) = (O::State::read(z), O::Measurement::read(y));
+            observer.innovation(&z, &y).write(innovation);
+        }
+    }
+}
+
+/// Where `rows` of this width stand in a flat array.
+fn by(width: usize, rows: &Range<usize>) -> Range<usize> {
+    rows.start * width..rows.end * width
 }
 
 /// The larger magnitude; NaN is passed over in `value`.
@@ -175,7 +199,9 @@ pub fn run<'py>(
         out.set_item("innovation", innovations)?;
     }
     out.set_item("status", status)?;
-    out.set_item("sound", !found.unsound && found.largest_sample < f64::INFINITY)?;
+    let ends = [0, samples.saturating_sub(1)].map(|k| clock.at(k, k as f64)); // the others lie between
+    let finite = ends.iter().all(|t| t.is_finite()) && found.largest_sample.is_finite();
+    out.set_item("sound", finite && !found.unsound)?;
     out.set_item("longest_step", (found.longest_from, found.longest))?;
     out.set_item("undefined", found.undefined)?;
     out.set_item("largest_sample", found.largest_sample)?;
