@@ -3,7 +3,7 @@ from typing import Any, Literal, final, overload
 
 import numpy as np
 import numpy.typing as npt
-from typing_extensions import Self
+from typing_extensions import Self, disjoint_base
 
 __all__ = [
     "Observer",
@@ -54,6 +54,7 @@ class Observer:
         innovation: bool = True,
     ) -> dict[str, Any]: ...
 
+@disjoint_base
 class Online:
     memory: _Array
     allow_unstable: bool

@@ -3,7 +3,7 @@
 use super::design::order_refused;
 use super::errors::refused;
 use super::interrupt::StopFlag;
-use super::record::{self, Clock, Pass};
+use super::record::{self, Block, Clock};
 use super::spec::{Spec, contiguous};
 use super::study::{self, Plan, StudyResult};
 use super::systems::{AnyModel, read_ship, read_van_der_pol};
@@ -24,7 +24,6 @@ use nalgebra::SVector;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyFloat, PyFloatMethods};
-use std::ops::Range;
 
 /// The adaptive and the dead-zone law behind one memory r.
 #[derive(Clone, Copy)]
@@ -125,7 +124,7 @@ fn read_method(spec: &Spec<'_>) -> PyResult<Discretisation> {
 pub trait Recursion: Send + Sync {
     fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status;
     /// See [`record::advance`].
-    fn advance(&self, memory: &mut [f64], samples: Range<usize>, pass: &mut Pass<'_>);
+    fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64;
 }
 
 impl<O> Recursion for O
@@ -140,8 +139,8 @@ where
         z.write(memory);
         status
     }
-    fn advance(&self, memory: &mut [f64], samples: Range<usize>, pass: &mut Pass<'_>) {
-        record::advance(self, memory, samples, pass);
+    fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64 {
+        record::advance(self, memory, block)
     }
 }
 
