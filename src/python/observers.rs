@@ -13,8 +13,8 @@ use crate::memory::Memory;
 use crate::model::Unknown;
 use crate::models::Correction;
 use crate::observer::{
-    ContinuousLaw, Discretisation, Discretised, Euler, METHODS, Method, Observer as CoreObserver,
-    StaggeredEuler, Status, Timing,
+    ContinuousLaw, Discretisation, Discretised, METHODS, Method, Observer as CoreObserver, Status,
+    Timing,
 };
 use crate::observers::{
     HardClip, LowPower, ModifiedObserver, NoSaturation, ReducedOrderObserver, RepelledCollection,
@@ -212,23 +212,6 @@ where
     }
 }
 
-/// As [`recursion`], of `typed`, the same law in types that leave less to choose, if the scheme is one
-/// of a single stage: with more of them it is the arithmetic that takes the time.
-fn typed<L, Typed>(law: L, typed: Typed, scheme: Discretisation) -> Box<dyn Recursion>
-where
-    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Send + Sync + 'static,
-    Typed: ContinuousLaw<f64> + Send + Sync + 'static,
-    Typed::Input: Memory<f64>,
-{
-    match scheme {
-        Discretisation::Euler => Box::new(Discretised { law: typed, scheme: Euler }),
-        Discretisation::StaggeredEuler => {
-            Box::new(Discretised { law: typed, scheme: StaggeredEuler })
-        }
-        Discretisation::RungeKutta(_) => recursion(law, scheme),
-    }
-}
-
 /// A continuous law whose studies are `study`, and which steps by `recursion`.
 fn continuous<L>(
     law: L,
@@ -269,8 +252,8 @@ fn standard<const N: usize>(
         AnyGain::Constant(gain) => {
             let law = StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?;
             let recursion = match model {
-                AnyModel::Unknown => typed(law, law.typed::<_, _, 0>(gain, Unknown), scheme),
-                AnyModel::Input(known) => typed(law, law.typed::<_, _, 1>(gain, known), scheme),
+                AnyModel::Unknown => recursion(law.typed::<_, _, 0>(gain, Unknown), scheme),
+                AnyModel::Input(known) => recursion(law.typed::<_, _, 1>(gain, known), scheme),
                 _ => recursion(law, scheme),
             };
             boxed!(N, law, scheme, model, recursion)
@@ -315,10 +298,10 @@ fn low_power<const N: usize>(
             let law = LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
             let recursion = match (model, saturation) {
                 (AnyModel::Unknown, AnySaturation::None) => {
-                    typed(law, law.typed::<_, _, 0>(Unknown, NoSaturation), scheme)
+                    recursion(law.typed::<_, _, 0>(Unknown, NoSaturation), scheme)
                 }
                 (AnyModel::Input(known), AnySaturation::None) => {
-                    typed(law, law.typed::<_, _, 1>(known, NoSaturation), scheme)
+                    recursion(law.typed::<_, _, 1>(known, NoSaturation), scheme)
                 }
                 _ => recursion(law, scheme),
             };

@@ -183,13 +183,17 @@ impl Online {
         let none = py.None();
         let (mut sample, mut input) = ([f64::NAN; WIDEST], [0.0; WIDEST]);
         let (sample, input) = (&mut sample[..n_y], &mut input[..n_u]);
-        if !y.is_none() && !(read(y, sample) && !sample.iter().any(|y| y.is_infinite())) {
+        let sampled = y.is_none() || (read(y, sample) && !sample.iter().any(|y| y.is_infinite()));
+        if !sampled {
             ask(slf, intern!(py, "_checked_sample"), y, sample)?;
         }
         let u = u.unwrap_or(none.bind(py));
-        if !(n_u == 0 && u.is_none())
-            && !(n_u > 0 && read(u, input) && input.iter().all(|u| u.is_finite()))
-        {
+        let told = if n_u == 0 {
+            u.is_none()
+        } else {
+            read(u, input) && input.iter().all(|u| u.is_finite())
+        };
+        if !told {
             ask(slf, intern!(py, "_checked_input"), u, input)?;
         }
         if time == 0.0 {

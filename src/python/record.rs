@@ -81,7 +81,7 @@ where
         let shown = if filters { z } else { before };
         shown.write(row);
         largest = largest.zip(&shown, larger);
-        spoilt = spoilt.zip(&shown, |sum, z| sum + (z - z)); // NaN once z is not finite
+        spoilt = spoilt.zip(&shown, |sum, z| sum + 0.0 * z); // NaN once z is not finite
     }
     z.write(memory);
     if !filters {
@@ -110,7 +110,9 @@ struct Pass<'a> {
     memory: &'a mut [f64],
     innovation: &'a mut [f64],
     status: &'a mut [u8],
-    /// The step before the block.
+    /// Times of the block's samples and of the one after them; the steps between; the step before.
+    t: [f64; BLOCK + 1],
+    dt: [f64; BLOCK],
     since: f64,
     found: Findings,
 }
@@ -137,7 +139,7 @@ impl Pass<'_> {
         let (p, q, m) = (self.observer.n_y(), self.observer.n_u(), self.at.len());
         let (found, len) = (&mut self.found, rows.len());
         let steps = len - usize::from(rows.end == self.missing.len());
-        let (mut t, mut dt) = ([0.0; BLOCK + 1], [0.0; BLOCK]);
+        let (t, dt) = (&mut self.t, &mut self.dt);
         self.clock.read(rows.start, &mut t[..=steps]);
         dt.iter_mut().zip(t.windows(2)).take(steps).for_each(|(dt, t)| *dt = t[1] - t[0]);
         let u = &self.u[by(q, &rows)];
@@ -265,6 +267,8 @@ pub fn run<'py>(
             memory: track.as_slice_mut()?,
             innovation: innovations.as_slice_mut()?,
             status: status.as_slice_mut()?,
+            t: [0.0; BLOCK + 1],
+            dt: [0.0; BLOCK],
             since: 0.0,
             found: Findings::default(),
         };

@@ -159,7 +159,7 @@ fn kind_of(object: &Bound<'_, PyAny>) -> String {
 pub fn contiguous<'py>(object: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
     let numpy = object.py().import("numpy")?;
     // ascontiguousarray makes a scalar an array of one entry
-    Ok(numpy.call_method1("ascontiguousarray", (object, "float64"))?.extract()?)
+    numpy.call_method1("ascontiguousarray", (object, "float64"))?.extract()
 }
 
 /// The same, copied.
@@ -175,10 +175,10 @@ pub fn matrix(py: Python<'_>, values: Vec<f64>, rows: usize) -> PyResult<Bound<'
 }
 
 /// An array whose entries are still to be written.
-pub fn empty<'py, T: Element, const D: usize>(
-    py: Python<'py>,
+pub fn empty<T: Element, const D: usize>(
+    py: Python<'_>,
     shape: [usize; D],
-) -> PyResult<Bound<'py, PyArray<T, Dim<[usize; D]>>>>
+) -> PyResult<Bound<'_, PyArray<T, Dim<[usize; D]>>>>
 where
     Dim<[usize; D]>: Dimension,
 {
