@@ -1,37 +1,53 @@
-"""High-gain observers of the literature: one definition each, from notebook to microcontroller."""
+"""High-gain observers of the literature: one definition each, from notebook to microcontroller.
+
+Each module is loaded when a name of it is first used.
+"""
 
 from __future__ import annotations
 
-from hgo_rs.errors import DesignError, HgoError
-from hgo_rs.gains import (
-    AdaptiveGain,
-    ConstantGain,
-    DeadZoneGain,
-    FixedStep,
-    StochasticApproximation,
-)
-from hgo_rs.models import Crackle, InputGain, Lee, Model, SanfelicePraly, Ship, Unknown, VanDerPol
-from hgo_rs.noise import (
-    Noise,
-    NormalNoise,
-    RecordedNoise,
-    Sines,
-    UniformNoise,
-    filtered_noise,
-)
-from hgo_rs.observers import (
-    LowPowerObserver,
-    ModifiedObserver,
-    Observer,
-    PeakingFreeObserver,
-    ReducedOrderObserver,
-    RepelledCollection,
-    SampledDataObserver,
-    StandardObserver,
-)
-from hgo_rs.results import Gap, RunResult, SimulationResult
-from hgo_rs.simulate import simulate
-from hgo_rs.studies import StudyError, StudyInterrupted, StudyProgress, StudyResult, study
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hgo_rs.errors import DesignError, HgoError
+    from hgo_rs.gains import (
+        AdaptiveGain,
+        ConstantGain,
+        DeadZoneGain,
+        FixedStep,
+        StochasticApproximation,
+    )
+    from hgo_rs.models import (
+        Crackle,
+        InputGain,
+        Lee,
+        Model,
+        SanfelicePraly,
+        Ship,
+        Unknown,
+        VanDerPol,
+    )
+    from hgo_rs.noise import (
+        Noise,
+        NormalNoise,
+        RecordedNoise,
+        Sines,
+        UniformNoise,
+        filtered_noise,
+    )
+    from hgo_rs.observers import (
+        LowPowerObserver,
+        ModifiedObserver,
+        Observer,
+        PeakingFreeObserver,
+        ReducedOrderObserver,
+        RepelledCollection,
+        SampledDataObserver,
+        StandardObserver,
+    )
+    from hgo_rs.results import Gap, RunResult, SimulationResult
+    from hgo_rs.simulation import simulate
+    from hgo_rs.studies import StudyError, StudyInterrupted, StudyProgress, StudyResult, study
 
 __version__ = "0.1.0"
 
@@ -76,3 +92,21 @@ __all__ = [
     "simulate",
     "study",
 ]
+
+_MODULES = ("errors", "gains", "models", "noise", "observers", "results", "simulation", "studies")
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, or a module, on its first use (PEP 562)."""
+    if name in (*_MODULES, "design", "reference", "_core"):
+        return import_module(f"hgo_rs.{name}")
+    if name in __all__:
+        for module in map(import_module, (f"hgo_rs.{name}" for name in _MODULES)):
+            if name in module.__all__:
+                globals()[name] = value = getattr(module, name)
+                return value
+    raise AttributeError(f"module 'hgo_rs' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_MODULES})

@@ -3,9 +3,11 @@ from typing import Any, Literal, final, overload
 
 import numpy as np
 import numpy.typing as npt
+from typing_extensions import Self, disjoint_base
 
 __all__ = [
     "Observer",
+    "Online",
     "coefficients_from_poles",
     "coupled_paths",
     "filtered",
@@ -49,7 +51,25 @@ class Observer:
         y: npt.ArrayLike,
         u: npt.ArrayLike,
         memory0: npt.ArrayLike,
+        innovation: bool = True,
     ) -> dict[str, Any]: ...
+
+@disjoint_base
+class Online:
+    memory: _Array
+    allow_unstable: bool
+    _time: float
+    def __new__(cls, *_args: Any, **_kwargs: Any) -> Self: ...
+    def __init__(self, law: Observer, lift: float, allow_unstable: bool) -> None: ...
+    def step(
+        self,
+        y: npt.ArrayLike | None,
+        u: npt.ArrayLike | None = None,
+        *,
+        dt: float,
+        out: _Array | None = None,
+    ) -> _Array: ...
+    def _bound(self, start: float, samples: float) -> float: ...
 
 def simulate(spec: Mapping[str, Any]) -> dict[str, Any]: ...
 def coupled_paths(spec: Mapping[str, Any]) -> dict[str, _Array]: ...

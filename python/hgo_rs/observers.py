@@ -51,11 +51,9 @@ METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-sh
 
 _TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
 _MARK = "mark a missing sample as NaN"
-_DIVERGED = 1e12
-"""An estimate beyond this many times what the samples and the gain's powers explain diverged."""
 
 
-class Observer:
+class Observer(_core.Online):
     """An observer of the compiled core. Use one of its subclasses.
 
     Attributes
@@ -65,19 +63,34 @@ class Observer:
     n, n_y, n_u : int
         Numbers of estimated states, measured outputs, known inputs.
     memory : (m,) ndarray
-        Where it stands: x_hat first, then auxiliary states, then the gain r where it moves.
+        Where it stands: x_hat first, then auxiliary states, then the gain r where it moves. A step
+        makes a new one.
+    allow_unstable : bool
+        Let `step` and `run` use a step beyond the stability limit.
     """
 
     def __init__(self, spec: dict[str, Any], *, allow_unstable: bool = False) -> None:
         self.spec = spec
-        self.allow_unstable = bool(allow_unstable)
         self._core = _core.Observer(spec)
         self.n: int = self._core.n
         self.n_y: int = self._core.n_y
         self.n_u: int = self._core.n_u
-        self._time = 0.0
-        self._checked_dt = np.nan
-        self.memory: Array = self._core.initial()
+        law = spec.get("gain")
+        ell = law["ell"] if isinstance(law, dict) and "ell" in law else 1.0
+        with np.errstate(over="ignore"):  # start-up peaks reach ell^(n-1), Astolfi et al.
+            lift = float(np.power(max(1.0, ell), self.n))
+        super().__init__(self._core, lift, bool(allow_unstable))
+
+    def __getstate__(self) -> tuple[dict[str, Any], bool, Array, float]:
+        """All that a copy needs, or a pickle."""
+        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
+        return own, self.allow_unstable, self.memory.copy(), self._time
+
+    def __setstate__(self, state: tuple[dict[str, Any], bool, Array, float]) -> None:
+        own, allow_unstable, memory, time = state
+        Observer.__init__(self, own["spec"], allow_unstable=allow_unstable)
+        self.__dict__.update(own)
+        self.memory, self._time = memory, time
 
     # --- memory -------------------------------------------------------------------------------
 
@@ -96,13 +109,15 @@ class Observer:
         return float(law["ell"]) if isinstance(law, dict) and "ell" in law else None
 
     def gains(self, memory: npt.ArrayLike) -> Array | None:
-        """The gain that acts, for memories (..., m): ell, or r; None for laws without one."""
+        """The gain that acts, for memories (..., m): r, or ell (one number shown many times, which
+        cannot be written to); None for laws without one.
+        """
         values = np.asarray(memory, dtype=float)
         index = self._gain_index()
         if index is not None:
             return values[..., index].copy()
         constant = self.gain
-        return None if constant is None else np.full(values.shape[:-1], constant)
+        return None if constant is None else np.broadcast_to(constant, values.shape[:-1])
 
     def _gain_index(self) -> int | None:
         """Where r stands in the memory."""
@@ -119,15 +134,6 @@ class Observer:
         index = self._gain_index()
         if index is not None:
             _initial_gain(float(np.min(memory[..., index])))
-
-    def _bound(self, start: Array, samples: Array) -> float:
-        """The largest magnitude of a memory that did not diverge."""
-        law = self.spec.get("gain")
-        ell = law["ell"] if isinstance(law, dict) and "ell" in law else 1.0
-        given = max(1.0, float(np.max(np.abs(start))), float(np.nanmax(np.abs(samples), initial=0)))
-        with np.errstate(over="ignore"):  # start-up peaks reach ell^(n-1), Astolfi et al.
-            lift = np.power(max(1.0, ell), self.n)
-            return float(min(_DIVERGED * given * lift, np.finfo(np.float64).max))
 
     def initial_memory(
         self, x_hat0: npt.ArrayLike | None = None, *, r0: float | None = None
@@ -178,54 +184,50 @@ class Observer:
             return self.initial_memory(x_hat0, r0=r0)
         alone = x_hat0 is None and r0 is None
         check(alone, "memory0", memory0, "given alone", "give memory0, or x_hat0 and r0")
-        start = _vector(memory0, "memory0", len(self.memory))
+        start = _vector(memory0, "memory0", self._core.memory_len)
         self._check_start(start)
         return start
 
     # --- use ----------------------------------------------------------------------------------
+    # `step` is compiled. It asks these about what it does not know to be sound.
 
-    def step(self, y: npt.ArrayLike | None, u: npt.ArrayLike | None = None, *, dt: float) -> Array:
-        """Take one sample; return the estimate, (n,).
+    def _checked_dt(self, dt: Any) -> float:
+        step = check_number(dt, "dt", above=0.0)
+        self._check_dt(step, self.allow_unstable)
+        return step
 
-        A law with predictor timing returns the estimate for the next sample, dt later; the
-        reduced-order law filters and returns the estimate for this sample.
+    def _checked_sample(self, y: npt.ArrayLike) -> Array:
+        sample = check_array(y, "y", remedy=_MARK).reshape(1, -1)
+        _check_samples(sample, self.n_y)
+        return sample[0]
 
-        Parameters
-        ----------
-        y : float or (n_y,)
-            Sample; None or NaN: missing, the law predicts over it.
-        u : float or (n_u,), optional
-            Known input, held until the next sample.
-        dt : float
-            Time to the next sample [s].
-
-        Raises
-        ------
-        HgoError
-            An infinite sample, an input that is not finite, dt not positive or at or above the
-            stability limit (`allow_unstable=True` in the constructor to study it); an estimate
-            that would diverge: the sample is not taken.
-        """
-        if not isinstance(dt, float) or dt != self._checked_dt:
-            dt = check_number(dt, "dt", above=0.0)
-            self._check_dt(dt, self.allow_unstable)
-            self._checked_dt = dt
-        missing = np.full(self.n_y, np.nan)
-        sample = missing if y is None else check_array(y, "y", remedy=_MARK).reshape(-1)
-        _check_samples(sample.reshape(1, -1), self.n_y)
+    def _checked_input(self, u: npt.ArrayLike | None) -> Array:
         told = _inputs(u, 1, self.n_u)
-        if self._time == 0.0:
-            self._check_start(self.memory)
-        memory, status = self._core.step(self.memory, sample, told, self._time, dt)
-        if not self.allow_unstable and not np.all(
-            np.abs(memory) <= self._bound(self.memory, sample)
-        ):
-            raise HgoError(f"the estimate would diverge at t = {self._time:g} s: {_TAMER}")
-        self.memory = memory
-        self._time += dt
-        if status == 2 and not np.isnan(sample).any():
-            raise HgoError(_undefined(0, sample))
-        return self.memory[: self.n].copy()
+        _check_inputs(told)
+        return told[0]
+
+    def _checked_memory(self, memory: npt.ArrayLike) -> Array:
+        values = check_array(memory, "memory")
+        if values.shape != (self._core.memory_len,):
+            allowed = f"must have {self._core.memory_len} entries"
+            raise HgoError(f"memory of shape {values.shape}: {allowed}")
+        return values
+
+    def _no_place(self, out: Any) -> HgoError:
+        allowed = f"a writeable, contiguous float64 array of shape ({self.n},)"
+        remedy = f"give numpy.empty({self.n})"
+        if not isinstance(out, np.ndarray):
+            return HgoError(explain("out", out, allowed, remedy))
+        flags = {"writeable": "read-only", "c_contiguous": "strided", "aligned": "unaligned"}
+        lacks = [word for flag, word in flags.items() if not getattr(out.flags, flag)]
+        shown = ", ".join([f"out of shape {out.shape}", str(out.dtype), *lacks])
+        return HgoError(f"{shown}: must be {allowed}; {remedy}")
+
+    def _divergence(self) -> HgoError:
+        return HgoError(f"the estimate would diverge at t = {self._time:g} s: {_TAMER}")
+
+    def _no_value(self, sample: list[float]) -> HgoError:
+        return HgoError(_undefined(0, sample))
 
     def run(
         self,
@@ -264,41 +266,42 @@ class Observer:
         """
         allow = self.allow_unstable if allow_unstable is None else bool(allow_unstable)
         samples = _samples(y, self.n_y)
-        count = len(samples)
-        time = _times(t_or_dt, count)
-        told = _inputs(u, count, self.n_u)
-        missing = np.asarray(np.isnan(samples).any(axis=1))
-        # a step over which nothing is corrected may be of any length
-        corrects = ~(missing[1:] if self._core.is_current else missing[:-1])
-        with np.errstate(over="ignore"):
-            steps = np.where(corrects, np.diff(time), 0.0)
-        if corrects.any():
-            k = int(np.argmax(steps))
-            try:
-                self._check_dt(float(steps[k]), allow)
-            except DesignError as error:
-                where = f"after sample {k} (t = {time[k]:g} s), " if np.ndim(t_or_dt) else ""
-                raise DesignError(f"{where}{error}") from None
+        clock = _clock(t_or_dt, len(samples))
+        told = _inputs(u, len(samples), self.n_u)
         start = self._start(x_hat0, r0, memory0)
         self._check_start(start)
-        track = self._core.run(time, samples, told, start)
+        filters = self._core.is_current
+        track = self._core.run(clock, samples, told, start, innovation=filters)
+        if not track["sound"]:
+            _check_samples(track["y"], self.n_y)
+            _check_times(clock)
+            _check_inputs(told)
+
+        def time(k: int) -> float:
+            return clock * k if isinstance(clock, float) else float(clock[k])
+
+        k, longest = track["longest_step"]
+        if longest > 0.0:
+            try:
+                self._check_dt(longest, allow)
+            except DesignError as error:
+                where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
+                raise DesignError(f"{where}{error}") from None
+        if track["undefined"] is not None:
+            raise HgoError(_undefined(track["undefined"], track["y"][track["undefined"]]))
         memory = track["memory"]
-        undefined = (track["status"] == 2) & ~missing
-        if undefined.any():
-            k = int(np.argmax(undefined))
-            raise HgoError(_undefined(k, samples[k]))
-        ok = np.all(np.abs(memory) <= self._bound(start, samples), axis=1)  # false for NaN
-        if not ok.all() and not allow:
-            k = int(np.argmin(ok))
-            raise HgoError(f"the estimate diverged at sample {k} (t = {time[k]:g} s): {_TAMER}")
-        return RunResult(
-            time=time,
+        bound = self._bound(float(np.max(np.abs(start))), track["largest_sample"])
+        if not (track["largest"] <= bound or allow):  # NaN is not within
+            k = int(np.argmin(np.all(np.abs(memory) <= bound, axis=1)))
+            raise HgoError(f"the estimate diverged at sample {k} (t = {time(k):g} s): {_TAMER}")
+        return RunResult.of_run(
+            clock,
+            track.get("innovation"),
             x_hat=memory[:, : self.n],
             auxiliary=memory[:, self.n :],
-            innovation=track["innovation"],
-            missing=missing,
+            missing=track["missing"],
             gain=self.gains(memory),
-            y=samples,
+            y=track["y"],
             memory=memory,
         )
 
@@ -795,18 +798,24 @@ def _saturation(levels: npt.ArrayLike, n: int, model: Model | None) -> list[floa
     return [float(v) for v in values]
 
 
+def _floats(values: npt.ArrayLike, parameter: str, remedy: str = "give numbers") -> Array:
+    """As `check_array`, but an array of floats is taken as it is."""
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        return values
+    return check_array(values, parameter, remedy=remedy)
+
+
 def _samples(y: npt.ArrayLike, n_y: int) -> Array:
-    """Samples (N, n_y), NaN where missing."""
+    """Samples (N, n_y), NaN where missing; what they hold is still to be checked."""
     if isinstance(y, (list, tuple)) and n_y > 1:
         y = [[np.nan] * n_y if row is None else row for row in y]
-    values = check_array(y, "y", remedy=_MARK)
+    values = _floats(y, "y", _MARK)
     if values.ndim == 1 and n_y == 1:
         values = values[:, np.newaxis]
     if values.ndim != 2 or values.shape[1] != n_y or len(values) == 0:
         wanted = "(N,)" if n_y == 1 else f"(N, {n_y})"
         raise HgoError(f"y of shape {values.shape}: must be {wanted} with N >= 1")
-    _check_samples(values, n_y)
-    return np.ascontiguousarray(values)
+    return values
 
 
 def _check_samples(values: Array, channels: int) -> None:
@@ -818,33 +827,36 @@ def _check_samples(values: Array, channels: int) -> None:
         raise HgoError(f"y at sample {k} is infinite: must be finite; {_MARK}")
 
 
-def _times(t_or_dt: npt.ArrayLike, count: int) -> Array:
-    """Sample times (N,) from times or a period."""
-    given = check_array(t_or_dt, "t_or_dt")
+def _clock(t_or_dt: npt.ArrayLike, count: int) -> float | Array:
+    """A sampling period, or times (N,) that are still to be checked."""
+    given = _floats(t_or_dt, "t_or_dt")
     if given.ndim == 0:
         period = check_number(float(given), "dt", above=0.0)
-        with np.errstate(over="ignore"):
-            time = np.arange(count, dtype=np.float64) * period
         allowed = f"such that {count} samples end at a finite time"
-        check(np.isfinite(time[-1]), "dt", period, allowed, "choose a smaller one")
-        return time
+        ends = np.isfinite((count - 1) * period)
+        check(ends, "dt", period, allowed, "choose a smaller one")
+        return period
     if given.shape != (count,):
         raise HgoError(f"t of shape {given.shape}: must be ({count},), one time a sample")
-    bad = ~np.isfinite(given)
+    return given
+
+
+def _check_times(clock: float | Array) -> None:
+    t = np.atleast_1d(clock)
+    bad = ~np.isfinite(t)
     if bad.any():
         raise HgoError(f"t at sample {int(np.argmax(bad))} is not finite: every sample needs one")
-    backward = np.diff(given) <= 0.0
+    backward = t[1:] <= t[:-1]
     if backward.any():
         k = int(np.argmax(backward)) + 1
         raise HgoError(
-            f"t at sample {k} is {given[k]:.9g} s after {given[k - 1]:.9g} s: time must increase; "
+            f"t at sample {k} is {t[k]:.9g} s after {t[k - 1]:.9g} s: time must increase; "
             "sort the record or drop repeated samples"
         )
-    return np.ascontiguousarray(given)
 
 
 def _inputs(u: npt.ArrayLike | None, count: int, n_u: int) -> Array:
-    """Inputs (N, n_u)."""
+    """Inputs (N, n_u); what they hold is still to be checked."""
     if n_u == 0:
         if u is not None and np.size(u) > 0:
             raise HgoError(
@@ -854,19 +866,22 @@ def _inputs(u: npt.ArrayLike | None, count: int, n_u: int) -> Array:
         return np.empty((count, 0))
     if u is None:
         raise HgoError(f"u is missing: this observer's model has {n_u} known input(s)")
-    values = check_array(u, "u")
+    values = _floats(u, "u")
     if values.ndim < 2 and values.size == count * n_u and 1 in (count, n_u):
         values = values.reshape(count, n_u)
     if values.shape != (count, n_u):
         raise HgoError(f"u of shape {values.shape}: must be ({count}, {n_u})")
-    bad = ~np.isfinite(values).all(axis=1)
+    return values
+
+
+def _check_inputs(u: Array) -> None:
+    bad = ~np.isfinite(u).all(axis=1)
     if bad.any():
         raise HgoError(f"u at sample {int(np.argmax(bad))} is not finite: every sample needs one")
-    return np.ascontiguousarray(values)
 
 
-def _undefined(k: int, sample: Array) -> str:
-    shown = ", ".join(f"{value:.6g}" for value in sample)
+def _undefined(k: int, sample: npt.ArrayLike) -> str:
+    shown = ", ".join(f"{value:.6g}" for value in np.asarray(sample))
     return (
         f"the model has no value at sample {k} (y = {shown}): a ship at "
         "rest has no course angle, z_1 = 0 makes atan(0/0) (Katayama, assumption A1); start the "

@@ -59,6 +59,34 @@ class RunResult:
     y: Array
     memory: Array
 
+    @classmethod
+    def of_run(cls, clock: float | Array, innovation: Array | None, **fields: Any) -> RunResult:
+        """A result at times or under a period, whose laws predict unless an innovation is given.
+
+        The times of a period and y - x_hat_1 are computed when they are first asked for.
+        """
+        made = object.__new__(cls)
+        made.__dict__.update(fields)
+        if isinstance(clock, float):
+            made.__dict__["_period"] = clock
+        else:
+            made.__dict__["time"] = np.array(clock)
+        if innovation is not None:
+            made.__dict__["innovation"] = innovation
+        return made
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name == "time" and "_period" in self.__dict__:
+                value = np.arange(len(self.memory), dtype=np.float64) * self._period
+            elif name == "innovation" and "y" in self.__dict__:
+                value = self.y - self.x_hat[:, : self.y.shape[1]]
+            else:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            self.__dict__[name] = value
+            return value
+
     @property
     def gaps(self) -> list[Gap]:
         """Every run of missing samples."""
@@ -124,10 +152,8 @@ class SimulationResult:
 
     Attributes
     ----------
-    mean, rms, max : (R, W, S)
-        Mean, root mean square and largest magnitude of each signal in each window.
-    peak : (R, m)
-        Largest magnitude of each memory entry.
+    metrics : dict
+        What was asked for of `mean`, `rms`, `max` and `peak`.
     settling_time : (R,) [s]
         Last time at which ||x_hat - x|| >= settle; NaN if `settle` was not given.
     diverged_at : (R,) int
@@ -143,10 +169,7 @@ class SimulationResult:
         The experiment as plain data.
     """
 
-    mean: Array
-    rms: Array
-    max: Array
-    peak: Array
+    metrics: dict[str, Array]
     settling_time: Array
     diverged_at: npt.NDArray[np.int64]
     undefined_at: npt.NDArray[np.int64]
@@ -159,6 +182,32 @@ class SimulationResult:
     histogram: dict[str, Array] | None
     n: int
     spec: dict[str, Any]
+
+    def _metric(self, name: str) -> Array:
+        if name not in self.metrics:
+            asked = ", ".join(self.metrics) or "none"
+            raise HgoError(f"{name}: metrics = {asked} was asked for; add {name!r} to metrics")
+        return self.metrics[name]
+
+    @property
+    def mean(self) -> Array:
+        """Mean of each signal in each window, (R, W, S)."""
+        return self._metric("mean")
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square of each signal in each window, (R, W, S)."""
+        return self._metric("rms")
+
+    @property
+    def max(self) -> Array:
+        """Largest magnitude of each signal in each window, (R, W, S)."""
+        return self._metric("max")
+
+    @property
+    def peak(self) -> Array:
+        """Largest magnitude of each memory entry, (R, m)."""
+        return self._metric("peak")
 
     @property
     def std(self) -> Array:

@@ -8,6 +8,8 @@ mod functions;
 mod interrupt;
 mod lanes;
 mod observers;
+mod online;
+mod record;
 mod spec;
 mod study;
 mod systems;
@@ -26,4 +28,6 @@ mod _core {
     use super::functions::{coupled_paths, filtered, mean_covariance, random, simulate};
     #[pymodule_export]
     use super::observers::Observer;
+    #[pymodule_export]
+    use super::online::Online;
 }

@@ -2,26 +2,28 @@
 
 use super::design::order_refused;
 use super::errors::refused;
-use super::interrupt::{StopFlag, interruptible};
-use super::spec::{Spec, matrix, numbers};
+use super::interrupt::StopFlag;
+use super::record::{self, Block, Clock};
+use super::spec::{Spec, contiguous};
 use super::study::{self, Plan, StudyResult};
 use super::systems::{AnyModel, read_ship, read_van_der_pol};
 use crate::dispatch_order;
 use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
-use crate::integrate::Integrator;
 use crate::memory::Memory;
+use crate::model::Unknown;
 use crate::models::Correction;
 use crate::observer::{
-    Discretisation, Discretised, Hold, Observer as CoreObserver, RungeKutta, Status, Timing,
+    ContinuousLaw, Discretisation, Discretised, METHODS, Method, Observer as CoreObserver, Status,
+    Timing,
 };
 use crate::observers::{
     HardClip, LowPower, ModifiedObserver, NoSaturation, ReducedOrderObserver, RepelledCollection,
     SampledDataObserver, Saturation, SmoothSaturation, StandardObserver,
 };
 use nalgebra::SVector;
-use numpy::{IntoPyArray, PyArray1};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyFloat, PyFloatMethods};
 
 /// The adaptive and the dead-zone law behind one memory r.
 #[derive(Clone, Copy)]
@@ -108,46 +110,48 @@ impl<const N: usize> Saturation<f64> for AnySaturation<N> {
     }
 }
 
-const METHODS: [&str; 5] =
+/// What [`METHODS`] are called.
+const METHOD_NAMES: [&str; 5] =
     ["euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine"];
 
 fn read_method(spec: &Spec<'_>) -> PyResult<Discretisation> {
-    let held = |integrator, hold| Discretisation::RungeKutta(RungeKutta { integrator, hold });
     let method = spec.text_or("method", "euler")?;
-    Ok(match method.as_str() {
-        "euler" => Discretisation::Euler,
-        "staggered-euler" => Discretisation::StaggeredEuler,
-        "rk4" => held(Integrator::Rk4, Hold::Measurement),
-        "rk4-innovation-held" => held(Integrator::Rk4, Hold::Innovation),
-        "bogacki-shampine" => held(Integrator::BogackiShampine, Hold::Measurement),
-        other => return Err(spec.unknown("method", other, &METHODS)),
-    })
+    let known = METHOD_NAMES.iter().position(|name| *name == method);
+    known.map(|k| METHODS[k]).ok_or_else(|| spec.unknown("method", &method, &METHOD_NAMES))
 }
 
-/// A record to run over: one row a sample.
-pub struct Record {
-    pub t: Vec<f64>,
-    pub y: Vec<f64>,
-    pub u: Vec<f64>,
+/// A law in discrete time, with its memory as a flat vector.
+pub trait Recursion: Send + Sync {
+    fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status;
+    /// See [`record::advance`].
+    fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64;
 }
 
-/// What a run over a record gives, one row a sample.
-#[derive(Default)]
-pub struct Track {
-    pub memory: Vec<f64>,
-    pub innovation: Vec<f64>,
-    pub status: Vec<u8>,
+impl<O> Recursion for O
+where
+    O: CoreObserver<f64> + Send + Sync,
+    O::Input: Memory<f64>,
+{
+    fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
+        let mut z = O::State::read(memory);
+        let (y, u) = (O::Measurement::read(y), O::Input::read(u));
+        let status = CoreObserver::step(self, &mut z, &y, &u, t, dt);
+        z.write(memory);
+        status
+    }
+    fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64 {
+        record::advance(self, memory, block)
+    }
 }
 
-/// Any observer, with its memory as a flat vector.
+/// Any observer.
 pub trait AnyObserver: Send + Sync {
     fn n(&self) -> usize;
     fn n_y(&self) -> usize;
     fn n_u(&self) -> usize;
     fn is_current(&self) -> bool;
     fn initial(&self) -> Vec<f64>;
-    fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status;
-    fn run(&self, record: &Record, memory0: &[f64], stop: &StopFlag) -> Track;
+    fn recursion(&self) -> &dyn Recursion;
     fn study(&self, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult>;
 }
 
@@ -155,6 +159,8 @@ type Study<O> = fn(&O, &Plan, &StopFlag) -> PyResult<StudyResult>;
 
 struct Boxed<O> {
     observer: O,
+    /// The same observer, its types chosen once for all steps.
+    recursion: Box<dyn Recursion>,
     n: usize,
     n_u: usize,
     study: Study<O>,
@@ -163,8 +169,6 @@ struct Boxed<O> {
 impl<O> AnyObserver for Boxed<O>
 where
     O: CoreObserver<f64> + Send + Sync,
-    O::Measurement: Memory<f64>,
-    O::Input: Memory<f64>,
 {
     fn n(&self) -> usize {
         self.n
@@ -183,42 +187,8 @@ where
         self.observer.initial().write(&mut memory);
         memory
     }
-    fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
-        let mut z = O::State::read(memory);
-        let (y, u) = (O::Measurement::read(y), O::Input::read(u));
-        let status = self.observer.step(&mut z, &y, &u, t, dt);
-        z.write(memory);
-        status
-    }
-    fn run(&self, record: &Record, memory0: &[f64], stop: &StopFlag) -> Track {
-        let samples = record.t.len();
-        let (m, p, q) = (O::State::LEN, O::Measurement::LEN, self.n_u);
-        let mut track = Track {
-            memory: vec![0.0; samples * m],
-            innovation: vec![0.0; samples * p],
-            status: vec![0; samples],
-        };
-        let mut z = O::State::read(memory0);
-        let rows = track.memory.chunks_exact_mut(m).zip(track.innovation.chunks_exact_mut(p));
-        for (k, ((row, innovation), status)) in rows.zip(&mut track.status).enumerate() {
-            if k % 4096 == 0 && stop.is_set() {
-                break;
-            }
-            let y = O::Measurement::read(&record.y[k * p..]);
-            let u = O::Input::read(&record.u[k * q..(k + 1) * q]);
-            let t = record.t[k];
-            let dt = match record.t.get(k + 1) {
-                Some(next) => next - t,
-                None => t - record.t[k.saturating_sub(1)],
-            };
-            self.observer.innovation(&z, &y).write(innovation);
-            let before = z;
-            let outcome = self.observer.step(&mut z, &y, &u, t, dt);
-            let shown = if self.is_current() { &z } else { &before };
-            shown.write(row);
-            *status = outcome as u8;
-        }
-        track
+    fn recursion(&self) -> &dyn Recursion {
+        &*self.recursion
     }
     fn study(&self, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult> {
         (self.study)(&self.observer, plan, stop)
@@ -227,34 +197,46 @@ where
 
 type Continuous<L> = Discretised<L, Discretisation>;
 
-/// Box a continuous law of order N with the plants that it can be simulated with.
-fn continuous<L>(law: L, scheme: Discretisation, n: usize, model: AnyModel) -> Box<dyn AnyObserver>
+/// A continuous law under a scheme that nothing is left to choose in.
+fn recursion<L>(law: L, scheme: Discretisation) -> Box<dyn Recursion>
 where
-    L: crate::observer::ContinuousLaw<f64, Input = SVector<f64, 1>> + Send + Sync + 'static,
+    L: ContinuousLaw<f64> + Send + Sync + 'static,
+    L::Input: Memory<f64>,
 {
-    let study: Study<Continuous<L>> = |_, _, _| Err(refused(study::NO_PLANT));
-    let n_u = usize::from(matches!(model, AnyModel::Input(_)));
-    Box::new(Boxed { observer: Discretised { law, scheme }, n, n_u, study })
+    match METHODS.iter().position(|method| *method == scheme) {
+        Some(0) => Box::new(Discretised { law, scheme: Method::<0> }),
+        Some(1) => Box::new(Discretised { law, scheme: Method::<1> }),
+        Some(2) => Box::new(Discretised { law, scheme: Method::<2> }),
+        Some(3) => Box::new(Discretised { law, scheme: Method::<3> }),
+        _ => Box::new(Discretised { law, scheme: Method::<4> }), // they all stand in METHODS
+    }
 }
 
-/// As [`continuous`], with a study function.
-fn studied<L>(law: L, scheme: Discretisation, n: usize, model: AnyModel) -> Box<dyn AnyObserver>
+/// A continuous law whose studies are `study`, and which steps by `recursion`.
+fn continuous<L>(
+    law: L,
+    scheme: Discretisation,
+    model: AnyModel,
+    recursion: Box<dyn Recursion>,
+    study: Study<Continuous<L>>,
+) -> Box<dyn AnyObserver>
 where
-    L: crate::observer::ContinuousLaw<f64, Input = SVector<f64, 1>> + Send + Sync + 'static,
+    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Send + Sync + 'static,
 {
-    let study: Study<Continuous<L>> =
-        if n == 5 { study::of_order_5::<L> } else { study::of_order_2::<L> };
     let n_u = usize::from(matches!(model, AnyModel::Input(_)));
-    Box::new(Boxed { observer: Discretised { law, scheme }, n, n_u, study })
+    let observer = Discretised { law, scheme };
+    Box::new(Boxed { observer, recursion, n: L::ESTIMATED, n_u, study })
 }
 
 /// Orders 2 and 5 are those of the plants, so only their laws carry a study function.
 macro_rules! boxed {
-    ($n:ident, $law:expr, $scheme:expr, $model:expr) => {
-        if $n == 2 || $n == 5 {
-            Ok(studied($law, $scheme, $n, $model))
-        } else {
-            Ok(continuous($law, $scheme, $n, $model))
+    ($n:ident, $law:expr, $scheme:expr, $model:expr, $recursion:expr) => {
+        match $n {
+            2 => Ok(continuous($law, $scheme, $model, $recursion, study::of_order_2)),
+            5 => Ok(continuous($law, $scheme, $model, $recursion, study::of_order_5)),
+            _ => Ok(continuous($law, $scheme, $model, $recursion, |_, _, _| {
+                Err(refused(study::NO_PLANT))
+            })),
         }
     };
 }
@@ -268,10 +250,17 @@ fn standard<const N: usize>(
     let k = spec.vector::<N>("k", N)?;
     match AnyGain::read(&spec.sub("gain")?)? {
         AnyGain::Constant(gain) => {
-            boxed!(N, StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?, scheme, model)
+            let law = StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?;
+            let recursion = match model {
+                AnyModel::Unknown => recursion(law.typed::<_, _, 0>(gain, Unknown), scheme),
+                AnyModel::Input(known) => recursion(law.typed::<_, _, 1>(gain, known), scheme),
+                _ => recursion(law, scheme),
+            };
+            boxed!(N, law, scheme, model, recursion)
         }
         AnyGain::Moving(gain) => {
-            boxed!(N, StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?, scheme, model)
+            let law = StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?;
+            boxed!(N, law, scheme, model, recursion(law, scheme))
         }
     }
 }
@@ -307,11 +296,20 @@ fn low_power<const N: usize>(
     match AnyGain::read(&spec.sub("gain")?)? {
         AnyGain::Constant(gain) => {
             let law = LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
-            boxed!(N, law, scheme, model)
+            let recursion = match (model, saturation) {
+                (AnyModel::Unknown, AnySaturation::None) => {
+                    recursion(law.typed::<_, _, 0>(Unknown, NoSaturation), scheme)
+                }
+                (AnyModel::Input(known), AnySaturation::None) => {
+                    recursion(law.typed::<_, _, 1>(known, NoSaturation), scheme)
+                }
+                _ => recursion(law, scheme),
+            };
+            boxed!(N, law, scheme, model, recursion)
         }
         AnyGain::Moving(gain) => {
             let law = LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
-            boxed!(N, law, scheme, model)
+            boxed!(N, law, scheme, model, recursion(law, scheme))
         }
     }
 }
@@ -329,11 +327,12 @@ fn collection<const C: usize>(
     };
     let (k, k_bar) = (spec.vector::<N>("k", N)?, spec.vector::<N>("k_bar", N)?);
     let collection = RepelledCollection::<f64, _, N, C, 1>::new(k, k_bar, gain, model)?;
-    Ok(if modified {
-        studied(ModifiedObserver { collection }, scheme, N, model)
+    if modified {
+        let law = ModifiedObserver { collection };
+        boxed!(N, law, scheme, model, recursion(law, scheme))
     } else {
-        studied(collection, scheme, N, model)
-    })
+        boxed!(N, collection, scheme, model, recursion(collection, scheme))
+    }
 }
 
 /// An observer from its spec.
@@ -355,7 +354,8 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
             }
             let observer: SampledDataObserver<_, 2> =
                 SampledDataObserver { model: read_van_der_pol(&known, correction)? };
-            return Ok(Box::new(Boxed { observer, n: 2, n_u: 0, study: study::of_sampled_data }));
+            let (recursion, study) = (Box::new(observer), study::of_sampled_data);
+            return Ok(Box::new(Boxed { observer, recursion, n: 2, n_u: 0, study }));
         }
         "reduced-order" => {
             spec.only(&["kind", "model", "h_bar", "epsilon"])?;
@@ -367,7 +367,8 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
             let h_bar = spec.vector::<3>("h_bar", 3)?;
             let observer =
                 ReducedOrderObserver::new(h_bar, spec.f64("epsilon")?, read_ship(&known)?)?;
-            return Ok(Box::new(Boxed { observer, n: 3, n_u: 2, study: study::of_reduced_order }));
+            let (recursion, study) = (Box::new(observer), study::of_reduced_order);
+            return Ok(Box::new(Boxed { observer, recursion, n: 3, n_u: 2, study }));
         }
         _ => {}
     }
@@ -428,13 +429,22 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
 #[pyclass(frozen, module = "hgo_rs._core")]
 pub struct Observer {
     inner: Box<dyn AnyObserver>,
+    memory_len: usize,
+}
+
+impl Observer {
+    pub fn law(&self) -> &dyn AnyObserver {
+        &*self.inner
+    }
 }
 
 #[pymethods]
 impl Observer {
     #[new]
     fn new(spec: &Bound<'_, PyAny>) -> PyResult<Self> {
-        Ok(Self { inner: build(&Spec::new(spec, "observer")?)? })
+        let inner = build(&Spec::new(spec, "observer")?)?;
+        let memory_len = inner.initial().len();
+        Ok(Self { inner, memory_len })
     }
 
     /// Number of estimated states.
@@ -457,8 +467,8 @@ impl Observer {
 
     /// Number of memory entries.
     #[getter]
-    fn memory_len(&self) -> usize {
-        self.inner.initial().len()
+    pub fn memory_len(&self) -> usize {
+        self.memory_len
     }
 
     /// Whether the estimate at k uses y(k).
@@ -482,14 +492,17 @@ impl Observer {
         t: f64,
         dt: f64,
     ) -> PyResult<(Bound<'py, PyArray1<f64>>, u8)> {
-        let mut memory = sized("memory", memory, self.memory_len())?;
+        let mut memory = sized("memory", memory, self.memory_len)?.as_slice()?.to_vec();
         let y = sized("y", y, self.inner.n_y())?;
         let u = sized("u", u, self.inner.n_u())?;
-        let status = self.inner.step(&mut memory, &y, &u, t, dt);
+        let (y, u) = (y.as_slice()?, u.as_slice()?);
+        let status = self.inner.recursion().step(&mut memory, y, u, t, dt);
         Ok((memory.into_pyarray(py), status as u8))
     }
 
-    /// Run over a record: times (N,), samples (N, n_y), inputs (N, n_u), memory to start from.
+    /// Run over a record: times (N,) or a period, samples (N, n_y), inputs (N, n_u), memory to start
+    /// from. Gives the track, a copy of the samples, and what there is to find fault with.
+    #[pyo3(signature = (t, y, u, memory0, innovation=true))]
     fn run<'py>(
         &self,
         py: Python<'py>,
@@ -497,30 +510,41 @@ impl Observer {
         y: &Bound<'py, PyAny>,
         u: &Bound<'py, PyAny>,
         memory0: &Bound<'py, PyAny>,
+        innovation: bool,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let t = numbers(t)?.values;
-        let samples = t.len();
-        let y = sized("y", y, samples * self.inner.n_y())?;
+        let y = contiguous(y)?;
+        let samples = y.len() / self.inner.n_y();
+        let y = checked_size("y", y, samples * self.inner.n_y())?;
+        let period = t.cast::<PyFloat>().ok().map(|t| Clock::Period(t.value()));
+        let times = if period.is_none() { Some(sized("t", t, samples)?) } else { None };
         let u = sized("u", u, samples * self.inner.n_u())?;
-        let memory0 = sized("memory0", memory0, self.memory_len())?;
-        let record = Record { t, y, u };
-        let track = interruptible(py, |stop| Ok(self.inner.run(&record, &memory0, stop)))?;
-        let out = PyDict::new(py);
-        out.set_item("memory", matrix(py, track.memory, samples)?)?;
-        out.set_item("innovation", matrix(py, track.innovation, samples)?)?;
-        let missing: Vec<bool> = track.status.iter().map(|status| *status == 1).collect();
-        out.set_item("missing", missing.into_pyarray(py))?;
-        out.set_item("status", track.status.into_pyarray(py))?;
-        Ok(out)
+        let mut memory = sized("memory0", memory0, self.memory_len)?.as_slice()?.to_vec();
+        let clock = match &times {
+            Some(t) => Clock::Times(t.as_slice()?),
+            None => period.unwrap_or(Clock::Times(&[])),
+        };
+        let record = (clock, y.as_slice()?, u.as_slice()?);
+        record::run(py, &*self.inner, &mut memory, record, innovation)
     }
 }
 
 /// `len` numbers, whatever their shape.
-fn sized(name: &str, object: &Bound<'_, PyAny>, len: usize) -> PyResult<Vec<f64>> {
-    let given = numbers(object)?;
-    if given.values.len() != len {
-        let message = format!("{name} has shape {:?}; it must hold {len} numbers", given.shape);
+fn sized<'py>(
+    name: &str,
+    object: &Bound<'py, PyAny>,
+    len: usize,
+) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
+    checked_size(name, contiguous(object)?, len)
+}
+
+fn checked_size<'py>(
+    name: &str,
+    given: PyReadonlyArrayDyn<'py, f64>,
+    len: usize,
+) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
+    if given.len() != len {
+        let message = format!("{name} has shape {:?}; it must hold {len} numbers", given.shape());
         return Err(refused(&message));
     }
-    Ok(given.values)
+    Ok(given)
 }

@@ -1,10 +1,14 @@
 //! Specs in, arrays out: dicts whose keys, types and shapes are checked one by one.
 
 use super::errors::refused;
-use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::ndarray::{Dim, Dimension};
+use numpy::{
+    Element, IntoPyArray, PyArray, PyArray2, PyArrayMethods, PyReadonlyArrayDyn,
+    PyUntypedArrayMethods,
+};
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 
 /// A dict with a name for messages.
 pub struct Spec<'py> {
@@ -158,12 +162,16 @@ fn kind_of(object: &Bound<'_, PyAny>) -> String {
     object.get_type().name().map_or_else(|_| "this object".to_owned(), |name| name.to_string())
 }
 
-/// Anything that NumPy reads as an array of numbers.
-pub fn numbers(object: &Bound<'_, PyAny>) -> PyResult<Numbers> {
+/// Anything that NumPy reads as an array of numbers; itself if it is one in C order.
+pub fn contiguous<'py>(object: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
     let numpy = object.py().import("numpy")?;
-    let array = numpy.call_method1("ascontiguousarray", (object, "float64"))?;
-    let array: PyReadonlyArrayDyn<'_, f64> = array.extract()?;
     // ascontiguousarray makes a scalar an array of one entry
+    numpy.call_method1("ascontiguousarray", (object, "float64"))?.extract()
+}
+
+/// The same, copied.
+pub fn numbers(object: &Bound<'_, PyAny>) -> PyResult<Numbers> {
+    let array = contiguous(object)?;
     Ok(Numbers { shape: array.shape().to_vec(), values: array.to_vec()? })
 }
 
@@ -171,4 +179,17 @@ pub fn numbers(object: &Bound<'_, PyAny>) -> PyResult<Numbers> {
 pub fn matrix(py: Python<'_>, values: Vec<f64>, rows: usize) -> PyResult<Bound<'_, PyArray2<f64>>> {
     let columns = values.len().checked_div(rows).unwrap_or(0);
     values.into_pyarray(py).reshape([rows, columns])
+}
+
+/// An array whose entries are still to be written.
+pub fn empty<T: Element, const D: usize>(
+    py: Python<'_>,
+    shape: [usize; D],
+) -> PyResult<Bound<'_, PyArray<T, Dim<[usize; D]>>>>
+where
+    Dim<[usize; D]>: Dimension,
+{
+    let numpy = py.import("numpy")?;
+    let made = numpy.call_method1("empty", (PyTuple::new(py, shape)?, T::get_dtype(py)))?;
+    Ok(made.cast_into()?)
 }

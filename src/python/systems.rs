@@ -1,6 +1,7 @@
 //! The systems that Python can name: what an observer knows, and the plants.
 
 use super::spec::Spec;
+use crate::Scalar;
 use crate::model::{InputGain, Model, PhaseVariable, last, no_input};
 use crate::models::{Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, VanDerPol};
 use nalgebra::SVector;
@@ -28,7 +29,7 @@ impl<const N: usize> Model<f64, N, 1> for AnyModel {
     #[inline(always)]
     fn f_hat(&self, t: f64, x: &SVector<f64, N>, u: &SVector<f64, 1>) -> SVector<f64, N> {
         match self {
-            Self::SanfelicePraly(model) => head(&model.f_hat(t, &head(x), &no_input())),
+            Self::SanfelicePraly(_) => self.known_vector(t, x),
             _ => last(self.phi(t, x, u)),
         }
     }
@@ -38,11 +39,30 @@ impl<const N: usize> PhaseVariable<f64, N, 1> for AnyModel {
     #[inline(always)]
     fn phi(&self, t: f64, x: &SVector<f64, N>, u: &SVector<f64, 1>) -> f64 {
         match self {
-            Self::Unknown | Self::SanfelicePraly(_) => 0.0,
+            Self::Unknown | Self::SanfelicePraly(_) => Scalar::NEG_ZERO,
             Self::Input(model) => model.phi(t, x, u),
+            Self::Lee(_) | Self::VanDerPol(_) | Self::Crackle(_) => self.known(t, x),
+        }
+    }
+}
+
+// Apart, so that a law under a scheme of many stages holds no model many times.
+impl AnyModel {
+    #[inline(never)]
+    fn known_vector<const N: usize>(&self, t: f64, x: &SVector<f64, N>) -> SVector<f64, N> {
+        match self {
+            Self::SanfelicePraly(model) => head(&model.f_hat(t, &head(x), &no_input())),
+            _ => last(Scalar::NEG_ZERO),
+        }
+    }
+
+    #[inline(never)]
+    fn known<const N: usize>(&self, t: f64, x: &SVector<f64, N>) -> f64 {
+        match self {
             Self::Lee(model) => model.phi(t, &head(x), &no_input()),
             Self::VanDerPol(model) => model.phi(t, &head(x), &no_input()),
             Self::Crackle(model) => model.phi(t, &head(x), &no_input()),
+            Self::Unknown | Self::Input(_) | Self::SanfelicePraly(_) => Scalar::NEG_ZERO,
         }
     }
 }

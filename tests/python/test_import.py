@@ -1,6 +1,7 @@
 """What importing costs, what the reference may import, and the stub of the compiled module."""
 
 import ast
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -26,8 +27,12 @@ def imported(statement):
 
 
 def test_import_is_light():
-    modules = imported("import hgo_rs")
-    assert {"hgo_rs", "numpy"} <= modules
+    """The package itself loads nothing: each module comes with the first use of a name of it."""
+    modules = imported("import hgo_rs; dir(hgo_rs); hgo_rs.__all__")
+    assert "hgo_rs" in modules
+    assert modules.isdisjoint({"numpy", *HEAVY})
+    modules = imported("from hgo_rs import *; StandardObserver, simulate, HgoError, Lee")
+    assert "numpy" in modules
     assert modules.isdisjoint(HEAVY)
 
 
@@ -40,6 +45,37 @@ def test_use_is_light():
         "h.simulate(h.Lee(), h.StandardObserver(2, 5.0), x0=[1, 0], dt=0.01, steps=9)"
     )
     assert modules.isdisjoint(HEAVY)
+
+
+def test_names_come_when_they_are_used():
+    """In a fresh interpreter: a name of each module, and modules themselves."""
+    names = ("HgoError", "FixedStep", "Lee", "Sines", "Observer", "Gap", "simulate", "__version__")
+    for name in (*names, "observers", "design", "reference", "_core"):
+        imported(f"import hgo_rs; assert hgo_rs.{name} is not None; from hgo_rs import {name}")
+    imported(
+        "import hgo_rs.simulation, hgo_rs\n"
+        "assert callable(hgo_rs.simulate)\n"
+        "assert hgo_rs.simulate is hgo_rs.simulation.simulate"
+    )
+    assert set(hgo_rs.__all__) <= set(dir(hgo_rs))
+    with pytest.raises(AttributeError, match="'hgo_rs' has no attribute 'observer'"):
+        _ = hgo_rs.observer
+
+
+def test_type_checkers_are_told_every_name():
+    """What they read in place of `__getattr__` is `__all__`, from where it is defined."""
+    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    told = {
+        alias.name: node.module
+        for branch in tree.body
+        if isinstance(branch, ast.If)
+        for node in branch.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert {*told, "__version__"} == set(hgo_rs.__all__)
+    for name, module in told.items():
+        assert getattr(importlib.import_module(module), name) is getattr(hgo_rs, name)
 
 
 def test_public_names_are_there():

@@ -42,10 +42,12 @@ KEYS = (
     "seed",
     "first_run",
     "windows",
+    "metrics",
     "settle",
     "histogram",
     "every",
 )
+METRICS = ("mean", "rms", "max", "peak")
 PLANT_METHODS = (*integrate.DETERMINISTIC, *integrate.STOCHASTIC, "held")
 
 
@@ -254,7 +256,7 @@ def simulate(spec: Spec) -> dict[str, Any]:
 
     ``spec`` needs "plant", "observer", "steps", "schedule", "x0" and "memory0"; optional are
     "mode", "plant_schedule", "plant_method", "substeps", "noise", "runs", "seed", "first_run",
-    "windows", "settle", "histogram" and "every".
+    "windows", "metrics", "settle", "histogram" and "every".
 
     Returns "mean", "rms", "max" (runs, windows, signals), signals = error (n) then extras;
     "peak" (runs, memory_len), "settling_time" (runs,) [s], "histogram" (if asked for), "final_x",
@@ -272,6 +274,9 @@ def simulate(spec: Spec) -> dict[str, Any]:
     first_run = integer(spec.get("first_run", 0), "first_run", least=0)
     mode = choice(spec.get("mode", "sampled"), "mode", ("sampled", "joint"))
     every = integer(spec.get("every", 0), "every", least=0)
+    asked = METRICS if spec.get("metrics") is None else spec["metrics"]
+    for name in asked:
+        choice(name, "metrics", METRICS)
     schedule = schedule_from(member(spec, "schedule", "spec"))
     plant_schedule = schedule
     if spec.get("plant_schedule") is not None:
@@ -350,6 +355,8 @@ def simulate(spec: Spec) -> dict[str, Any]:
     final_x = np.where(running, x, final_x)
     final_memory = np.where(running, memory, final_memory)
     out = metrics.result()
+    for name in set(METRICS) - set(asked):
+        del out[name]
     out["final_x"] = np.ascontiguousarray(final_x.T)
     out["final_memory"] = np.ascontiguousarray(final_memory.T)
     out["diverged_at"] = diverged_at

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hgo_rs.errors import HgoError, check
-from hgo_rs.simulate import execute
+from hgo_rs.simulation import execute
 from hgo_rs.studies.cases import title
 from hgo_rs.studies.result import FRAMES, StudyError, StudyResult
 

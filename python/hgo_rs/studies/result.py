@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from hgo_rs.errors import MissingExtraError, check, check_integer
 from hgo_rs.results import SimulationResult
-from hgo_rs.simulate import METRICS, Experiment, execute, result_of
+from hgo_rs.simulation import METRICS, Experiment, execute, result_of
 from hgo_rs.studies.cases import label, title
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.errors import HgoError, check, check_choice, check_integer, check_number
-from hgo_rs.simulate import BACKENDS, Experiment
+from hgo_rs.simulation import BACKENDS, Experiment
 from hgo_rs.studies.cases import Parameters, experiments, rows_of
 from hgo_rs.studies.pieces import compute, executor_of
 from hgo_rs.studies.progress import StudyProgress, Teller

@@ -97,6 +97,7 @@ def simulate(
     runs: int = 1,
     rng: int | np.random.Generator = 0,
     windows: Sequence[tuple[float, float]] = (),
+    metrics: Sequence[str] | None = None,
     settle: float | None = None,
     histogram: tuple[float, float] | None = None,
     every: int = 0,
@@ -136,6 +137,8 @@ def simulate(
     windows : sequence of (from, to)
         Where mean, RMS and largest magnitude are taken: in seconds for fixed steps, in step
         indices for other schedules; half open.
+    metrics : sequence of str, optional
+        Which of `METRICS` are computed (default: all); the others cost nothing.
     settle : float, optional
         Threshold of ||x_hat - x|| for the settling time.
     histogram : (from, to), optional
@@ -179,6 +182,7 @@ def plan(
     runs: int,
     rng: int | np.random.Generator,
     windows: Sequence[tuple[float, float]],
+    metrics: Sequence[str] | None,
     settle: float | None,
     histogram: tuple[float, float] | None,
     every: int,
@@ -244,6 +248,10 @@ def plan(
         "windows": [_window(pair, "windows", period, steps) for pair in pairs],
         "every": every,
     }
+    if metrics is not None:
+        known = not isinstance(metrics, str) and all(name in METRICS for name in metrics)
+        check(known, "metrics", metrics, f"a list of {', '.join(METRICS)}", "choose among them")
+        spec["metrics"] = list(metrics)
     if plant_schedule is not None:
         spec["plant_schedule"] = plant_schedule.spec
     if settle is not None:
@@ -293,13 +301,9 @@ def execute(spec: dict[str, Any], backend: str) -> dict[str, Any]:
 
 
 def result_of(out: dict[str, Any], experiment: Experiment) -> SimulationResult:
-    """The outputs of an experiment with their names; a metric that was not asked for is None."""
-    out = {**dict.fromkeys(METRICS), **out}
+    """The outputs of an experiment with their names."""
     return SimulationResult(
-        mean=out["mean"],
-        rms=out["rms"],
-        max=out["max"],
-        peak=out["peak"],
+        metrics={name: out[name] for name in METRICS if name in out},
         settling_time=out["settling_time"],
         diverged_at=out["diverged_at"],
         undefined_at=out["undefined_at"],

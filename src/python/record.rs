@@ -1,0 +1,299 @@
+//! A run over a record, in one pass: each block of it is taken in, checked and stepped over.
+//!
+//! What is wrong with a record is found here and said in Python, which has the words for it.
+
+use super::observers::AnyObserver;
+use super::spec::empty;
+use crate::memory::Memory;
+use crate::observer::{Observer, Status, Timing};
+use numpy::PyArrayMethods;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::ops::Range;
+
+/// Samples of a block.
+const BLOCK: usize = 512;
+/// Samples between two looks at Ctrl-C: some ten milliseconds of the slowest law.
+const STRETCH: usize = 32 * BLOCK;
+
+/// When the samples were taken.
+#[derive(Clone, Copy)]
+pub enum Clock<'a> {
+    /// Sample k at k times this.
+    Period(f64),
+    /// At these times.
+    Times(&'a [f64]),
+}
+
+impl Clock<'_> {
+    /// Times of the samples from `first` on, as many as there are.
+    fn read(&self, first: usize, t: &mut [f64]) {
+        match self {
+            Self::Period(period) => {
+                let first = first as f64;
+                for (k, t) in (0_i32..).zip(t) {
+                    *t = (first + f64::from(k)) * period;
+                }
+            }
+            Self::Times(given) => {
+                t.iter_mut().zip(&given[first..]).for_each(|(t, given)| *t = *given);
+            }
+        }
+    }
+}
+
+/// Some samples of a record, a row each.
+pub struct Block<'a> {
+    pub t: &'a [f64],
+    pub dt: &'a [f64],
+    pub y: &'a [f64],
+    pub u: &'a [f64],
+    /// The memory at each sample: before its use, or after it if the law filters.
+    pub memory: &'a mut [f64],
+    /// Empty where it is not asked for.
+    pub innovation: &'a mut [f64],
+    pub status: &'a mut [u8],
+}
+
+/// Step over a block; gives the largest magnitude of a memory's entry, NaN where one is not finite.
+#[inline(always)]
+pub fn advance<O>(observer: &O, memory: &mut [f64], block: Block<'_>) -> f64
+where
+    O: Observer<f64>,
+    O::Input: Memory<f64>,
+{
+    let Block { t, dt, y, u, memory: rows, innovation, status } = block;
+    let (p, m) = (O::Measurement::LEN, O::State::LEN);
+    let q = u.len().checked_div(t.len()).unwrap_or(0);
+    let filters = O::TIMING == Timing::Current;
+    let mut z = O::State::read(memory);
+    let (mut largest, mut spoilt) = (O::State::zero(), O::State::zero());
+    let samples = t.iter().zip(dt).zip(y.chunks_exact(p));
+    let made = rows.chunks_exact_mut(m).zip(status);
+    for (k, (((t, dt), y), (row, status))) in samples.zip(made).enumerate() {
+        let y = O::Measurement::read(y);
+        let u = O::Input::read(u.get(k * q..).unwrap_or(&[]));
+        if filters && let Some(row) = innovation.get_mut(k * p..(k + 1) * p) {
+            observer.innovation(&z, &y).write(row);
+        }
+        let before = z;
+        *status = observer.step(&mut z, &y, &u, *t, *dt) as u8;
+        let shown = if filters { z } else { before };
+        shown.write(row);
+        largest = largest.zip(&shown, larger);
+        spoilt = spoilt.zip(&shown, |sum, z| sum + 0.0 * z); // NaN once z is not finite
+    }
+    z.write(memory);
+    if !filters {
+        let given = rows.chunks_exact(m).zip(y.chunks_exact(p));
+        for (innovation, (z, y)) in innovation.chunks_exact_mut(p).zip(given) {
+            let (z, y) = (O::State::read(z), O::Measurement::read(y));
+            observer.innovation(&z, &y).write(innovation);
+        }
+    }
+    let mut most = 0.0;
+    largest.visit(&mut |z| most = larger(most, z));
+    spoilt.visit(&mut |sum| most += sum);
+    most
+}
+
+/// A record on its way: what is given and what is written, a row a sample.
+struct Pass<'a> {
+    observer: &'a dyn AnyObserver,
+    clock: Clock<'a>,
+    given: &'a [f64],
+    u: &'a [f64],
+    at: &'a mut [f64],
+    /// The samples once more: nobody changes these meanwhile or later.
+    y: &'a mut [f64],
+    missing: &'a mut [bool],
+    memory: &'a mut [f64],
+    innovation: &'a mut [f64],
+    status: &'a mut [u8],
+    /// Times of the block's samples and of the one after them; the steps between; the step before.
+    t: [f64; BLOCK + 1],
+    dt: [f64; BLOCK],
+    since: f64,
+    found: Findings,
+}
+
+/// What there is to find fault with.
+#[derive(Default)]
+struct Findings {
+    /// A time that does not increase, or an input that is not finite.
+    unsound: bool,
+    /// The longest step over which a sample corrects, and where it begins.
+    longest: f64,
+    longest_from: usize,
+    /// The first sample that is there and at which the model has no value.
+    undefined: Option<usize>,
+    /// The largest magnitude of a sample that is there.
+    largest_sample: f64,
+    /// The largest magnitude of a memory's entry; NaN where one is not finite.
+    largest: f64,
+}
+
+impl Pass<'_> {
+    /// Take in, check and step over some samples: block by block, while they are in the cache.
+    fn block(&mut self, rows: Range<usize>) {
+        let (p, q, m) = (self.observer.n_y(), self.observer.n_u(), self.at.len());
+        let (found, len) = (&mut self.found, rows.len());
+        let steps = len - usize::from(rows.end == self.missing.len());
+        let (t, dt) = (&mut self.t, &mut self.dt);
+        self.clock.read(rows.start, &mut t[..=steps]);
+        dt.iter_mut().zip(t.windows(2)).take(steps).for_each(|(dt, t)| *dt = t[1] - t[0]);
+        let u = &self.u[by(q, &rows)];
+        found.unsound |= !all(&dt[..steps], |dt| dt > 0.0) || !all(u, f64::is_finite);
+
+        let y = &mut self.y[by(p, &rows)];
+        y.copy_from_slice(&self.given[by(p, &rows)]);
+        let missing = &mut self.missing[rows.clone()];
+        if p == 1 {
+            missing.iter_mut().zip(&*y).for_each(|(missing, y)| *missing = y.is_nan());
+        } else {
+            let samples = y.chunks_exact(p);
+            missing.iter_mut().zip(samples).for_each(|(none, y)| *none = !all(y, |y| !y.is_nan()));
+        }
+        found.largest_sample = larger(found.largest_sample, largest(y));
+
+        // a step over which nothing is corrected may be of any length; a filter corrects at its end
+        let (before, filters) = (self.since, self.observer.is_current());
+        if larger(before, largest(&dt[..steps])) > found.longest {
+            for (k, missing) in missing.iter().enumerate().take(steps + usize::from(filters)) {
+                let step = if !filters {
+                    dt[k]
+                } else if k == 0 {
+                    before
+                } else {
+                    dt[k - 1]
+                };
+                if !missing && step > found.longest {
+                    found.longest = step;
+                    found.longest_from = rows.start + k - usize::from(filters);
+                }
+            }
+        }
+        self.since = if steps > 0 { dt[steps - 1] } else { before };
+        if steps < len {
+            dt[steps] = self.since; // the last sample of all: as long as the step before it
+        }
+
+        let status = &mut self.status[rows.clone()];
+        let innovation = self.innovation.get_mut(by(p, &rows)).unwrap_or_default();
+        let largest = self.observer.recursion().advance(
+            self.at,
+            Block {
+                t: &t[..len],
+                dt: &dt[..len],
+                y,
+                u,
+                memory: &mut self.memory[by(m, &rows)],
+                innovation,
+                status,
+            },
+        );
+        found.largest =
+            if largest > found.largest || largest.is_nan() { largest } else { found.largest };
+        let undefined = Status::ModelUndefined as u8;
+        if found.undefined.is_none() && status.contains(&undefined) {
+            let there = |(status, missing): (&u8, &bool)| *status == undefined && !missing;
+            let first = status.iter().zip(&*missing).position(there);
+            found.undefined = first.map(|k| rows.start + k);
+        }
+    }
+}
+
+/// Where `rows` of this width stand in a flat array.
+fn by(width: usize, rows: &Range<usize>) -> Range<usize> {
+    rows.start * width..rows.end * width
+}
+
+/// A range in pieces.
+fn pieces(rows: Range<usize>, length: usize) -> impl Iterator<Item = Range<usize>> {
+    let end = rows.end;
+    rows.step_by(length).map(move |start| start..end.min(start + length))
+}
+
+/// Without an early end, so that it is done in vectors.
+fn all(values: &[f64], holds: impl Fn(f64) -> bool) -> bool {
+    values.iter().fold(true, |all, value| all & holds(*value))
+}
+
+/// The largest magnitude of the numbers among `values`, eight at a time for the same reason.
+fn largest(values: &[f64]) -> f64 {
+    let (rows, rest) = values.as_chunks::<8>();
+    let mut lanes = [0.0; 8];
+    for row in rows {
+        for (lane, value) in lanes.iter_mut().zip(row) {
+            *lane = larger(*lane, *value);
+        }
+    }
+    lanes.iter().chain(rest).fold(0.0, |largest, value| larger(largest, *value))
+}
+
+/// The larger magnitude; NaN is passed over in `value`.
+#[inline(always)]
+fn larger(largest: f64, value: f64) -> f64 {
+    if value.abs() > largest { value.abs() } else { largest }
+}
+
+/// Run over a record from `memory` on, which is moved. The innovation is written if asked for.
+pub fn run<'py>(
+    py: Python<'py>,
+    observer: &dyn AnyObserver,
+    memory: &mut [f64],
+    (clock, given, u): (Clock<'_>, &[f64], &[f64]),
+    innovation: bool,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (p, m) = (observer.n_y(), memory.len());
+    let samples = given.len() / p;
+    let y = empty::<f64, 2>(py, [samples, p])?;
+    let missing = empty::<bool, 1>(py, [samples])?;
+    let track = empty::<f64, 2>(py, [samples, m])?;
+    let innovations = empty::<f64, 2>(py, [if innovation { samples } else { 0 }, p])?;
+    let status = empty::<u8, 1>(py, [samples])?;
+    let found = {
+        let (mut y, mut missing) = (y.readwrite(), missing.readwrite());
+        let (mut track, mut status) = (track.readwrite(), status.readwrite());
+        let mut innovations = innovations.readwrite();
+        let mut pass = Pass {
+            observer,
+            clock,
+            given,
+            u,
+            at: memory,
+            y: y.as_slice_mut()?,
+            missing: missing.as_slice_mut()?,
+            memory: track.as_slice_mut()?,
+            innovation: innovations.as_slice_mut()?,
+            status: status.as_slice_mut()?,
+            t: [0.0; BLOCK + 1],
+            dt: [0.0; BLOCK],
+            since: 0.0,
+            found: Findings::default(),
+        };
+        for stretch in pieces(0..samples, STRETCH) {
+            py.check_signals()?;
+            py.detach(|| pieces(stretch, BLOCK).for_each(|block| pass.block(block)));
+        }
+        pass.found
+    };
+    let out = PyDict::new(py);
+    out.set_item("y", y)?;
+    out.set_item("missing", missing)?;
+    out.set_item("memory", track)?;
+    if innovation {
+        out.set_item("innovation", innovations)?;
+    }
+    out.set_item("status", status)?;
+    let mut ends = [0.0; 2]; // the times that increase lie between
+    clock.read(0, &mut ends[..1]);
+    clock.read(samples.saturating_sub(1), &mut ends[1..]);
+    let finite = all(&ends, f64::is_finite) && found.largest_sample.is_finite();
+    out.set_item("sound", finite && !found.unsound)?;
+    out.set_item("longest_step", (found.longest_from, found.longest))?;
+    out.set_item("undefined", found.undefined)?;
+    out.set_item("largest_sample", found.largest_sample)?;
+    out.set_item("largest", found.largest)?;
+    Ok(out)
+}
