@@ -186,7 +186,7 @@ class SimulationResult:
     def _metric(self, name: str) -> Array:
         if name not in self.metrics:
             asked = ", ".join(self.metrics) or "none"
-            raise HgoError(f"{name}: metrics = {asked} was asked for; add {name!r} to metrics")
+            raise HgoError(f"{name} was not asked for: metrics = {asked}; add {name!r} to metrics")
         return self.metrics[name]
 
     @property

@@ -66,6 +66,7 @@ def ours(size: Size, threads: int) -> Call:
             plant_method="rk4",
             runs=size.runs,
             windows=[seconds],
+            metrics=["rms"],
         ).rms[:, 0]
 
     return call
