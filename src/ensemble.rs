@@ -153,6 +153,7 @@ struct Joint<'a, L>(&'a L, Integrator);
 impl<O> Sampled<'_, O> {
     /// One pass over the runs: a draw, if its kind is given; the observer's step; the plant's, if its
     /// scheme is given. Both are told by their names, so that the loop is compiled for them alone.
+    #[allow(clippy::too_many_arguments)]
     #[inline(always)]
     fn pass<T, P, S>(
         &self,

@@ -127,6 +127,11 @@ impl<'a, T: Scalar> LaneMetrics<'a, T> {
         self.value(self.windows.len() * self.stride() + self.signals, lane)
     }
 
+    /// Counts of the histogram's bins; empty without one.
+    pub fn counts(&self) -> &[u64] {
+        self.histogram.as_ref().map_or(&[], |pooled| pooled.histogram.counts())
+    }
+
     fn value(&self, row: usize, lane: usize) -> T {
         self.now.get(row).and_then(|row| row.0.get(lane)).copied().unwrap_or(T::ZERO)
     }

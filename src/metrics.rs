@@ -25,6 +25,7 @@ impl Window {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[allow(clippy::struct_excessive_bools)] // four answers to four questions
 pub struct Wanted {
     /// Means over the windows.
     pub mean: bool,

@@ -431,7 +431,6 @@ impl Plan {
                 result
             };
             let runs = (0..LANES.min(self.runs - first)).map(of_lane).collect();
-            drop(metrics);
             for (sum, count) in pooled.iter().zip(counts) {
                 sum.fetch_add(count, Ordering::Relaxed);
             }

@@ -108,18 +108,20 @@ def test_what_is_asked_for_is_what_all_would_give(
         np.testing.assert_array_equal(some.metrics[name], every.metrics[name])
     np.testing.assert_array_equal(some.final_memory, every.final_memory)
     if "mean" not in asked:
-        with pytest.raises(HgoError, match="mean was not asked for: metrics = .* add 'mean' to metrics"):
+        with pytest.raises(
+            HgoError, match=r"mean was not asked for: metrics = .* add 'mean' to metrics"
+        ):
             _ = some.mean
 
 
 def test_metrics_are_names() -> None:
     for wrong in ("rms", ["median"]):
-        with pytest.raises(HgoError, match="metrics = .*mean, rms, max, peak"):
+        with pytest.raises(HgoError, match=r"metrics = .*mean, rms, max, peak"):
             a_study(metrics=wrong)
 
 
 def test_a_block_pools_its_runs_in_one_histogram() -> None:
-    """37 runs fill a block and a part of one; the twin counts the same, up to a rounding at edges."""
+    """37 runs fill a block and a part of one; the twin counts the same, but for rounding."""
     ours = a_study(runs=37, histogram=(0.02, 0.12)).histogram
     twin = a_study(runs=37, histogram=(0.02, 0.12), backend="numpy").histogram
     assert ours is not None and twin is not None
