@@ -19,7 +19,7 @@
 //!
 //! A file uses lower floors only, or what is named before it on its own: `vectors`, `elementary`,
 //! `scalar`, `error`, `memory`, `measurement`, `polynomial` (0); `gain`, `schedule`, `saturation`, `model`,
-//! `integrate`, `observer`, `noise`, `metrics`, `lanes` (1); `models`, `observers` (2); `simulate`,
+//! `integrate`, `observer`, `noise`, `metrics`, `lanes`, `program` (1); `models`, `observers` (2); `simulate`,
 //! `covariance`, `ensemble`, `estimator` (3); the Python module (4). Up to floor 3 nothing names `std`,
 //! `alloc` or Python, nothing allocates and nothing panics.
 #![cfg_attr(not(feature = "std"), no_std)]
@@ -44,6 +44,7 @@ pub mod noise;
 pub mod observer;
 pub mod observers;
 pub mod polynomial;
+pub mod program;
 #[cfg(feature = "python")]
 mod python;
 pub mod saturation;

@@ -67,6 +67,22 @@ pub trait Scalar:
     /// eˣ.
     #[must_use]
     fn exp(self) -> Self;
+    /// TEMPORARY until merge
+    #[must_use]
+    fn tan(self) -> Self {
+        self.sin() / self.cos()
+    }
+    /// TEMPORARY until merge
+    #[must_use]
+    fn tanh(self) -> Self {
+        let two = Self::ONE + Self::ONE;
+        Self::ONE - two / ((two * self).exp() + Self::ONE)
+    }
+    /// TEMPORARY until merge
+    #[must_use]
+    fn atan2(self, x: Self) -> Self {
+        (self / x).atan()
+    }
     /// xᵖ for x ≥ 0 and a real power p; NaN for x < 0.
     #[must_use]
     fn powf(self, power: Self) -> Self;

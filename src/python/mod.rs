@@ -9,10 +9,13 @@ mod interrupt;
 mod lanes;
 mod observers;
 mod online;
+mod programs;
 mod record;
 mod spec;
 mod study;
 mod systems;
+mod table;
+mod trace;
 
 use pyo3::prelude::*;
 
@@ -30,4 +33,6 @@ mod _core {
     use super::observers::Observer;
     #[pymodule_export]
     use super::online::Online;
+    #[pymodule_export]
+    use super::programs::{evaluate_table, trace_step};
 }

@@ -3,10 +3,12 @@
 use super::design::order_refused;
 use super::errors::refused;
 use super::interrupt::StopFlag;
+use super::programs;
 use super::record::{self, Block, Clock};
 use super::spec::{Spec, contiguous};
 use super::study::{self, Plan, StudyResult};
 use super::systems::{AnyModel, read_ship, read_van_der_pol};
+use crate::Scalar;
 use crate::dispatch_order;
 use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
 use crate::memory::Memory;
@@ -27,34 +29,34 @@ use pyo3::types::{PyDict, PyFloat, PyFloatMethods};
 
 /// The adaptive and the dead-zone law behind one memory r.
 #[derive(Clone, Copy)]
-pub enum MovingGain {
-    Adaptive(AdaptiveGain<f64>),
-    DeadZone(DeadZoneGain<f64>),
+pub enum MovingGain<T = f64> {
+    Adaptive(AdaptiveGain<T>),
+    DeadZone(DeadZoneGain<T>),
 }
 
-impl GainLaw<f64> for MovingGain {
-    type Memory = f64;
+impl<T: Scalar> GainLaw<T> for MovingGain<T> {
+    type Memory = T;
     #[inline(always)]
-    fn initial(&self) -> f64 {
-        1.0
+    fn initial(&self) -> T {
+        T::ONE
     }
     #[inline(always)]
-    fn fixed(&self) -> f64 {
-        1.0
+    fn fixed(&self) -> T {
+        T::ONE
     }
     #[inline(always)]
-    fn moving(&self, r: &f64) -> f64 {
+    fn moving(&self, r: &T) -> T {
         *r
     }
     #[inline(always)]
-    fn rate<const N: usize>(&self, r: &f64, e: f64) -> f64 {
+    fn rate<const N: usize>(&self, r: &T, e: T) -> T {
         match self {
             Self::Adaptive(law) => law.rate::<N>(r, e),
             Self::DeadZone(law) => law.rate::<N>(r, e),
         }
     }
     #[inline(always)]
-    fn admissible(&self, r: f64) -> f64 {
+    fn admissible(&self, r: T) -> T {
         match self {
             Self::Adaptive(law) => law.admissible(r),
             Self::DeadZone(law) => law.admissible(r),
@@ -62,20 +64,20 @@ impl GainLaw<f64> for MovingGain {
     }
 }
 
-enum AnyGain {
-    Constant(ConstantGain<f64>),
-    Moving(MovingGain),
+pub enum AnyGain<T = f64> {
+    Constant(ConstantGain<T>),
+    Moving(MovingGain<T>),
 }
 
-impl AnyGain {
-    fn read(spec: &Spec<'_>) -> PyResult<Self> {
+impl<T: Scalar> AnyGain<T> {
+    pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
         let law = spec.text("law")?;
         if law == "constant" {
             spec.only(&["law", "ell"])?;
-            return Ok(Self::Constant(ConstantGain::new(spec.f64("ell")?)?));
+            return Ok(Self::Constant(ConstantGain::new(T::from_f64(spec.f64("ell")?))?));
         }
         let moving = ["law", "p1", "p2", "b"];
-        let of = |key| spec.f64(key);
+        let of = |key| spec.f64(key).map(T::from_f64);
         match law.as_str() {
             "adaptive" => {
                 spec.only(&moving)?;
@@ -93,15 +95,15 @@ impl AnyGain {
 }
 
 #[derive(Clone, Copy)]
-pub enum AnySaturation<const N: usize> {
+pub enum AnySaturation<const N: usize, T = f64> {
     None,
-    Hard(HardClip<f64, N>),
-    Smooth(SmoothSaturation<f64, N>),
+    Hard(HardClip<T, N>),
+    Smooth(SmoothSaturation<T, N>),
 }
 
-impl<const N: usize> Saturation<f64> for AnySaturation<N> {
+impl<T: Scalar, const N: usize> Saturation<T> for AnySaturation<N, T> {
     #[inline(always)]
-    fn apply(&self, i: usize, eta: f64) -> f64 {
+    fn apply(&self, i: usize, eta: T) -> T {
         match self {
             Self::None => NoSaturation.apply(i, eta),
             Self::Hard(clip) => clip.apply(i, eta),
@@ -110,11 +112,31 @@ impl<const N: usize> Saturation<f64> for AnySaturation<N> {
     }
 }
 
+impl<T: Scalar, const N: usize> AnySaturation<N, T> {
+    /// The saturation of a low-power (none) or peaking-free observer, whose keys are checked.
+    pub fn read(spec: &Spec<'_>, saturated: bool) -> PyResult<Self> {
+        let mut known = vec!["kind", "n", "alpha", "beta", "gain", "model", "method"];
+        if !saturated {
+            spec.only(&known)?;
+            return Ok(Self::None);
+        }
+        known.extend(["saturation", "clip"]);
+        spec.only(&known)?;
+        let levels = spec.vector::<N>("saturation", N - 1)?.map(T::from_f64);
+        let clip = spec.text_or("clip", "hard")?;
+        match clip.as_str() {
+            "hard" => Ok(Self::Hard(HardClip::new(levels)?)),
+            "smooth" => Ok(Self::Smooth(SmoothSaturation::new(levels)?)),
+            other => Err(spec.unknown("clip", other, &["hard", "smooth"])),
+        }
+    }
+}
+
 /// What [`METHODS`] are called.
 const METHOD_NAMES: [&str; 5] =
     ["euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine"];
 
-fn read_method(spec: &Spec<'_>) -> PyResult<Discretisation> {
+pub fn read_method(spec: &Spec<'_>) -> PyResult<Discretisation> {
     let method = spec.text_or("method", "euler")?;
     let known = METHOD_NAMES.iter().position(|name| *name == method);
     known.map(|k| METHODS[k]).ok_or_else(|| spec.unknown("method", &method, &METHOD_NAMES))
@@ -271,20 +293,7 @@ fn low_power<const N: usize>(
     scheme: Discretisation,
     saturated: bool,
 ) -> PyResult<Box<dyn AnyObserver>> {
-    let mut known = vec!["kind", "n", "alpha", "beta", "gain", "model", "method"];
-    let saturation = if saturated {
-        known.extend(["saturation", "clip"]);
-        let levels = spec.vector::<N>("saturation", N - 1)?;
-        let clip = spec.text_or("clip", "hard")?;
-        match clip.as_str() {
-            "hard" => AnySaturation::Hard(HardClip::new(levels)?),
-            "smooth" => AnySaturation::Smooth(SmoothSaturation::new(levels)?),
-            other => return Err(spec.unknown("clip", other, &["hard", "smooth"])),
-        }
-    } else {
-        AnySaturation::None
-    };
-    spec.only(&known)?;
+    let saturation = AnySaturation::<N>::read(spec, saturated)?;
     if matches!(model, AnyModel::SanfelicePraly(_)) {
         return Err(refused(
             "model = 'sanfelice-praly' is not allowed here: the low-power and the peaking-free \
@@ -338,6 +347,9 @@ fn collection<const C: usize>(
 /// An observer from its spec.
 pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
     let kind = spec.text("kind")?;
+    if spec.get("model")?.is_some() && spec.sub("model")?.text_or("kind", "")? == "own" {
+        return programs::build(spec);
+    }
     match kind.as_str() {
         "sampled-data" => {
             spec.only(&["kind", "model", "gain"])?;
