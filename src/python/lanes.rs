@@ -35,7 +35,7 @@ const FORCE: &str = "HGO_INSTRUCTION_SET";
 
 /// The instructions of a study that gains from them and asks for nothing that only single runs give:
 /// the widest of this processor, or those that the environment allows. `None`: one run at a time.
-fn vectors(plan: &Plan) -> PyResult<Option<Vectors>> {
+pub fn vectors(plan: &Plan) -> PyResult<Option<Vectors>> {
     let refuse = |given: &str, allowed: &str| {
         Err(refused(&format!("{FORCE} = {given:?} is not allowed: {allowed}, or leave it unset")))
     };

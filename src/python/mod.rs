@@ -9,6 +9,7 @@ mod interrupt;
 mod lanes;
 mod observers;
 mod online;
+mod program_study;
 mod programs;
 mod record;
 mod spec;

@@ -12,7 +12,7 @@ use super::spec::Spec;
 use super::study::{Plan, StudyResult};
 use super::systems::{AnyModel, read_van_der_pol};
 use super::table::{Compiled, Table};
-use super::trace::{self, Setting, Traced, call, input, inputs, trace};
+use super::trace::{self, Setting, Traced, call, input, inputs, named, trace};
 use crate::Scalar;
 use crate::dispatch_order;
 use crate::memory::Memory;
@@ -234,12 +234,6 @@ impl<'py> Given<'py> {
             _ => Ok(known),
         }
     }
-}
-
-type Named = Vec<(String, Traced)>;
-
-fn named(name: &str, values: &[Traced]) -> Named {
-    values.iter().enumerate().map(|(i, value)| (format!("{name}[{i}]"), *value)).collect()
 }
 
 fn flat<M: Memory<Traced>>(memory: &M) -> Vec<Traced> {
@@ -525,6 +519,32 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
 }
 
 impl Tables {
+    pub fn n(&self) -> usize {
+        self.shape.n
+    }
+    pub fn n_y(&self) -> usize {
+        self.shape.n_y
+    }
+    pub fn n_u(&self) -> usize {
+        self.shape.n_u
+    }
+    pub fn memory_len(&self) -> usize {
+        self.shape.memory
+    }
+    pub fn is_current(&self) -> bool {
+        self.shape.current
+    }
+    pub fn step(&self) -> &Table {
+        &self.step
+    }
+    /// Rate and admissible set of a continuous law.
+    pub fn law(&self) -> Option<&(Table, Table)> {
+        self.law.as_ref()
+    }
+    pub fn parameters(&self) -> &[f64] {
+        &self.parameters
+    }
+
     /// Registers of the step's program before a run.
     fn at_rest<T: Scalar>(&self, step: &Compiled) -> Registers<T> {
         let mut registers = step.registers();
@@ -639,8 +659,9 @@ impl AnyObserver for Programmed {
     fn recursion(&self) -> &dyn Recursion {
         self
     }
+    /// Studies of programs begin at [`simulate`], which has the plant's table too.
     fn study(&self, _plan: &Plan, _stop: &StopFlag) -> PyResult<StudyResult> {
-        Err(refused("not yet"))
+        Err(refused("this computation takes the papers' plants and observers only"))
     }
 }
 

@@ -3,6 +3,7 @@
 use super::errors::refused;
 use super::interrupt::StopFlag;
 use super::lanes::{self, BlockOf};
+use super::observers::read_method;
 use super::spec::{Spec, matrix};
 use super::systems::AnyPlant;
 use crate::ensemble::Block;
@@ -340,6 +341,16 @@ impl Plan {
         self.joint
     }
 
+    /// The integrator of a joint study, from the observer's spec.
+    pub fn joint_integrator(&self, observer: &Spec<'_>) -> PyResult<Option<Integrator>> {
+        if self.joint { joint_integrator(read_method(observer)?).map(Some) } else { Ok(None) }
+    }
+
+    /// The sines of the noise.
+    pub fn sines(&self) -> &[Sine<f64>] {
+        &self.sines
+    }
+
     /// Whether the noise is drawn only.
     pub fn has_no_sines(&self) -> bool {
         self.sines.is_empty()
@@ -407,8 +418,8 @@ impl Plan {
             for lane in 0..LANES {
                 // the last block is filled up with its last run
                 let run = (first + lane).min(self.runs - 1);
-                P::State::read(row(&self.x0, P::State::LEN, run)).store(&mut x, lane);
-                Z::read(row(&self.memory0, Z::LEN, run)).store(&mut z, lane);
+                P::State::read(row(&self.x0, self.plant.len(), run)).store(&mut x, lane);
+                Z::read(row(&self.memory0, self.memory_len, run)).store(&mut z, lane);
             }
             let index = self.first_run.wrapping_add(first as u64);
             let end = go(&experiment, index, Block::new(x, z), &mut metrics)?;
@@ -421,8 +432,8 @@ impl Plan {
                     peak: (0..kept).map(|entry| metrics.peak(entry, lane)).collect(),
                     settling_time: self.settle.map_or(f64::NAN, |_| metrics.settling_time(lane)),
                     frames: Frames::default(),
-                    final_x: vec![0.0; P::State::LEN],
-                    final_memory: vec![0.0; Z::LEN],
+                    final_x: vec![0.0; self.plant.len()],
+                    final_memory: vec![0.0; self.memory_len],
                     diverged_at: Some(sound).filter(|k| *k <= self.steps),
                     undefined_at: Some(end.undefined_at.0[lane]).filter(|k| *k != u64::MAX),
                 };
@@ -469,7 +480,7 @@ impl Plan {
     }
 
     /// All runs of the experiment with `plant`; `go` performs one.
-    fn execute<P, Z>(
+    pub fn execute<P, Z>(
         &self,
         plant: P,
         signals: usize,
@@ -523,8 +534,8 @@ impl Plan {
                 stop,
                 patience: (4096 / u64::from(self.substeps.max(1))).max(1),
             };
-            let x0 = P::State::read(row(&self.x0, P::State::LEN, run));
-            let z0 = Z::read(row(&self.memory0, Z::LEN, run));
+            let x0 = P::State::read(row(&self.x0, self.plant.len(), run));
+            let z0 = Z::read(row(&self.memory0, self.memory_len, run));
             let index = self.first_run.wrapping_add(run as u64);
             let end = go(&experiment(run), index, x0, z0, &mut watch);
             let settling_time =
@@ -535,8 +546,8 @@ impl Plan {
                 peak,
                 settling_time,
                 frames,
-                final_x: vec![0.0; P::State::LEN],
-                final_memory: vec![0.0; Z::LEN],
+                final_x: vec![0.0; self.plant.len()],
+                final_memory: vec![0.0; self.memory_len],
                 diverged_at: end.diverged_at,
                 undefined_at: end.undefined_at,
             };
@@ -597,7 +608,7 @@ struct Frames {
 }
 
 /// Metrics, frames and the user's Ctrl-C.
-struct Watch<'a> {
+pub struct Watch<'a> {
     metrics: RunMetrics<'a, f64>,
     every: u64,
     frames: Frames,
@@ -722,6 +733,19 @@ impl StudyResult {
 
 type Continuous<L> = Discretised<L, Discretisation>;
 
+/// The integrator of plant and observer as one differential equation.
+fn joint_integrator(scheme: Discretisation) -> PyResult<Integrator> {
+    match scheme {
+        Discretisation::Euler => Ok(Integrator::Euler),
+        Discretisation::RungeKutta(RungeKutta { integrator, hold: Hold::Measurement }) => {
+            Ok(integrator)
+        }
+        _ => Err(refused(
+            "method is not allowed in mode 'joint': choose euler, rk4 or bogacki-shampine",
+        )),
+    }
+}
+
 /// A SISO plant with a continuous law, sampled or joint.
 fn with_plant<P, L>(
     observer: &Continuous<L>,
@@ -740,17 +764,7 @@ where
             experiment.sampled(observer, tell, run, x0, z0, watch)
         });
     }
-    let integrator = match observer.scheme {
-        Discretisation::Euler => Integrator::Euler,
-        Discretisation::RungeKutta(RungeKutta { integrator, hold: Hold::Measurement }) => {
-            integrator
-        }
-        _ => {
-            return Err(refused(
-                "method is not allowed in mode 'joint': choose euler, rk4 or bogacki-shampine",
-            ));
-        }
-    };
+    let integrator = joint_integrator(observer.scheme)?;
     plan.execute(plant, m, m, stop, |experiment, run, x0, z0, watch| {
         experiment.joint(&observer.law, tell, integrator, run, x0, z0, watch)
     })
@@ -786,7 +800,7 @@ where
     }
 }
 
-const SAMPLED_ONLY: &str = "mode = 'joint' is not allowed: this observer is a recursion in \
+pub const SAMPLED_ONLY: &str = "mode = 'joint' is not allowed: this observer is a recursion in \
     discrete time; use mode 'sampled'";
 
 pub fn of_sampled_data(

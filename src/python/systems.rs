@@ -146,6 +146,10 @@ pub enum AnyPlant<T = f64> {
     VanDerPol(VanDerPol<T>),
     Crackle(Crackle<T>),
     Ship(Ship<T>),
+    /// One of the user's own, with n states.
+    Own {
+        n: usize,
+    },
 }
 
 impl<T: Scalar> AnyPlant<T> {
@@ -157,8 +161,10 @@ impl<T: Scalar> AnyPlant<T> {
             "van-der-pol" => Self::VanDerPol(read_van_der_pol(spec, Correction::Derived)?),
             "crackle" => Self::Crackle(read_crackle(spec)?),
             "ship" => Self::Ship(read_ship(spec)?),
+            "own-plant" => Self::Own { n: spec.count("n")? },
             other => {
-                let known = ["lee", "sanfelice-praly", "van-der-pol", "crackle", "ship"];
+                let known =
+                    ["lee", "sanfelice-praly", "van-der-pol", "crackle", "ship", "own-plant"];
                 return Err(spec.unknown("kind", other, &known));
             }
         })
@@ -169,6 +175,7 @@ impl<T: Scalar> AnyPlant<T> {
             Self::Lee(_) | Self::SanfelicePraly(_) | Self::VanDerPol(_) => 2,
             Self::Crackle(_) => 5,
             Self::Ship(_) => 6,
+            Self::Own { n } => *n,
         }
     }
 }

@@ -178,6 +178,11 @@ pub fn inputs(name: &str, count: usize) -> Vec<Traced> {
     (0..count).map(|i| input(&format!("{name}[{i}]"))).collect()
 }
 
+/// Outputs `name[0]`, `name[1]`, …
+pub fn named(name: &str, values: &[Traced]) -> Vec<(String, Traced)> {
+    values.iter().enumerate().map(|(i, value)| (format!("{name}[{i}]"), *value)).collect()
+}
+
 /// The outputs of a table for these inputs.
 pub fn inline(table: &Table, inputs: &[Traced]) -> Vec<Traced> {
     with(|trace| {
