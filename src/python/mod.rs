@@ -35,5 +35,5 @@ mod _core {
     #[pymodule_export]
     use super::online::Online;
     #[pymodule_export]
-    use super::programs::{evaluate_table, trace_step};
+    use super::programs::{evaluate_table, run_single, trace_step};
 }

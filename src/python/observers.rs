@@ -347,7 +347,9 @@ fn collection<const C: usize>(
 /// An observer from its spec.
 pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
     let kind = spec.text("kind")?;
-    if spec.get("model")?.is_some() && spec.sub("model")?.text_or("kind", "")? == "own" {
+    if kind == "chains"
+        || (spec.get("model")?.is_some() && spec.sub("model")?.text_or("kind", "")? == "own")
+    {
         return programs::build(spec);
     }
     match kind.as_str() {

@@ -22,7 +22,7 @@ use crate::observer::{ContinuousLaw, Discretised, Observer, Scheme, Status, Timi
 use crate::observers::{
     LowPower, ModifiedObserver, RepelledCollection, SampledDataObserver, StandardObserver,
 };
-use crate::program::Registers;
+use crate::program::{REGISTERS, Registers};
 use nalgebra::SVector;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -37,11 +37,13 @@ pub struct OwnModel {
     n_u: usize,
     table: Table,
     parameters: Vec<f64>,
+    /// Orders of the chains, one for each output.
+    orders: Vec<usize>,
 }
 
 impl OwnModel {
     fn read(spec: &Spec<'_>) -> PyResult<Self> {
-        spec.only(&["kind", "form", "n", "n_u", "table", "parameters", "names"])?;
+        spec.only(&["kind", "form", "n", "n_u", "table", "parameters", "names", "orders"])?;
         let (form, n, n_u) = (spec.text("form")?, spec.count("n")?, spec.count("n_u")?);
         let table = Table::read(&spec.sub("table")?)?;
         let parameters = spec.numbers("parameters")?.values;
@@ -53,12 +55,26 @@ impl OwnModel {
                 format!("n_u = {n_u} is not allowed: a model has 0 to {MAX_INPUTS} inputs");
             return Err(refused(&message));
         }
+        let orders: Vec<usize> = match spec.get("orders")? {
+            Some(orders) => orders.extract()?,
+            None => vec![n],
+        };
+        if orders.iter().sum::<usize>() != n || orders.contains(&0) {
+            let message =
+                format!("orders = {orders:?} is not allowed: they must add up to n = {n}");
+            return Err(refused(&message));
+        }
         let (given, made) = match form.as_str() {
+            "chains" => (1 + n + n_u, orders.len()),
             "phase" => (1 + n + n_u, 1),
             "triangular" => (1 + n + n_u, n),
             "sampled" => (3 + n + n_u, 2 * n + 1),
             other => {
-                return Err(spec.unknown("form", other, &["phase", "triangular", "sampled"]));
+                return Err(spec.unknown(
+                    "form",
+                    other,
+                    &["phase", "triangular", "chains", "sampled"],
+                ));
             }
         };
         let given = given + parameters.len();
@@ -70,7 +86,7 @@ impl OwnModel {
                 table.outputs.len()
             )));
         }
-        Ok(Self { form, n, n_u, table, parameters })
+        Ok(Self { form, n, n_u, table, parameters, orders })
     }
 
     /// Names of the parameters: the last inputs of the table.
@@ -83,13 +99,36 @@ impl OwnModel {
 #[derive(Clone, Copy)]
 enum Known {
     Paper(AnyModel<Traced>),
-    Own { function: usize, n_u: usize },
+    Own {
+        function: usize,
+        n_u: usize,
+    },
+    /// One of the chains of a model with several outputs: the states of the others, `shared`, are held
+    /// over the step.
+    Chain {
+        function: usize,
+        shared: usize,
+        n_u: usize,
+        n: usize,
+        chain: usize,
+        first: usize,
+    },
 }
 
 impl Known {
-    /// Outputs of an own model's table.
-    fn call(function: usize, t: Traced, x: &[Traced], u: &[Traced]) -> Vec<Traced> {
-        call(function, &[&[t], x, u].concat())
+    /// Outputs of an own model.
+    fn call(&self, t: Traced, x: &[Traced], u: &[Traced]) -> Vec<Traced> {
+        match *self {
+            Self::Paper(_) => Vec::new(),
+            Self::Own { function, n_u } => call(function, &[&[t], x, &u[..n_u]].concat()),
+            Self::Chain { function, shared, n_u, n, chain, first } => {
+                let mut all = trace::parameters(shared);
+                all.truncate(n);
+                all[first..first + x.len()].copy_from_slice(x);
+                let made = call(function, &[&[t], all.as_slice(), &u[..n_u]].concat());
+                vec![made[chain]]
+            }
+        }
     }
 }
 
@@ -107,13 +146,10 @@ impl<const N: usize> Model<Traced, N, MAX_INPUTS> for Known {
     ) -> SVector<Traced, N> {
         match self {
             Self::Paper(model) => model.f_hat(t, x, &told::<1>(u)),
-            Self::Own { function, n_u } => {
-                let made = Self::call(*function, t, x.as_slice(), &u.as_slice()[..*n_u]);
-                match made.as_slice() {
-                    [phi] => last(*phi),
-                    f => SVector::from_fn(|i, _| f.get(i).copied().unwrap_or_default()),
-                }
-            }
+            own => match own.call(t, x.as_slice(), u.as_slice()).as_slice() {
+                [phi] => last(*phi),
+                f => SVector::from_fn(|i, _| f.get(i).copied().unwrap_or_default()),
+            },
         }
     }
 }
@@ -122,8 +158,8 @@ impl<const N: usize> PhaseVariable<Traced, N, MAX_INPUTS> for Known {
     fn phi(&self, t: Traced, x: &SVector<Traced, N>, u: &SVector<Traced, MAX_INPUTS>) -> Traced {
         match self {
             Self::Paper(model) => model.phi(t, x, &told::<1>(u)),
-            Self::Own { function, n_u } => {
-                let made = Self::call(*function, t, x.as_slice(), &u.as_slice()[..*n_u]);
+            own => {
+                let made = own.call(t, x.as_slice(), u.as_slice());
                 made.first().copied().unwrap_or_default()
             }
         }
@@ -178,12 +214,14 @@ pub struct Tables {
 }
 
 /// What an observer knows, as its spec says it.
-enum Given<'py> {
+enum Given<'py, 'a> {
     Paper(Option<Spec<'py>>),
     Own(OwnModel),
+    /// Chain number `chain` of a model with several outputs.
+    Chain(&'a OwnModel, usize),
 }
 
-impl<'py> Given<'py> {
+impl<'py> Given<'py, '_> {
     fn read(spec: &Spec<'py>) -> PyResult<Self> {
         if spec.get("model")?.is_none() {
             return Ok(Self::Paper(None));
@@ -200,12 +238,15 @@ impl<'py> Given<'py> {
         match self {
             Self::Paper(None) => Ok(0),
             Self::Paper(Some(model)) => Ok(usize::from(model.text("kind")? == "input")),
-            Self::Own(own) => Ok(own.n_u),
+            Self::Own(own) | Self::Chain(own, _) => Ok(own.n_u),
         }
     }
 
     fn parameters(&self) -> &[f64] {
-        if let Self::Own(own) = self { &own.parameters } else { &[] }
+        match self {
+            Self::Own(own) | Self::Chain(own, _) => &own.parameters,
+            Self::Paper(_) => &[],
+        }
     }
 
     /// Within a trace: inputs for the parameters, and the model over them.
@@ -217,14 +258,25 @@ impl<'py> Given<'py> {
                 (model.order(), Known::Paper(model))
             }
             Self::Own(own) => {
-                if own.form == "sampled" {
-                    return Err(refused(
-                        "a model of sampled-data form fits the sampled-data observer only",
-                    ));
+                if own.form == "sampled" || own.form == "chains" {
+                    return Err(refused(&format!(
+                        "a model of form {:?} does not fit this observer: it needs the phase-variable \
+                         or the triangular form",
+                        own.form
+                    )));
                 }
                 let parameters = own.names().iter().map(|name| input(name)).collect();
                 let function = trace::function(own.table.clone(), parameters);
                 (Some(own.n), Known::Own { function, n_u: own.n_u })
+            }
+            Self::Chain(own, chain) => {
+                let (n, n_u, chain) = (own.n, own.n_u, *chain);
+                let shared = trace::function(Table::default(), inputs("shared", n));
+                let parameters = own.names().iter().map(|name| input(name)).collect();
+                let function = trace::function(own.table.clone(), parameters);
+                let first = own.orders[..chain].iter().sum();
+                let order = own.orders[chain];
+                (Some(order), Known::Chain { function, shared, n_u, n, chain, first })
             }
         };
         match order {
@@ -266,7 +318,7 @@ where
 
 /// Tables of a continuous law under a scheme.
 fn continuous<L, S>(
-    given: &Given<'_>,
+    given: &Given<'_, '_>,
     single: bool,
     build: impl Fn() -> PyResult<Discretised<L, S>>,
 ) -> PyResult<Tables>
@@ -311,7 +363,11 @@ fn shape<O: Observer<Traced>>(n_u: usize, build: impl FnOnce() -> PyResult<O>) -
     })
 }
 
-fn standard<const N: usize>(spec: &Spec<'_>, given: &Given<'_>, single: bool) -> PyResult<Tables> {
+fn standard<const N: usize>(
+    spec: &Spec<'_>,
+    given: &Given<'_, '_>,
+    single: bool,
+) -> PyResult<Tables> {
     spec.only(&["kind", "n", "k", "gain", "model", "method"])?;
     let (k, scheme) = (spec.vector::<N>("k", N)?, read_method(spec)?);
     let gain = spec.sub("gain")?;
@@ -335,14 +391,12 @@ fn standard<const N: usize>(spec: &Spec<'_>, given: &Given<'_>, single: bool) ->
 
 fn low_power<const N: usize>(
     spec: &Spec<'_>,
-    given: &Given<'_>,
+    given: &Given<'_, '_>,
     single: bool,
     saturated: bool,
 ) -> PyResult<Tables> {
     let scheme = read_method(spec)?;
-    if let Given::Own(own) = given
-        && own.form == "triangular"
-    {
+    if matches!(given, Given::Own(own) if own.form == "triangular") {
         return Err(refused(
             "a triangular model is not allowed here: the low-power and the peaking-free observer \
              need a phase-variable model (known terms in the last equation only); use the standard \
@@ -374,7 +428,7 @@ fn low_power<const N: usize>(
 
 fn collection<const C: usize>(
     spec: &Spec<'_>,
-    given: &Given<'_>,
+    given: &Given<'_, '_>,
     single: bool,
     modified: bool,
 ) -> PyResult<Tables> {
@@ -402,7 +456,11 @@ fn collection<const C: usize>(
 }
 
 /// Tables of a sampled-data observer that `build` makes.
-fn sampled<O>(given: &Given<'_>, single: bool, build: impl Fn() -> PyResult<O>) -> PyResult<Tables>
+fn sampled<O>(
+    given: &Given<'_, '_>,
+    single: bool,
+    build: impl Fn() -> PyResult<O>,
+) -> PyResult<Tables>
 where
     O: Observer<Traced>,
     O::Input: Memory<Traced>,
@@ -419,7 +477,7 @@ where
 }
 
 fn own_sampled<const N: usize>(
-    given: &Given<'_>,
+    given: &Given<'_, '_>,
     own: &OwnModel,
     single: bool,
 ) -> PyResult<Tables> {
@@ -439,8 +497,71 @@ fn own_sampled<const N: usize>(
 impl Tables {
     /// Of the observer that a spec describes; with `single` in single precision.
     pub fn read(spec: &Spec<'_>, single: bool) -> PyResult<Self> {
+        if spec.text("kind")? == "chains" {
+            return Self::of_chains(spec, single);
+        }
+        Self::of(spec, Given::read(spec)?, single)
+    }
+
+    /// Of an observer of several outputs: one observer for each chain, which takes the states of the
+    /// other chains as they stand at the beginning of a step.
+    fn of_chains(spec: &Spec<'_>, single: bool) -> PyResult<Self> {
+        spec.only(&["kind", "observers", "model"])?;
+        let own = OwnModel::read(&spec.sub("model")?)?;
+        if own.form != "chains" {
+            return Err(refused("an observer of several outputs needs a model of chains"));
+        }
+        let specs = spec.list("observers")?;
+        if specs.len() != own.orders.len() {
+            return Err(refused(&format!(
+                "{} observers do not fit a model of {} chains",
+                specs.len(),
+                own.orders.len()
+            )));
+        }
+        let chains: Vec<Self> = specs
+            .iter()
+            .enumerate()
+            .map(|(chain, spec)| Self::of(spec, Given::Chain(&own, chain), single))
+            .collect::<PyResult<_>>()?;
+        if chains.iter().any(|of| of.shape.current != chains[0].shape.current) {
+            return Err(refused("the observers of a model of chains must have the same timing"));
+        }
+        // the memory: the estimates of all chains, then the rest of each
+        let mut place = Vec::new();
+        let (mut x, mut rest) = (0, own.n);
+        for of in &chains {
+            let Shape { n, memory, .. } = of.shape;
+            place.push((x..x + n).chain(rest..rest + memory - n).collect::<Vec<usize>>());
+            (x, rest) = (x + n, rest + memory - n);
+        }
+        let mut initial = vec![0.0; rest];
+        for (of, place) in chains.iter().zip(&place) {
+            place.iter().zip(&of.shape.initial).for_each(|(place, value)| initial[*place] = *value);
+        }
+        let step = trace(Setting { single, present: true }, || {
+            let (t, dt) = (input("t"), input("dt"));
+            let (z, y) = (inputs("z", rest), inputs("y", chains.len()));
+            let u = inputs("u", own.n_u);
+            let parameters: Vec<Traced> = own.names().iter().map(|name| input(name)).collect();
+            let (mut moved, mut innovation) = (z.clone(), Vec::new());
+            for ((of, place), y) in chains.iter().zip(&place).zip(&y) {
+                let memory: Vec<Traced> = place.iter().map(|place| z[*place]).collect();
+                let given = [&[t, dt], memory.as_slice(), &[*y], &u, &z[..own.n], &parameters];
+                let made = trace::inline(&of.step, &given.concat());
+                place.iter().zip(&made).for_each(|(place, value)| moved[*place] = *value);
+                innovation.extend_from_slice(&made[memory.len()..]);
+            }
+            Ok([named("z", &moved), named("innovation", &innovation)].concat())
+        })?;
+        let current = chains.first().is_some_and(|of| of.shape.current);
+        let (n, n_y, n_u, memory) = (own.n, chains.len(), own.n_u, rest);
+        let shape = Shape { n, n_y, n_u, memory, current, initial };
+        Ok(Self { shape, step, missing: None, law: None, parameters: own.parameters })
+    }
+
+    fn of(spec: &Spec<'_>, given: Given<'_, '_>, single: bool) -> PyResult<Self> {
         let kind = spec.text("kind")?;
-        let given = Given::read(spec)?;
         if kind == "sampled-data" {
             spec.only(&["kind", "model", "gain"])?;
             if let Given::Own(own) = &given {
@@ -500,22 +621,33 @@ impl Tables {
     }
 }
 
+/// The step of an observer as a program, with registers in which constants and parameters stand.
+struct Step {
+    compiled: Compiled,
+    at_rest: Registers<f64>,
+    /// Whether an entry of the memory is an input as it was given, which must be read before the
+    /// memory's place is written.
+    hands_on: bool,
+}
+
 /// An observer whose step is a program.
 pub struct Programmed {
     tables: Tables,
-    step: Compiled,
-    missing: Option<Compiled>,
-    /// Registers with constants and parameters in their places.
-    at_rest: [Registers<f64>; 2],
+    /// The step, and the step that tells the innovation too.
+    step: Step,
+    telling: Step,
+    /// The same (both) for a missing sample, if that is another law.
+    missing: Option<Step>,
 }
 
 /// An observer with a model of the user's own.
 pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
     let tables = Tables::read(spec, false)?;
-    let step = tables.step.compile()?;
-    let missing = tables.missing.as_ref().map(Table::compile).transpose()?;
-    let at_rest = [tables.at_rest(&step), tables.at_rest(missing.as_ref().unwrap_or(&step))];
-    Ok(Box::new(Programmed { tables, step, missing, at_rest }))
+    let memory = tables.memory_len();
+    let step = tables.program(&tables.step.with_outputs(0..memory))?;
+    let telling = tables.program(&tables.step)?;
+    let missing = tables.missing.as_ref().map(|table| tables.program(table)).transpose()?;
+    Ok(Box::new(Programmed { tables, step, telling, missing }))
 }
 
 impl Tables {
@@ -545,97 +677,139 @@ impl Tables {
         &self.parameters
     }
 
+    /// The program of a step.
+    fn program(&self, table: &Table) -> PyResult<Step> {
+        let compiled = table.compile()?;
+        let given = self.given();
+        let hands_on = compiled.outputs.iter().any(|output| usize::from(*output) < given);
+        Ok(Step { at_rest: self.at_rest(&compiled), compiled, hands_on })
+    }
+
+    /// Inputs of a step before its parameters.
+    fn given(&self) -> usize {
+        let Shape { memory, n_y, n_u, .. } = self.shape;
+        2 + memory + n_y + n_u
+    }
+
     /// Registers of the step's program before a run.
     fn at_rest<T: Scalar>(&self, step: &Compiled) -> Registers<T> {
         let mut registers = step.registers();
-        let Shape { memory, n_y, n_u, .. } = self.shape;
-        let first = 2 + memory + n_y + n_u;
-        for (slot, value) in registers.0.iter_mut().skip(first).zip(&self.parameters) {
-            *slot = T::from_f64(*value);
-        }
+        let places = registers.0.iter_mut().skip(self.given());
+        places.zip(&self.parameters).for_each(|(place, value)| *place = T::from_f64(*value));
         registers
     }
 }
 
-impl Programmed {
-    /// One step in place: the memory stands in the registers from 2 on.
+/// Where the memory stands among the inputs of a step.
+const MEMORY: usize = 2;
+
+impl Step {
+    /// Evaluate for a sample; the memory stands in the registers and is moved there, unless it would
+    /// not be finite any more.
     #[inline(always)]
-    fn advance_one(
+    fn advance(
         &self,
-        registers: &mut [Registers<f64>; 2],
+        r: &mut Registers<f64>,
+        memory: usize,
         (t, dt): (f64, f64),
-        y: &[f64],
-        u: &[f64],
-        innovation: Option<&mut [f64]>,
-    ) -> Status {
-        let Shape { memory, n_y, .. } = self.tables.shape;
-        let present = y.iter().all(|y| y.is_finite());
-        let (program, r) = match (&self.missing, present) {
-            (Some(missing), false) => {
-                let [first, second] = registers;
-                second.0[2..2 + memory].copy_from_slice(&first.0[2..2 + memory]);
-                (missing, second)
-            }
-            _ => (&self.step, &mut registers[0]),
-        };
+        sample: impl Iterator<Item = f64>,
+    ) -> bool {
         (r.0[0], r.0[1]) = (t, dt);
-        r.0.iter_mut().skip(2 + memory).zip(y.iter().chain(u)).for_each(|(slot, y)| *slot = *y);
-        program.program().run(r);
-        let (next, told) = program.outputs.split_at(memory);
+        r.0.iter_mut().skip(MEMORY + memory).zip(sample).for_each(|(slot, given)| *slot = given);
+        self.compiled.program().run(r);
+        let next = self.compiled.outputs.get(..memory).unwrap_or(&[]);
         let mut spoilt = 0.0;
         for output in next {
             spoilt += 0.0 * r.0[usize::from(*output)];
         }
-        if let Some(innovation) = innovation {
-            for (slot, output) in innovation.iter_mut().zip(told) {
-                *slot = r.0[usize::from(*output)];
+        if spoilt.is_nan() {
+            return false;
+        }
+        if self.hands_on {
+            let next: Vec<f64> = next.iter().map(|output| r.0[usize::from(*output)]).collect();
+            r.0[MEMORY..MEMORY + memory].copy_from_slice(&next);
+        } else {
+            for (i, output) in next.iter().enumerate() {
+                r.0[MEMORY + i] = r.0[usize::from(*output)];
             }
         }
-        if spoilt != 0.0 || spoilt.is_nan() {
-            return Status::ModelUndefined; // the memory is kept
+        true
+    }
+}
+
+impl Programmed {
+    /// The step for such a sample.
+    fn choose(&self, present: bool, told: bool) -> &Step {
+        match &self.missing {
+            Some(missing) if !present => missing,
+            _ if told => &self.telling,
+            _ => &self.step,
         }
-        let mut moved = [0.0; crate::program::REGISTERS];
-        for (slot, output) in moved.iter_mut().zip(next) {
-            *slot = r.0[usize::from(*output)];
-        }
-        registers[0].0[2..2 + memory].copy_from_slice(&moved[..memory]);
-        debug_assert_eq!(y.len(), n_y);
-        if present { Status::Updated } else { Status::Predicted }
+    }
+}
+
+fn status(moved: bool, present: bool) -> Status {
+    match (moved, present) {
+        (false, _) => Status::ModelUndefined,
+        (true, true) => Status::Updated,
+        (true, false) => Status::Predicted,
     }
 }
 
 impl Recursion for Programmed {
     fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
-        let mut registers = self.at_rest;
-        registers[0].0[2..2 + memory.len()].copy_from_slice(memory);
-        let status = self.advance_one(&mut registers, (t, dt), y, u, None);
-        memory.copy_from_slice(&registers[0].0[2..2 + memory.len()]);
-        status
+        let present = y.iter().all(|y| y.is_finite());
+        let step = self.choose(present, false);
+        let (mut r, place) = (step.at_rest, MEMORY..MEMORY + memory.len());
+        r.0[place.clone()].copy_from_slice(memory);
+        let moved = step.advance(&mut r, memory.len(), (t, dt), y.iter().chain(u).copied());
+        memory.copy_from_slice(&r.0[place]);
+        status(moved, present)
     }
 
     fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64 {
-        let Block { t, dt, y, u, memory: rows, innovation, status } = block;
+        let Block { t, dt, y, u, memory: rows, innovation, status: made } = block;
         let Shape { n_y: p, n_u: q, current, .. } = self.tables.shape;
-        let m = memory.len();
-        let mut registers = self.at_rest;
-        registers[0].0[2..2 + m].copy_from_slice(memory);
-        let mut largest = [0.0_f64; crate::program::REGISTERS];
-        for (k, status) in status.iter_mut().enumerate() {
+        let (m, told) = (memory.len(), !innovation.is_empty());
+        let place = MEMORY..MEMORY + m;
+        let usual = self.choose(true, told);
+        let mut r = usual.at_rest;
+        r.0[place.clone()].copy_from_slice(memory);
+        let mut largest = [0.0_f64; REGISTERS];
+        for (k, made) in made.iter_mut().enumerate() {
             let row = &mut rows[k * m..(k + 1) * m];
             if !current {
-                row.copy_from_slice(&registers[0].0[2..2 + m]);
+                row.copy_from_slice(&r.0[place.clone()]);
             }
-            let told = innovation.get_mut(k * p..(k + 1) * p);
-            let (y, u) = (&y[k * p..(k + 1) * p], &u[k * q..(k + 1) * q]);
-            *status = self.advance_one(&mut registers, (t[k], dt[k]), y, u, told) as u8;
+            let sample = &y[k * p..(k + 1) * p];
+            let given = || sample.iter().chain(&u[k * q..(k + 1) * q]).copied();
+            let present = sample.iter().all(|y| y.is_finite());
+            let (moved, at) = if present || self.missing.is_none() {
+                (usual.advance(&mut r, m, (t[k], dt[k]), given()), (usual, None))
+            } else {
+                let other = self.choose(false, told);
+                let mut apart = other.at_rest;
+                apart.0[place.clone()].copy_from_slice(&r.0[place.clone()]);
+                let moved = other.advance(&mut apart, m, (t[k], dt[k]), given());
+                r.0[place.clone()].copy_from_slice(&apart.0[place.clone()]);
+                (moved, (other, Some(apart)))
+            };
+            *made = status(moved, present) as u8;
+            if let Some(slots) = innovation.get_mut(k * p..(k + 1) * p) {
+                let (step, apart) = &at;
+                let registers = apart.as_ref().unwrap_or(&r);
+                for (slot, output) in slots.iter_mut().zip(&step.compiled.outputs[m..]) {
+                    *slot = registers.0[usize::from(*output)];
+                }
+            }
             if current {
-                row.copy_from_slice(&registers[0].0[2..2 + m]);
+                row.copy_from_slice(&r.0[place.clone()]);
             }
             for (largest, value) in largest.iter_mut().zip(&*row) {
                 *largest = if value.abs() > *largest { value.abs() } else { *largest };
             }
         }
-        memory.copy_from_slice(&registers[0].0[2..2 + m]);
+        memory.copy_from_slice(&r.0[place]);
         largest.iter().fold(0.0, |most: f64, value| most.max(*value))
     }
 }
@@ -681,6 +855,58 @@ pub fn trace_step<'py>(
         _ => tables.step,
     };
     table.to_dict(py)
+}
+
+/// Memories along a record in single precision: times (N,), samples (N, n_y), inputs (N, n_u), memory
+/// to start from. Row k stands before sample k, or after it if the law filters. The last step is as
+/// long as the one before it.
+#[pyfunction]
+#[allow(clippy::cast_possible_truncation)]
+pub fn run_single(
+    spec: &Bound<'_, PyAny>,
+    t: Vec<f64>,
+    y: &Bound<'_, PyAny>,
+    u: &Bound<'_, PyAny>,
+    memory0: Vec<f64>,
+) -> PyResult<Vec<Vec<f32>>> {
+    let tables = Tables::read(&Spec::new(spec, "observer")?, true)?;
+    let Shape { memory, n_y, n_u, current, .. } = tables.shape;
+    let (y, u) = (super::spec::numbers(y)?.values, super::spec::numbers(u)?.values);
+    let samples = t.len();
+    if y.len() != samples * n_y || u.len() != samples * n_u || memory0.len() != memory {
+        let message = "t, y, u and memory0 must have N, N n_y, N n_u and m entries";
+        return Err(refused(message));
+    }
+    let compile = |table: &Table| {
+        table.compile().map(|compiled| (tables.at_rest::<f32>(&compiled), compiled))
+    };
+    let usual = compile(&tables.step)?;
+    let missing = tables.missing.as_ref().map(compile).transpose()?;
+    let mut z: Vec<f32> = memory0.iter().map(|value| *value as f32).collect();
+    let (mut rows, mut dt) = (Vec::with_capacity(samples), 0.0);
+    for k in 0..samples {
+        if !current {
+            rows.push(z.clone());
+        }
+        dt = t.get(k + 1).map_or(dt, |next| next - t[k]);
+        let (y, u) = (&y[k * n_y..(k + 1) * n_y], &u[k * n_u..(k + 1) * n_u]);
+        let present = y.iter().all(|y| y.is_finite());
+        let (at_rest, step) = missing.as_ref().filter(|_| !present).unwrap_or(&usual);
+        let mut r = *at_rest;
+        let sample = y.iter().chain(u).map(|value| *value as f32);
+        let given = [t[k] as f32, dt as f32].into_iter().chain(z.iter().copied()).chain(sample);
+        r.0.iter_mut().zip(given).for_each(|(slot, value)| *slot = value);
+        step.program().run(&mut r);
+        let next = step.outputs.iter().take(memory).map(|output| r.0[usize::from(*output)]);
+        let next: Vec<f32> = next.collect();
+        if next.iter().all(|value| value.is_finite()) {
+            z = next;
+        }
+        if current {
+            rows.push(z.clone());
+        }
+    }
+    Ok(rows)
 }
 
 /// Outputs of a table for rows of inputs, in double or single precision.

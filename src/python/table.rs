@@ -130,6 +130,13 @@ impl Table {
         Ok(out)
     }
 
+    /// With some of the outputs only.
+    pub fn with_outputs(&self, outputs: std::ops::Range<usize>) -> Self {
+        let mut table = self.clone();
+        table.outputs = self.outputs.get(outputs).unwrap_or(&[]).to_vec();
+        table.trimmed()
+    }
+
     /// Without the constants and operations that no output needs.
     pub fn trimmed(&self) -> Self {
         let (inputs, base) = (self.inputs.len(), self.base());

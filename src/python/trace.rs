@@ -207,6 +207,11 @@ pub fn function(table: Table, parameters: Vec<Traced>) -> usize {
     })
 }
 
+/// The parameters of a function that was kept.
+pub fn parameters(function: usize) -> Vec<Traced> {
+    with(|trace| trace.functions.get(function).map_or_else(Vec::new, |f| f.parameters.clone()))
+}
+
 /// Call a function that was kept.
 pub fn call(function: usize, arguments: &[Traced]) -> Vec<Traced> {
     let Some(Function { table, parameters }) = with(|trace| trace.functions.get(function).cloned())
