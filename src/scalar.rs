@@ -97,6 +97,13 @@ pub trait Scalar:
         product
     }
 
+    /// The innovation of the sample y = `self` over its estimate: y − x̂, and 0 where y is missing.
+    #[inline(always)]
+    #[must_use]
+    fn innovation(self, x_hat: Self) -> Self {
+        if self.is_finite() { self - x_hat } else { Self::ZERO }
+    }
+
     /// `self` brought into [low, high]; NaN stays NaN.
     #[inline(always)]
     #[must_use]

@@ -190,7 +190,7 @@ where
 
     #[inline(always)]
     fn innovation(&self, (z, _): &Self::State, y: T) -> T {
-        if y.is_finite() { y - z.x_hat[0] } else { T::ZERO } // (5b)
+        y.innovation(z.x_hat[0]) // (5b)
     }
 
     #[inline(always)]

@@ -113,7 +113,7 @@ where
 
     #[inline(always)]
     fn innovation(&self, (x_hat, _): &Self::State, y: T) -> T {
-        if y.is_finite() { y - x_hat[0] } else { T::ZERO } // (7)
+        y.innovation(x_hat[0]) // (7)
     }
 
     #[inline(always)]
