@@ -104,6 +104,13 @@ pub trait Scalar:
         if self.is_finite() { self - x_hat } else { Self::ZERO }
     }
 
+    /// `self`, or `other` where it is 0.
+    #[inline(always)]
+    #[must_use]
+    fn or(self, other: Self) -> Self {
+        if self == Self::ZERO { other } else { self }
+    }
+
     /// `self` brought into [low, high]; NaN stays NaN.
     #[inline(always)]
     #[must_use]

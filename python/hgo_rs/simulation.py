@@ -258,12 +258,13 @@ def plan(
         spec["settle"] = check_number(settle, "settle", above=0.0)
     if histogram is not None:
         spec["histogram"] = _window(check_array(histogram, "histogram"), "histogram", period, steps)
-    return Experiment(spec, observer.n, _shapes(spec, observer.n, nx, m, n_y))
+    # a ship's filters are no signals, nor is what current timing holds beside the law's memory
+    signals = observer.n if isinstance(plant, Ship) else observer._law_len
+    return Experiment(spec, observer.n, _shapes(spec, signals, nx, m, n_y))
 
 
-def _shapes(spec: Mapping[str, Any], n: int, nx: int, m: int, n_y: int) -> dict[str, Any]:
+def _shapes(spec: Mapping[str, Any], signals: int, nx: int, m: int, n_y: int) -> dict[str, Any]:
     """Shape of each output of one run."""
-    signals = n if spec["plant"]["kind"] == "ship" else m  # its filters are no signals
     window = (len(spec["windows"]), signals)
     shapes = {"mean": window, "rms": window, "max": window, "peak": (signals,)}
     asked = spec.get("metrics")

@@ -308,9 +308,7 @@ def simulate(spec: Spec) -> dict[str, Any]:
     else:
         advance = _Sampled(plant, law, _Drive(plant, spec, runs, seed, first_run), runs)
 
-    extras = 0 if law.filters else law.memory_len - law.n
-    n_peak = law.n if law.filters else law.memory_len
-    metrics = _Metrics(spec, runs, law.n, law.n + extras, n_peak)
+    metrics = _Metrics(spec, runs, law.n, law.signals, law.signals)
     sizes = (plant.n, law.memory_len, plant.n_y)
     frames = _Frames(every, steps, runs, sizes) if every else None
     diverged_at = np.full(runs, -1, dtype=np.int64)
