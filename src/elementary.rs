@@ -42,7 +42,8 @@ macro_rules! polynomial {
 /// `mantissa`: explicit bits of a mantissa. `ln2`, `half_pi`: the constant as a sum whose first
 /// terms are short, so that a whole number times them is exact. `farthest`: the largest argument of
 /// sine and cosine. `exp`: (eʳ − 1 − r)/r². `ln`: (2 artanh s − 2s)/s³, and `sin`, `atan` alike with
-/// factor 1, in s². `cos`: (cos r − 1)/r² in r².
+/// factor 1, in s². `cos`: (cos r − 1)/r² in r². `middle`: a short number near ½ whose arc tangent
+/// is nearly a number of the precision.
 macro_rules! elementary {
     (
         $t:ident, $bits:ident, mantissa $mantissa:literal, bias $bias:literal;
@@ -53,6 +54,7 @@ macro_rules! elementary {
         ln: $($ln:expr),+;
         sin: $($sin:expr),+;
         cos: $($cos:expr),+;
+        middle $middle:literal at $at_middle:literal;
         atan: $($atan:expr),+;
     ) => {
         use core::$t::consts::{FRAC_1_SQRT_2, FRAC_2_PI, FRAC_PI_2, FRAC_PI_4, LOG2_E, PI};
@@ -185,15 +187,13 @@ macro_rules! elementary {
             (if even { sin } else { -cos }) / (if even { cos } else { sin })
         }
 
-        /// atan(top/bottom) for 0 ≤ top ≤ bottom: less the nearest of 0, ½ and 1 in the sense of the
-        /// addition theorem, atan t = atan c + atan((t − c)/(1 + ct)).
+        /// atan(top/bottom) for 0 ≤ top ≤ bottom: less the nearest of 0, c near ½ and 1 in the sense
+        /// of the addition theorem, atan t = atan c + atan((t − c)/(1 + ct)).
         #[inline(always)]
         fn first_octant(top: $t, bottom: $t) -> $t {
-            #[allow(clippy::excessive_precision)] // one figure for both precisions
-            const ATAN_HALF: $t = 0.463_647_609_000_806_1;
             let (high, middle) = (top > 0.75 * bottom, top > 0.25 * bottom);
-            let c = if high { 1.0 } else if middle { 0.5 } else { 0.0 };
-            let at_c = if high { FRAC_PI_4 } else if middle { ATAN_HALF } else { 0.0 };
+            let c = if high { 1.0 } else if middle { $middle } else { 0.0 };
+            let at_c = if high { FRAC_PI_4 } else if middle { $at_middle } else { 0.0 };
             let s = (top - c * bottom) / (bottom + c * top);
             let z = s * s;
             at_c + (s + s * z * (polynomial!(z; $($atan),+)))
@@ -260,6 +260,7 @@ pub(crate) mod double {
         cos: -0.5, 0.041_666_666_666_666_595, -0.001_388_888_888_887_333_8,
             2.480_158_728_899_746e-5, -2.755_731_421_528_497e-7, 2.087_570_511_183_020_5e-9,
             -1.135_873_254_710_709_6e-11;
+        middle 0.499_134_540_557_861_33 at 0.462_955_001_788_425_2;
         // 2^-57.5
         atan: -0.333_333_333_333_325_4, 0.199_999_999_995_855_72, -0.142_857_142_118_540_17,
             0.111_111_047_344_930_24, -0.090_906_036_945_631_22, 0.076_837_426_295_332_19,
@@ -284,6 +285,7 @@ pub(crate) mod single {
         sin: -0.166_666_55, 0.008_332_189, -0.000_195_182_92;
         // 2^-33.0
         cos: -0.5, 0.041_666_646, -0.001_388_731, 2.443_232_7e-5;
+        middle 0.501_708_984 at 0.465_013_86;
         // 2^-26.1
         atan: -0.333_328_84, 0.199_558_81, -0.130_395_87;
     }
