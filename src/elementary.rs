@@ -41,17 +41,22 @@ macro_rules! polynomial {
 ///
 /// `mantissa`: explicit bits of a mantissa. `ln2`, `half_pi`: the constant as a sum whose first
 /// terms are short, so that a whole number times them is exact. `farthest`: the largest argument of
-/// sine and cosine. `exp`: (eʳ − 1 − r)/r². `ln`: (2 artanh s − 2s)/s³, and `sin`, `atan` alike with
-/// factor 1, in s². `cos`: (cos r − 1)/r² in r². `middle`: a short number near ½ whose arc tangent
-/// is nearly a number of the precision.
+/// sine and cosine. `powers`: the exponents at which 2ˣ is 0 and infinite. `tanh`: 2x from where
+/// tanh x is 1. `middle`: a short number near ½ whose arc tangent is nearly a number of the precision.
+///
+/// Coefficients, lowest first. In r: `exp` of (eʳ − 1 − r)/r², `exp2` of (2ʳ − 1)/r. In s²: `ln` of
+/// (2 artanh s − 2s)/s³, `log2` of 2 artanh s/(s ln 2), `sin` of (sin s − s)/s³, `cos` of
+/// (cos s − 1)/s², `atan` of (atan s − s)/s³.
 macro_rules! elementary {
     (
         $t:ident, $bits:ident, mantissa $mantissa:literal, bias $bias:literal;
         ln2 $ln2_high:literal + $ln2_low:literal;
         half_pi $half_pi:expr; farthest $farthest:literal;
-        exp $lowest:literal to $highest:literal: $($exp:expr),+;
-        tanh to $all:literal;
+        powers $lowest:literal to $highest:literal; tanh to $all:literal;
+        exp: $($exp:expr),+;
+        exp2: $($exp2:expr),+;
         ln: $($ln:expr),+;
+        log2: $($log2:expr),+;
         sin: $($sin:expr),+;
         cos: $($cos:expr),+;
         middle $middle:literal at $at_middle:literal;
@@ -85,16 +90,25 @@ macro_rules! elementary {
             (r + r * r * tail, bits)
         }
 
+        /// 2ⁿ times a number, in two factors: n may be beyond the normal numbers at either end.
+        #[inline(always)]
+        fn scaled(x: $t, n: $bits) -> $t {
+            let half = n >> 1;
+            x * power_of_2(half) * power_of_2(n.wrapping_sub(half))
+        }
+
+        /// x brought to where eˣ or 2ˣ goes from 0 to infinity; NaN stays NaN.
+        #[inline(always)]
+        fn limited(x: $t, lowest: $t, highest: $t) -> $t {
+            let x = if x < lowest { lowest } else { x };
+            if x > highest { highest } else { x }
+        }
+
         /// eˣ.
         #[inline(always)]
         pub(crate) fn exp(x: $t) -> $t {
-            // beyond, the result is 0 or infinite; NaN stays NaN
-            let x = if x < $lowest { $lowest } else { x };
-            let x = if x > $highest { $highest } else { x };
-            let (less_1, n) = exp_less_1(x);
-            // 2ⁿ in two factors: n may be beyond the normal numbers at either end
-            let half = n >> 1;
-            (1.0 + less_1) * power_of_2(half) * power_of_2(n.wrapping_sub(half))
+            let (less_1, n) = exp_less_1(limited(x, $lowest / LOG2_E, $highest / LOG2_E));
+            scaled(1.0 + less_1, n)
         }
 
         /// tanh x = (e²ˣ − 1)/(e²ˣ + 1), to 4 units in the last place.
@@ -109,37 +123,68 @@ macro_rules! elementary {
             (less_1 / (less_1 + 2.0)).copysign(x)
         }
 
-        /// ln x: x = 2ᵏ(1 + f), √½ ≤ 1 + f < √2, ln(1 + f) = 2 artanh s, s = f/(2 + f).
+        /// x ≥ 0 as a normal number (or 0), and by which power of 2 it was lifted to be one.
         #[inline(always)]
         #[allow(clippy::cast_lossless)] // a small whole number, for both precisions
-        pub(crate) fn ln(x: $t) -> $t {
-            const SQRT_HALF: $bits = FRAC_1_SQRT_2.to_bits();
+        fn lifted(x: $t) -> ($t, $t) {
             const LIFT: $t = (1_u64 << ($mantissa + 2)) as $t;
-            const POINT: $t = (1_u64 << $mantissa) as $t;
             let subnormal = x < $t::MIN_POSITIVE;
-            let normal = if subnormal { x * LIFT } else { x };
-            let lifted = if subnormal { ($mantissa + 2) as $t } else { 0.0 };
-            let shifted = normal.to_bits().wrapping_add(ONE - SQRT_HALF);
+            let lift = if subnormal { ($mantissa + 2) as $t } else { 0.0 };
+            (if subnormal { x * LIFT } else { x }, lift)
+        }
+
+        /// k and f of a normal x = 2ᵏ(1 + f), √½ ≤ 1 + f < √2.
+        #[inline(always)]
+        fn parts(x: $t) -> ($t, $t) {
+            const SQRT_HALF: $bits = FRAC_1_SQRT_2.to_bits();
+            const POINT: $t = (1_u64 << $mantissa) as $t;
+            let shifted = x.to_bits().wrapping_add(ONE - SQRT_HALF);
             // the exponent as a number: put below the point of 2ᵐ, then taken off
             let exponent = $t::from_bits(POINT.to_bits() | (shifted >> $mantissa));
-            let k = exponent - (POINT + $bias) - lifted;
             let f = $t::from_bits((shifted & ((1 << $mantissa) - 1)) + SQRT_HALF) - 1.0;
-            let s = f / (2.0 + f);
-            let z = s * s;
-            let series = z * (polynomial!(z; $($ln),+));
-            let half_square = 0.5 * f * f;
-            let tail = s * (half_square + series) + k * $ln2_low;
-            let value = k * $ln2_high - ((half_square - tail) - f);
+            (exponent - (POINT + $bias), f)
+        }
+
+        /// The logarithm of x where `value` is that of a positive and finite one.
+        #[inline(always)]
+        fn of_any(value: $t, x: $t) -> $t {
             let value = if x == 0.0 { $t::NEG_INFINITY } else { value };
             let value = if x == $t::INFINITY { x } else { value };
             if x >= 0.0 { value } else { $t::NAN }
         }
 
-        /// xᵖ for x ≥ 0, as exp(p ln x): NaN for x < 0. The relative error is about
-        /// 1 + 2|p ln x| units in the last place.
+        /// ln x = k ln 2 + ln(1 + f), ln(1 + f) = 2 artanh s, s = f/(2 + f).
+        #[inline(always)]
+        pub(crate) fn ln(x: $t) -> $t {
+            let (normal, lift) = lifted(x);
+            let (k, f) = parts(normal);
+            let k = k - lift;
+            let s = f / (2.0 + f);
+            let z = s * s;
+            let series = z * (polynomial!(z; $($ln),+));
+            let half_square = 0.5 * f * f;
+            let tail = s * (half_square + series) + k * $ln2_low;
+            of_any(k * $ln2_high - ((half_square - tail) - f), x)
+        }
+
+        /// log₂ x of a normal x > 0, k + 2 artanh s/ln 2, to 3 units in the last place.
+        #[inline(always)]
+        pub(crate) fn log2(x: $t) -> $t {
+            let (k, f) = parts(x);
+            let s = f / (2.0 + f);
+            let z = s * s;
+            k + s * (polynomial!(z; $($log2),+))
+        }
+
+        /// xᵖ for x ≥ 0, as 2 to the power of p log₂ x = n + r: NaN for x < 0. The relative error is
+        /// about 1 + 2|p ln x| units in the last place.
         #[inline(always)]
         pub(crate) fn powf(x: $t, power: $t) -> $t {
-            let value = exp(power * ln(x));
+            let (normal, lift) = lifted(x);
+            let y = limited(power * of_any(log2(normal) - lift, x), $lowest, $highest);
+            let (n, bits) = rounded(y);
+            let r = y - n;
+            let value = scaled(1.0 + r * (polynomial!(r; $($exp2),+)), bits);
             if power == 0.0 { 1.0 } else { value }
         }
 
@@ -243,16 +288,25 @@ pub(crate) mod double {
         ln2 0.693_147_180_601_954_5 + -4.200_915_072_681_084_6e-11;
         half_pi [1.570_796_251_296_997, 7.549_789_415_861_596e-8, 5.390_302_858_158_119e-15];
         farthest 1e9;
+        powers -1076.0 to 1025.0; tanh to 44.0;
         // 2^-55.9
-        exp -746.0 to 710.0: 0.500_000_000_000_001_1, 0.166_666_666_666_658_2,
+        exp: 0.500_000_000_000_001_1, 0.166_666_666_666_658_2,
             0.041_666_666_666_520_226, 0.008_333_333_333_514_393, 0.001_388_888_894_896_976_2,
             0.000_198_412_700_410_703_23, 2.480_148_501_115_737_4e-5, 2.755_670_799_906_435e-6,
             2.763_386_688_773_765e-7, 2.537_981_717_692_442_5e-8;
-        tanh to 44.0;
+        // 2^-57.1
+        exp2: 0.693_147_180_559_945_3, 0.240_226_506_959_101_72, 0.055_504_108_664_824_574,
+            0.009_618_129_107_577_12, 0.001_333_355_814_556_65, 0.000_154_035_304_787_616_52,
+            1.525_273_473_950_628_4e-5, 1.321_542_453_993_62e-6, 1.017_765_536_318_700_1e-7,
+            7.075_605_440_454_941e-9, 4.519_421_097_949_173e-10;
         // 2^-59.5
         ln: 0.666_666_666_666_673_4, 0.399_999_999_994_165_3, 0.285_714_287_420_691_55,
             0.222_221_985_995_595_67, 0.181_835_631_928_195_52, 0.153_140_748_579_779_02,
             0.147_957_443_838_991_48;
+        // 2^-56.0
+        log2: 2.885_390_081_777_926_8, 0.961_796_693_926_117_1, 0.577_078_016_275_182_4,
+            0.412_198_600_356_325_6, 0.320_597_111_942_527_16, 0.262_405_831_551_289,
+            0.219_135_091_555_638_43, 0.231_015_062_866_352_43;
         // 2^-57.9
         sin: -0.166_666_666_666_666_3, 0.008_333_333_333_321_84, -0.000_198_412_698_293_585_03,
             2.755_731_353_849_223_2e-6, -2.505_073_438_309_582_5e-8, 1.589_543_274_537_395_9e-10;
@@ -266,6 +320,13 @@ pub(crate) mod double {
             0.111_111_047_344_930_24, -0.090_906_036_945_631_22, 0.076_837_426_295_332_19,
             -0.065_259_432_893_030_34, 0.046_083_728_038_317_4;
     }
+
+    /// sin 2πx for |x| ≤ ¼, to 3 units in the last place (the polynomial to 2^-52.3).
+    #[inline(always)]
+    pub(crate) fn sin_of_turns(x: f64) -> f64 {
+        let z = x * x;
+        x * (polynomial!(z; 6.283_185_307_179_585, -41.341_702_240_397_616, 81.605_249_275_402_77, -76.705_859_672_109_3, 42.058_689_128_707_05, -15.094_486_204_474_814, 3.817_127_073_565_21, -0.691_386_543_860_888_3))
+    }
 }
 
 /// Single precision.
@@ -275,12 +336,17 @@ pub(crate) mod single {
         ln2 0.693_115_23 + 3.194_618_5e-5;
         half_pi [1.570_312_5, 0.000_483_989_72, -1.629_206_8e-7];
         farthest 2e4;
+        powers -151.0 to 129.0; tanh to 20.0;
         // 2^-28.2
-        exp -104.0 to 89.0: 0.499_999_94, 0.166_665_17, 0.041_668_102, 0.008_369_198,
+        exp: 0.499_999_94, 0.166_665_17, 0.041_668_102, 0.008_369_198,
             0.001_383_908_7;
-        tanh to 20.0;
+        // 2^-26.3
+        exp2: 0.693_147_2, 0.240_225_94, 0.055_503_663, 0.009_625_44, 0.001_338_790_5,
+            0.000_133_346_29;
         // 2^-30.2
         ln: 0.666_667_76, 0.399_775_8, 0.298_709_27;
+        // 2^-26.2
+        log2: 2.885_39, 0.961_822, 0.574_584_66, 0.480_437_93;
         // 2^-27.9
         sin: -0.166_666_55, 0.008_332_189, -0.000_195_182_92;
         // 2^-33.0

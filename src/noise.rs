@@ -4,7 +4,8 @@
 //! chunk or what else runs beside it.
 
 use crate::Scalar;
-use core::f64::consts::TAU;
+use crate::elementary::double::{log2, sin_of_turns};
+use core::f64::consts::LN_2;
 
 const GOLDEN: u64 = 0x9E37_79B9_7F4A_7C15;
 
@@ -86,18 +87,24 @@ impl Stream {
     /// Two independent standard normal values (Box and Muller).
     #[inline(always)]
     pub fn normal_pair(&mut self) -> (f64, f64) {
-        let u1 = self.uniform() + LOWEST; // in (0, 1], exact
-        let angle = TAU * self.uniform();
-        let radius = Scalar::sqrt(-2.0 * Scalar::ln(u1));
-        (radius * Scalar::cos(angle), radius * Scalar::sin(angle))
+        let radius = self.radius();
+        // the turn from ½ on: its fold at the quarters is exact, so that values near 0 are good too
+        let turn = self.uniform() - 0.5;
+        let folded = turn.abs() - 0.25;
+        let other = (0.25 - folded.abs()).copysign(-turn);
+        (radius * sin_of_turns(folded), radius * sin_of_turns(other))
     }
 
     /// A standard normal value: the first of a pair, the second is not kept.
     #[inline(always)]
     pub fn normal(&mut self) -> f64 {
-        let u1 = self.uniform() + LOWEST;
-        let angle = TAU * self.uniform();
-        Scalar::sqrt(-2.0 * Scalar::ln(u1)) * Scalar::cos(angle)
+        self.normal_pair().0
+    }
+
+    /// √(−2 ln u), u uniform on (0, 1].
+    #[inline(always)]
+    fn radius(&mut self) -> f64 {
+        Scalar::sqrt(-2.0 * LN_2 * log2(self.uniform() + LOWEST))
     }
 }
 

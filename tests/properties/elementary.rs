@@ -66,8 +66,8 @@ fn all<T: Scalar>(far: f64, smallest: f64, tiny: f64) {
     for x in [-2.0, -1e-3, 0.7, 3.0] {
         let atan2 = |y: T| y.atan2(T::from_f64(x));
         let exact = |y: f64| y.atan2(T::from_f64(x).to_f64());
-        close(worst::<T>("atan2", (-5.0, 5.0), atan2, exact));
-        close(worst::<T>("atan2", (1e-30, 1e30), atan2, exact));
+        few(worst::<T>("atan2", (-5.0, 5.0), atan2, exact));
+        few(worst::<T>("atan2", (1e-30, 1e30), atan2, exact));
     }
     close(worst::<T>("atan", (-3.0, 3.0), T::atan, f64::atan));
     close(worst::<T>("atan", (1e-30, 1e30), T::atan, f64::atan));
