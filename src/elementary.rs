@@ -16,24 +16,29 @@ macro_rules! horner {
     };
 }
 
-/// Σ cᵢ xⁱ: even and odd powers apart where there are many, so that a processor that begins several
-/// operations before it ends one waits half as long.
-macro_rules! polynomial {
-    (@ $x:ident, $square:ident, [$($even:expr),+], [$($odd:expr),+]) => {
-        horner!($square, $($even),+) + $x * horner!($square, $($odd),+)
-    };
-    (@ $x:ident, $square:ident, [$($even:expr),*], [$($odd:expr),*] $next:expr) => {
-        polynomial!(@ $x, $square, [$($even,)* $next], [$($odd),*])
-    };
-    (@ $x:ident, $square:ident, [$($even:expr),*], [$($odd:expr),*]
-        $next:expr, $after:expr $(, $more:expr)*
-    ) => {
-        polynomial!(@ $x, $square, [$($even,)* $next], [$($odd,)* $after] $($more),*)
-    };
-    ($x:ident; $a:expr, $b:expr, $c:expr, $d:expr, $e:expr $(, $more:expr)*) => {{
-        let square = $x * $x;
-        polynomial!(@ $x, square, [], [] $a, $b, $c, $d, $e $(, $more)*)
+/// Σ cᵢ xⁱ by Estrin's rule: neighbours in pairs, the pairs as coefficients of the powers of x².
+macro_rules! estrin {
+    ($x:expr; $only:expr) => { $only };
+    ($x:expr; $first:expr, $second:expr) => { $first + $x * $second };
+    ($x:expr; $($more:expr),+) => {{
+        let (x, square) = ($x, $x * $x);
+        estrin!(@ x, square, [] $($more),+)
     }};
+    (@ $x:ident, $square:ident, [$($pair:expr),*]) => { estrin!($square; $($pair),*) };
+    (@ $x:ident, $square:ident, [$($pair:expr),*] $last:expr) => {
+        estrin!($square; $($pair,)* $last)
+    };
+    (@ $x:ident, $square:ident, [$($pair:expr),*] $a:expr, $b:expr $(, $more:expr)*) => {
+        estrin!(@ $x, $square, [$($pair,)* $a + $x * $b] $($more),*)
+    };
+}
+
+/// Σ cᵢ xⁱ: many terms so that a processor that begins several operations before it ends one waits
+/// least, few so that they are fewest.
+macro_rules! polynomial {
+    ($x:ident; $a:expr, $b:expr, $c:expr, $d:expr, $e:expr $(, $more:expr)*) => {
+        estrin!($x; $a, $b, $c, $d, $e $(, $more)*)
+    };
     ($x:ident; $($few:expr),+) => { horner!($x, $($few),+) };
 }
 
