@@ -87,12 +87,8 @@ impl Stream {
     /// Two independent standard normal values (Box and Muller).
     #[inline(always)]
     pub fn normal_pair(&mut self) -> (f64, f64) {
-        let radius = self.radius();
-        // the turn from ½ on: its fold at the quarters is exact, so that values near 0 are good too
-        let turn = self.uniform() - 0.5;
-        let folded = turn.abs() - 0.25;
-        let other = (0.25 - folded.abs()).copysign(-turn);
-        (radius * sin_of_turns(folded), radius * sin_of_turns(other))
+        let radius = normal_radius(self.uniform());
+        turned(radius, self.uniform())
     }
 
     /// A standard normal value: the first of a pair, the second is not kept.
@@ -100,12 +96,22 @@ impl Stream {
     pub fn normal(&mut self) -> f64 {
         self.normal_pair().0
     }
+}
 
-    /// √(−2 ln u), u uniform on (0, 1].
-    #[inline(always)]
-    fn radius(&mut self) -> f64 {
-        Scalar::sqrt(-2.0 * LN_2 * log2(self.uniform() + LOWEST))
-    }
+/// The radius √(−2 ln(u + 2⁻⁵³)) of a normal pair, u in [0, 1).
+#[inline(always)]
+pub(crate) fn normal_radius(u: f64) -> f64 {
+    Scalar::sqrt(-2.0 * LN_2 * log2(u + LOWEST)) // in (0, 1], exact
+}
+
+/// r cos 2πu and r sin 2πu, u in [0, 1). The turn is counted from ½ and folded at the quarters, both
+/// exactly, as far as the sine of a quarter: what is near 0 keeps its relative precision.
+#[inline(always)]
+pub(crate) fn turned(radius: f64, u: f64) -> (f64, f64) {
+    let turn = u - 0.5;
+    let folded = turn.abs() - 0.25;
+    let other = (0.25 - folded.abs()).copysign(-turn);
+    (radius * sin_of_turns(folded), radius * sin_of_turns(other))
 }
 
 /// 2⁻⁵³.
