@@ -25,7 +25,7 @@ from hgo_rs.errors import (
     explain,
 )
 from hgo_rs.gains import AdaptiveGain, ConstantGain, DeadZoneGain
-from hgo_rs.models import Model, Ship, Unknown, VanDerPol
+from hgo_rs.models import Ship, System, Unknown, VanDerPol
 from hgo_rs.results import RunResult
 
 __all__ = [
@@ -341,7 +341,7 @@ class StandardObserver(Observer):
         [-2, -1].
     k : n numbers, optional
         The coefficients themselves, in place of `poles`.
-    model : Model, optional
+    model : System, optional
         What is known of the system. Default: nothing, phi = 0.
     method : str
         Discretisation, one of `METHODS`.
@@ -362,7 +362,7 @@ class StandardObserver(Observer):
         epsilon: float | None = None,
         poles: Poles | None = None,
         k: npt.ArrayLike | None = None,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "euler",
         allow_unstable: bool = False,
     ) -> None:
@@ -403,7 +403,7 @@ class LowPowerObserver(Observer):
         poles: Poles | None = None,
         alpha: npt.ArrayLike | None = None,
         beta: npt.ArrayLike | None = None,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "euler",
         allow_unstable: bool = False,
     ) -> None:
@@ -441,7 +441,7 @@ class PeakingFreeObserver(Observer):
         poles: Poles | None = None,
         alpha: npt.ArrayLike | None = None,
         beta: npt.ArrayLike | None = None,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "euler",
         allow_unstable: bool = False,
     ) -> None:
@@ -463,7 +463,7 @@ class _Copies(Observer):
         k: npt.ArrayLike,
         k_bar: npt.ArrayLike,
         copies: int,
-        model: Model | None,
+        model: System | None,
         method: str,
         allow_unstable: bool,
     ) -> None:
@@ -552,7 +552,7 @@ class RepelledCollection(_Copies):
         k: npt.ArrayLike,
         k_bar: npt.ArrayLike,
         copies: int = 3,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "rk4",
         allow_unstable: bool = False,
     ) -> None:
@@ -576,7 +576,7 @@ class ModifiedObserver(_Copies):
         k: npt.ArrayLike,
         k_bar: npt.ArrayLike,
         copies: int = 3,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "rk4",
         allow_unstable: bool = False,
     ) -> None:
@@ -730,7 +730,7 @@ def _low_power(
     poles: Poles | None,
     alpha: npt.ArrayLike | None,
     beta: npt.ArrayLike | None,
-    model: Model | None,
+    model: System | None,
     method: str,
 ) -> dict[str, Any]:
     """What (5) and (11) share, as a spec."""
@@ -769,9 +769,11 @@ def _gain(gain: Gain | None, epsilon: float | None) -> dict[str, Any]:
     return ConstantGain(check_number(gain, "gain", above=0.0)).spec
 
 
-def _model(model: Model | None, n: int) -> dict[str, Any]:
+def _model(model: System | None, n: int) -> dict[str, Any]:
     known = Unknown() if model is None else model
-    check(isinstance(known, Model), "model", model, "a Model", "see hgo_rs.models")
+    check(
+        isinstance(known, System), "model", model, "a Model or another System", "see hgo_rs.models"
+    )
     fits = known.order in (None, n) and not isinstance(known, Ship)
     remedy = f"its order is {known.order}"
     if isinstance(known, Ship):
@@ -780,7 +782,7 @@ def _model(model: Model | None, n: int) -> dict[str, Any]:
     return known.spec
 
 
-def _saturation(levels: npt.ArrayLike, n: int, model: Model | None) -> list[float]:
+def _saturation(levels: npt.ArrayLike, n: int, model: System | None) -> list[float]:
     values = check_array(levels, "saturation")
     if values.ndim == 0:
         values = np.full(n - 1, float(values))

@@ -1,0 +1,256 @@
+"""A user's own model of a system, for an observer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hgo_rs.errors import HgoError, explain
+from hgo_rs.expressions import nodes
+from hgo_rs.expressions.errors import ExpressionError
+from hgo_rs.own.base import OwnSystem
+from hgo_rs.own.names import Names
+from hgo_rs.own.sources import Arguments, Group, read_group
+
+__all__ = ["Model"]
+
+_FORMS = {
+    frozenset({"phi"}): "phase",
+    frozenset({"f"}): "triangular",
+    frozenset({"f", "K_T"}): "sampled",
+    frozenset({"f1", "g", "f2"}): "strict-feedback",
+}
+_REMEDY = (
+    "give phi= (phase-variable form), f= (triangular), f= and K_T= with g= and h= where wanted "
+    "(sampled-data), or f1=, g= and f2= (strict-feedback)"
+)
+
+
+class Model(OwnSystem):
+    """A system of your own, as an observer knows it.
+
+    One of four forms; y is the measured output and t the time [s]:
+
+    - phase-variable: x_1' = x_2, ..., x_n' = phi(t, x, u), y = x_1.
+    - triangular: x_i' = x_{i+1} + f_i(t, x_1 ... x_i, u), y = x_1: f_i comes beside the chain.
+    - sampled-data, Fu, Kang and Li (5): x' = f(t, x, u), corrected by K_T(t, x, u, y, T) at each
+      sample; y = h(x).
+    - strict-feedback, Katayama (1): x' = f1(x) + g(x) z, z' = f2(t, x, z, u), y = x.
+
+    Parameters
+    ----------
+    states : list of names
+        In order. In strict-feedback form x, which is measured, then z: as many x as f1 has entries.
+    inputs : list of names, optional
+    parameters : dict of name -> value, optional
+        Constants that have names, see `with_parameters`.
+    phi, f, h, K_T, f1, f2 : expressions
+        Strings in the grammar of `hgo_rs.expressions`, numbers, SymPy expressions, or callables:
+        f(t, x, u), or f(t, x, u, p) with the parameters p["M"] or p.M; K_T(t, x, u, y, T);
+        f1, g, f2(t, x, z, u). Lists where there are several; one callable may give all.
+    g : list of expressions
+        Strict-feedback: n_x rows of n_z entries. Sampled-data: the diffusion (n), which `plant`
+        uses and no observer.
+
+    Attributes
+    ----------
+    form : str
+        "phase", "triangular", "sampled" or "strict-feedback".
+    compiled : bool
+        False where a callable could not be traced: it then runs as Python, slowly; see
+        `why_not_compiled`.
+
+    Raises
+    ------
+    HgoError
+        A name that is reserved, doubled or unknown (with the nearest one); a parameter that is
+        not finite; an expression that cannot be read (ExpressionError, with a caret under the
+        place); an f_i that depends on a later state, with the symbol named; a g without full
+        column rank.
+    """
+
+    form: str
+
+    def __init__(
+        self,
+        *,
+        states: Sequence[str],
+        inputs: Sequence[str] = (),
+        parameters: Mapping[str, float] | None = None,
+        phi: Any = None,
+        f: Any = None,
+        g: Any = None,
+        h: Any = None,
+        K_T: Any = None,
+        f1: Any = None,
+        f2: Any = None,
+    ) -> None:
+        given = {"phi": phi, "f": f, "g": g, "h": h, "K_T": K_T, "f1": f1, "f2": f2}
+        self.form = _form(given)
+        reserved = ("t", "y", "T") if self.form == "sampled" else ("t",)
+        self._names = Names.of(states, inputs, parameters, reserved)
+        self._diffusion: Group | None = None
+        {
+            "phase": self._phase,
+            "triangular": self._triangular,
+            "sampled": self._sampled,
+            "strict-feedback": self._strict_feedback,
+        }[self.form](given)
+
+    # --- the forms ----------------------------------------------------------------------------
+
+    def _phase(self, given: Mapping[str, Any]) -> None:
+        phi = self._read("phi", given, self._txu(), ())
+        self._compile(self._table_inputs(x=self.states), [("phi", phi)])
+
+    def _triangular(self, given: Mapping[str, Any]) -> None:
+        f = self._read("f", given, self._txu(), (self.n,))
+        _check_triangular(f, self.states)
+        self._compile(self._table_inputs(x=self.states), [("f", f)])
+
+    def _sampled(self, given: Mapping[str, Any]) -> None:
+        n, arguments = self.n, self._txu()
+        f = self._read("f", given, arguments, (n,))
+        corrected = Arguments((*arguments.groups, ("y", None), ("T", None)))
+        k_t = self._read("K_T", given, corrected, (n,))
+        sources = given if given["h"] is not None else {"h": self.states[0]}
+        h = self._read("h", sources, arguments, ())
+        _check_output(h, self.states)
+        if given["g"] is not None:
+            self._diffusion = self._read("g", given, arguments, (n,))
+        inputs = self._table_inputs(x=self.states, samples=("y", "T"))
+        self._compile(inputs, [("f", f), ("K_T", k_t), ("h", h)])
+
+    def _strict_feedback(self, given: Mapping[str, Any]) -> None:
+        self.n_x = _length("f1", given["f1"], self.n - 1)
+        x, z = self.states[: self.n_x], self.states[self.n_x :]
+        every = Arguments((("t", None), ("x", x), ("z", z), ("u", self.inputs)))
+        f1 = self._read("f1", given, every, (len(x),))
+        g = self._read("g", given, every, (len(x), len(z)))
+        f2 = self._read("f2", given, every, (len(z),))
+        for group in (f1, g):
+            _check_measured(group, x)
+        _check_rank(g, len(x), len(z), every, self.parameters)
+        self._compile(self._table_inputs(x=x, z=z), [("f1", f1), ("g", g), ("f2", f2)])
+
+    def _read(
+        self, name: str, given: Mapping[str, Any], arguments: Arguments, shape: tuple[int, ...]
+    ) -> Group:
+        return read_group(name, given[name], arguments, self._names, shape)
+
+    def _txu(self) -> Arguments:
+        return Arguments((("t", None), ("x", self.states), ("u", self.inputs)))
+
+    def _table_inputs(
+        self, *, x: Sequence[str], z: Sequence[str] = (), samples: Sequence[str] = ()
+    ) -> dict[str, str]:
+        """Symbol -> name of the table's input."""
+        return {
+            "t": "t",
+            **{name: f"x[{i}]" for i, name in enumerate(x)},
+            **{name: f"z[{i}]" for i, name in enumerate(z)},
+            **{name: f"u[{i}]" for i, name in enumerate(self.inputs)},
+            **{name: name for name in samples},
+            **{name: name for name in self._names.parameters},
+        }
+
+    # --- what it is ---------------------------------------------------------------------------
+
+    n_x: int = 0
+    """Measured states of the strict-feedback form; 0 for the other forms."""
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.states)
+
+    @property
+    def order(self) -> int | None:
+        """Order that an observer must have: n; for the strict-feedback form the number of z."""
+        return self.n - self.n_x
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """The plain dict that the core reads; "table" is None where it is not compiled."""
+        own: dict[str, Any] = {"kind": "own", "form": self.form, "n": self.n_x or self.n}
+        if self.form == "strict-feedback":
+            own["n_z"] = self.n - self.n_x
+        return self._spec(**own, n_u=self.n_u)
+
+
+def _form(given: Mapping[str, Any]) -> str:
+    there = {name for name, value in given.items() if value is not None}
+    core = there - {"g", "h"} if "K_T" in there else there
+    form = _FORMS.get(frozenset(core))
+    if form is None:
+        shown = ", ".join(sorted(there)) or "nothing"
+        raise HgoError(f"a model of {shown}: must be one of the four forms; {_REMEDY}")
+    return form
+
+
+def _length(name: str, source: Any, most: int) -> int:
+    """Number of measured states, from the length of f1."""
+    if callable(source) or isinstance(source, str):
+        remedy = "give f1 as a list, so that it is known how many states are measured"
+        raise HgoError(explain(name, source, "a list of expressions", remedy))
+    count = len(source.tolist() if hasattr(source, "tolist") else source)
+    if not 1 <= count <= most:
+        raise HgoError(
+            f"{name} has {count} expressions: must have 1 to {most}, one for each measured state, "
+            "with at least one state z left; list x, then z in states"
+        )
+    return count
+
+
+def _check_triangular(f: Group, states: Sequence[str]) -> None:
+    """f_i may use x_1 ... x_i only."""
+    for i, node in enumerate(f.nodes or ()):
+        for name in nodes.symbols([node]):
+            if name in states[i + 1 :]:
+                allowed = ", ".join(states[: i + 1])
+                raise ExpressionError(
+                    f"{node} depends on {name}, so that the model is not triangular: must depend "
+                    f"on {allowed} only (f_i on x_1 ... x_i); reorder the states, or leave out "
+                    "what the chain x_i' = x_{i+1} + f_i has already",
+                    name=f"f[{i}]",
+                )
+
+
+def _check_measured(group: Group, x: Sequence[str]) -> None:
+    """f1 and g are functions of the measured states."""
+    others = {name for name in group.arguments.symbols if name not in x}
+    for i, node in enumerate(group.nodes or ()):
+        for name in nodes.symbols([node]):
+            if name in others:
+                raise ExpressionError(
+                    f"{node} depends on {name}: must depend on the measured states "
+                    f"{', '.join(x)} only (Katayama (1)); move the term to f2",
+                    name=f"{group.name}[{i}]",
+                )
+
+
+def _check_output(h: Group, states: Sequence[str]) -> None:
+    """An output that no state moves tells nothing."""
+    if h.nodes is not None and not set(nodes.symbols(h.nodes)) & set(states):
+        raise ExpressionError(
+            f"{h.nodes[0]} depends on no state, so that y has no relative degree: must depend on "
+            f"one of {', '.join(states)}; give the measured output",
+            name="h",
+        )
+
+
+def _check_rank(
+    g: Group, rows: int, columns: int, arguments: Arguments, parameters: Mapping[str, float]
+) -> None:
+    """g of full column rank (A2) somewhere: else y' does not tell z."""
+    rng = np.random.default_rng(0)
+    call = g.call(parameters)
+    points = [call(*arguments.probe(rng)).reshape(rows, columns) for _ in range(5)]
+    ranks = [int(np.linalg.matrix_rank(p)) for p in points if np.isfinite(p).all()]
+    if ranks and max(ranks) < columns:
+        raise HgoError(
+            f"g has rank {max(ranks)} at every point looked at: must have the rank {columns}, one "
+            "for each state z (relative degree 1, Katayama (A2)); measure more, or leave out a z"
+        )
