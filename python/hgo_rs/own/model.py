@@ -232,8 +232,17 @@ def _check_measured(group: Group, x: Sequence[str]) -> None:
 
 
 def _check_output(h: Group, states: Sequence[str]) -> None:
-    """An output that no state moves tells nothing."""
-    if h.nodes is not None and not set(nodes.symbols(h.nodes)) & set(states):
+    """An output is a function of the states, and an output that no state moves tells nothing."""
+    if h.nodes is None:
+        return
+    used = nodes.symbols(h.nodes)
+    for name in used:
+        if name in h.arguments.symbols and name not in states:
+            raise ExpressionError(
+                f"{h.nodes[0]} depends on {name}: must depend on the states only, y = h(x)",
+                name="h",
+            )
+    if not set(used) & set(states):
         raise ExpressionError(
             f"{h.nodes[0]} depends on no state, so that y has no relative degree: must depend on "
             f"one of {', '.join(states)}; give the measured output",

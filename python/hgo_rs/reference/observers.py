@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import integrate
 from .error import Array, Spec, choice, fail, integer, known, member, number, vector
 from .gain import AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw, gain_from
-from .models import Plant, Ship, VanDerPol, plant_from
+from .models import Own, Plant, Ship, VanDerPol, plant_from
 from .polynomial import is_hurwitz, low_power_polynomial
 
 Missing = NDArray[np.bool_] | None
@@ -76,8 +76,8 @@ class ContinuousLaw(Law):
         e = y - memory[0]
         return e if missing is None else np.where(missing, 0.0, e)
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
-        """d(memory)/dt for the innovation(s) ``e``."""
+    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
+        """d(memory)/dt at ``t`` for the innovation(s) ``e``."""
         raise NotImplementedError
 
     def lift(self, old: Array, new: Array, dt: float) -> None:
@@ -107,15 +107,15 @@ class ContinuousLaw(Law):
         """One step of the scheme with y held."""
         method = self.method
         if method == "euler" or method == "staggered-euler":
-            new = memory + dt * self.rate(memory, self.innovation(memory, y, missing), u)
+            new = memory + dt * self.rate(memory, self.innovation(memory, y, missing), u, t)
             if method == "staggered-euler":
                 self.lift(memory, new, dt)
         elif method == "rk4-innovation-held":
             held = self.innovation(memory, y, missing)
-            new = integrate.rk4(lambda _, m: self.rate(m, held, u), t, memory, dt)
+            new = integrate.rk4(lambda s, m: self.rate(m, held, u, s), t, memory, dt)
         else:
             new = integrate.DETERMINISTIC[method](
-                lambda _, m: self.rate(m, self.innovation(m, y, missing), u), t, memory, dt
+                lambda s, m: self.rate(m, self.innovation(m, y, missing), u, s), t, memory, dt
             )
         if self.gain_rows:
             self.clamp(new)
@@ -153,6 +153,9 @@ def _model(spec: Spec, n: int) -> Plant:
     model = plant_from(spec.get("model", {"kind": "none"}), "model")
     if model.n not in (0, n) or model.n_y != 1:
         raise fail("observer.model", model.kind, f"a model of order {n}", "use kind 'none'")
+    if isinstance(model, Own) and model.form == "sampled":
+        allowed = "of phase-variable or triangular form"
+        raise fail("observer.model.form", model.form, allowed, "use kind 'sampled-data'")
     return model
 
 
@@ -177,7 +180,7 @@ class StandardObserver(ContinuousLaw):
             powers = self.gain.ell ** np.arange(1, self.n + 1)
             self._injection = (self.k * powers)[:, None]  # k_i ell^i
 
-    def chain(self, x_hat: Array, e: Array, g: Array | None, u: Array | None) -> Array:
+    def chain(self, x_hat: Array, e: Array, g: Array | None, u: Array | None, t: float) -> Array:
         """x_hat_i' = x_hat_{i+1} + f_i(x_hat) + k_i g^i e."""
         rate = np.empty_like(x_hat)
         if g is None:
@@ -188,19 +191,19 @@ class StandardObserver(ContinuousLaw):
                 rate[i] = self.k[i] * power * e
                 power = power * g
         rate[:-1] += x_hat[1:]
-        f = self.model.known(x_hat, u)
+        f = self.model.known(x_hat, u, t)
         if f is not None:
             rate += f
         return rate
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
         """Astolfi (2); Sanfelice, Praly (5), (6)."""
         if not self.gain.moves:
-            return self.chain(memory, e, None, u)
+            return self.chain(memory, e, None, u, t)
         n = self.n
         r = memory[n]
         rate = np.empty_like(memory)
-        rate[:n] = self.chain(memory[:n], e, r, u)
+        rate[:n] = self.chain(memory[:n], e, r, u, t)
         rate[n] = self.gain.rate(r, e, n)
         return rate
 
@@ -253,7 +256,7 @@ class LowPowerObserver(ContinuousLaw):
         """What of eta is passed on: all of it; eq. (11) saturates here."""
         return eta
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
         """(5a), (5b); with ``limit`` (11a), (11b)."""
         n = self.n
         x_hat, eta = memory[:n], memory[n : 2 * n - 1]
@@ -268,7 +271,7 @@ class LowPowerObserver(ContinuousLaw):
         x_rate[:-1] += eta  # x_hat_i' = eta_i + alpha_i ell e_i
         np.multiply(beta_ell2, e_all[:-1], out=eta_rate)
         eta_rate[:-1] += passed[1:]  # eta_i' = eta_{i+1} + beta_i ell^2 e_i
-        f = self.model.known(x_hat, u)
+        f = self.model.known(x_hat, u, t)
         if f is not None:
             x_rate += f  # x_hat_n' = phi_s + alpha_n ell e_n
             eta_rate += f[1:]  # eta_{n-1}' = phi_s + beta_{n-1} ell^2 e_{n-1}
@@ -358,7 +361,7 @@ class CollectionObserver(ContinuousLaw):
         e = y - self.by_copy(memory)[:, 0]
         return e if missing is None else np.where(missing, 0.0, e)
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
         """(23), with e_i = -(y_hat_i - y)."""
         n, b = self.n, self.gain.b
         copies = self.by_copy(memory)
@@ -372,7 +375,7 @@ class CollectionObserver(ContinuousLaw):
             rate[:, j] = self.k[j] * power * e - self.k_bar[j] * power * scale * repulsion
             power = power * r
         rate[:, : n - 1] += copies[:, 1:n]
-        f = self.model.known(np.moveaxis(copies[:, :n], 1, 0), u)
+        f = self.model.known(np.moveaxis(copies[:, :n], 1, 0), u, t)
         if f is not None:
             rate[:, :n] += np.moveaxis(f, 0, 1)
         rate[:, n] = self.gain.rate(r, e, n)
@@ -419,7 +422,7 @@ class ModifiedObserver(CollectionObserver):
         e = y - memory[:: self.n + 1]
         return e if missing is None else np.where(missing, 0.0, e)
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
         """(25) over (23) and (24)."""
         n = self.n
         own = memory[: n + 1]
@@ -432,11 +435,11 @@ class ModifiedObserver(CollectionObserver):
             rate[j] = self.k[j] * power * e[0]  # k_j (r r_bar)^j e
             power = power * g
         rate[: n - 1] += x_hat[1:]
-        f = self.model.known(x_hat, u)
+        f = self.model.known(x_hat, u, t)
         if f is not None:
             rate[:n] += f
         rate[n] = self.gain.rate(r, e[0], n)
-        rate[n + 1 :] = self.collection.rate(others, e[1:], u)
+        rate[n + 1 :] = self.collection.rate(others, e[1:], u, t)
         return rate
 
     def nominal_gain(self, memory: Array) -> Array:
@@ -493,6 +496,37 @@ class SampledDataObserver(Law):
         new[0] += l1 * e
         new[1] += l2 * e
         return new
+
+
+class OwnSampledDataObserver(Law):
+    """x_hat+ = x_hat + T f(x_hat, u) + K_T(x_hat, y): Fu, Kang, Li, eq. (5), for any f and K_T."""
+
+    def __init__(self, spec: Spec) -> None:
+        model = plant_from(member(spec, "model", "observer"), "model")
+        if not isinstance(model, Own) or model.form != "sampled":
+            raise fail("observer.model.kind", model.kind, "'own' of form 'sampled'", "change it")
+        self.model = model
+        self.n = self.memory_len = model.n
+        self.n_u = model.n_u
+
+    def residual(self, memory: Array, y: Array) -> Array:
+        """y - h(x_hat)."""
+        return y - self.model.sampled(memory, None, y, 0.0, 1.0)[2]
+
+    def step(
+        self,
+        memory: Array,
+        y: Array,
+        u: Array | None,
+        t: float,
+        dt: float,
+        missing: Missing = None,
+    ) -> Array:
+        """(5); without a sample x_hat + T f."""
+        f, correction, _ = self.model.sampled(memory, u, y, t, dt)
+        if missing is not None:
+            correction = np.where(missing, 0.0, correction)
+        return memory + f * dt + correction
 
 
 class ReducedOrderObserver(Law):
@@ -608,6 +642,8 @@ def law_from(spec: Spec) -> Law:
     kind = choice(member(spec, "kind", "observer"), "observer.kind", tuple(LAWS))
     known(spec, "observer", ("kind", *KEYS[kind]))
     law: Any = LAWS[kind]
+    if kind == "sampled-data" and member(spec, "model", "observer").get("kind") == "own":
+        law = OwnSampledDataObserver
     built: Law = law(spec)
     return built
 
