@@ -35,36 +35,13 @@ def derivative(root: Node, name: str) -> Node:
 
 def substitute(root: Node, name: str, by: Node) -> Node:
     """``root`` with the symbol ``name`` replaced, simplified as derivatives are."""
-    x = symbol(name)
-    new: dict[Node, Node] = {}
-    for node in order([root]):
-        args = tuple(new[arg] for arg in node.args)
-        if node is x:
-            new[node] = by
-        elif args == node.args:
-            new[node] = node
-        else:
-            new[node] = _again(node, args)
-    return new[root]
+    return nodes.replaced([root], {name: by}, _again)[0]
 
 
 def _again(node: Node, args: tuple[Node, ...]) -> Node:
     """``node`` with other arguments."""
-    simple: dict[str, Callable[..., Node]] = {
-        "add": add,
-        "sub": sub,
-        "mul": mul,
-        "div": div,
-        "neg": neg,
-    }
-    if node.op in simple:
-        return simple[node.op](*args)
-    if node.op == "power":
-        assert isinstance(node.value, int)
-        return nodes.power(args[0], constant(node.value))
-    if node.op in ("lt", "le", "eq"):
-        return compare(node.op, *args)
-    return function(node.op, *args)
+    simple: dict[str, Callable[..., Node]] = {"add": add, "sub": sub, "mul": mul, "div": div}
+    return simple[node.op](*args) if node.op in simple else nodes.rebuilt(node, args)
 
 
 # --- algebra ----------------------------------------------------------------------------------
@@ -91,6 +68,10 @@ def add(a: Node, b: Node) -> Node:
         return a
     if b.op == "neg":
         return sub(a, b.args[0])
+    if a.op == "neg":
+        return sub(b, a.args[0])
+    if a is b:
+        return mul(TWO, a)
     return function("add", a, b)
 
 
@@ -119,6 +100,10 @@ def mul(a: Node, b: Node) -> Node:
         return neg(b)
     if _is(b, -1.0):
         return neg(a)
+    if a.op == "neg":
+        return neg(mul(a.args[0], b))
+    if b.op == "neg":
+        return neg(mul(a, b.args[0]))
     if a is b:
         return nodes.power(a, TWO)
     if b.op == "constant":
@@ -132,6 +117,8 @@ def div(a: Node, b: Node) -> Node:
         return ZERO
     if _is(b, 1.0):
         return a
+    if a.op == "neg":
+        return neg(div(a.args[0], b))
     return function("div", a, b)
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from threading import Lock
 from weakref import WeakValueDictionary
 
@@ -34,6 +34,8 @@ __all__ = [
     "order",
     "pack",
     "power",
+    "rebuilt",
+    "replaced",
     "select",
     "symbol",
     "symbols",
@@ -263,6 +265,39 @@ def order(roots: Iterable[Node]) -> list[Node]:
 def symbols(roots: Iterable[Node]) -> list[str]:
     """The names that the roots use, in order of appearance."""
     return [str(node.value) for node in order(roots) if node.op == "symbol"]
+
+
+def rebuilt(node: Node, args: tuple[Node, ...]) -> Node:
+    """The operation of ``node`` applied to other arguments."""
+    if node.op == "power":
+        assert isinstance(node.value, int)
+        return power(args[0], constant(node.value))
+    if node.op in ("lt", "le", "eq"):
+        return compare(node.op, *args)
+    others: dict[str, Callable[..., Node]] = {
+        "and": both,
+        "or": either,
+        "not": no,
+        "select": select,
+        "pow": power,
+    }
+    return others[node.op](*args) if node.op in others else function(node.op, *args)
+
+
+def replaced(
+    roots: Sequence[Node],
+    values: Mapping[str, Node],
+    again: Callable[[Node, tuple[Node, ...]], Node] = rebuilt,
+) -> list[Node]:
+    """The roots with expressions in place of some symbols; ``again`` makes the operations anew."""
+    new: dict[Node, Node] = {}
+    for node in order(roots):
+        args = tuple(new[arg] for arg in node.args)
+        if node.op == "symbol":
+            new[node] = values.get(str(node.value), node)
+        else:
+            new[node] = node if args == node.args else again(node, args)
+    return [new[root] for root in roots]
 
 
 Packed = tuple[tuple[tuple[str, tuple[int, ...], float | int | str | None], ...], tuple[int, ...]]

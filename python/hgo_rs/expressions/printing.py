@@ -74,8 +74,8 @@ def _as_text(node: Node, args: list[Written]) -> Written:
     if node.op in _INFIX:
         sign, level = _INFIX[node.op]
         between = sign if level == _PRODUCT else f" {sign} "
-        # a < (b < c) does not occur: conditions are not compared.
-        return f"{_in(args[0], level)}{between}{_in(args[1], level + 1)}", level
+        right = _POWER if level == _PRODUCT else level + 1  # a*(-b), though a*-b can be read
+        return f"{_in(args[0], level)}{between}{_in(args[1], right)}", level
     if node.op == "neg":
         return f"-{_in(args[0], _SIGN)}", _SIGN
     if node.op == "not":

@@ -10,9 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import HgoError
-from hgo_rs.expressions.nodes import Node
+from hgo_rs.expressions.grammar import unknown
+from hgo_rs.expressions.nodes import Node, symbol
+from hgo_rs.expressions.printing import latex
 from hgo_rs.expressions.table import compile_table
 from hgo_rs.models import System
+from hgo_rs.own import analysis, show
+from hgo_rs.own.analysis import Jacobian
 from hgo_rs.own.names import Names
 from hgo_rs.own.sources import Group
 
@@ -95,10 +99,12 @@ class OwnSystem(System):
         self._need_expressions()
         return {name: group.nodes or () for name, group in self._groups.items()}
 
-    def _need_expressions(self) -> None:
-        if not self.compiled:
+    def _need_expressions(self, *groups: Group) -> None:
+        """Refuse a system, or groups of it, with a callable that is not compiled."""
+        reasons = [f"{g.name}: {g.reason}" for g in groups or self._groups.values() if g.reason]
+        if reasons:
             raise HgoError(
-                f"{type(self).__name__} is not compiled ({self.why_not_compiled}): must be made of "
+                f"{type(self).__name__} is not compiled ({'; '.join(reasons)}): must be made of "
                 "expressions for this; write it with np.where, np.maximum, np.sin and the like"
             )
 
@@ -113,6 +119,110 @@ class OwnSystem(System):
         new = copy.copy(self)
         new._names = self._names.changed({**(values or {}), **named})
         return new
+
+    # --- what follows from the equations ------------------------------------------------------
+
+    @property
+    def drift(self) -> tuple[Node, ...]:
+        """dx/dt, one expression a state."""
+        raise NotImplementedError
+
+    @property
+    def outputs(self) -> tuple[Node, ...]:
+        """y, one expression a measured output."""
+        raise NotImplementedError
+
+    @property
+    def known(self) -> tuple[Node, ...]:
+        """What an observer adds to its own structure: phi, f or f2; of a plant the drift."""
+        raise NotImplementedError
+
+    @property
+    def known_names(self) -> tuple[str, ...]:
+        """What to call each entry of `known`."""
+        raise NotImplementedError
+
+    def jacobian(self) -> Jacobian:
+        """The derivatives of `known` with respect to the states: `rows` of expressions.
+
+        Call it with values by name for numbers: model.jacobian()(q=0.1, v=0.0). At a kink it is
+        that of the branch which the value comes from; abs has the slope +1 at 0.
+        """
+        return Jacobian(self.known, self.states, self._names.parameters)
+
+    def lipschitz(self, box: Mapping[str, tuple[float, float]], *, rtol: float = 0.01) -> float:
+        """A Lipschitz constant of `known` on a box: |f(x) - f(z)| <= L |x - z|, Euclidean norms.
+
+        Guaranteed, by interval arithmetic with outward rounding over the Jacobian, for the present
+        values of the parameters.
+
+        Parameters
+        ----------
+        box : dict of name -> (low, high)
+            All states; inputs and t where the slope depends on them.
+        rtol : float
+            The box is cut up until the bound is this close to a slope that is reached; at most
+            20 000 pieces, so that the bound of a model of many states may be less tight.
+
+        Raises
+        ------
+        HgoError
+            A name without bounds; a part that may jump in the box (sign, or piecewise that is not
+            seen to be continuous); a slope that is not bounded.
+        """
+        others = ("t", *self.inputs)
+        parameters = self._names.parameters
+        return analysis.lipschitz(self.known, self.states, others, parameters, box, rtol)
+
+    def relative_degree(self, name: str | None = None) -> int | None:
+        """How often the outputs must be differentiated until an input appears.
+
+        Parameters
+        ----------
+        name : name of the input, optional
+            Default: the one that appears first.
+
+        Returns
+        -------
+        int or None
+            The smallest over the outputs; None where no input reaches them.
+        """
+        if name is not None and name not in self.inputs:
+            raise HgoError(unknown(name, self.inputs, "input"))
+        found = [
+            analysis.relative_degree(self.drift, y, self.states, u)
+            for y in self.outputs
+            for u in (self.inputs if name is None else (name,))
+        ]
+        return min((degree for degree in found if degree is not None), default=None)
+
+    def shown_equations(self) -> list[tuple[str, Node]]:
+        """Left-hand sides as text, and expressions."""
+        shown = [(f"{name}'", node) for name, node in zip(self.states, self.drift, strict=True)]
+        outputs = self.outputs
+        labels = ["y"] if len(outputs) == 1 else [f"y[{i}]" for i in range(len(outputs))]
+        return shown + list(zip(labels, outputs, strict=True))
+
+    def latex(self) -> str:
+        """The equations in LaTeX, aligned."""
+        rows = []
+        for left, node in self.shown_equations():
+            shown = latex(symbol(left.removesuffix("'")))
+            rows.append((rf"\dot{{{shown}}}" if left.endswith("'") else shown, node))
+        return show.as_latex(rows)
+
+    def _repr_latex_(self) -> str | None:
+        return f"${self.latex()}$" if self.compiled else None
+
+    @property
+    def _title(self) -> str:
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return show.as_text(self, self._title)
+
+    def __repr__(self) -> str:
+        return f"<{self._title}: {', '.join(self.states)}>"
 
     def _spec(self, **own: Any) -> dict[str, Any]:
         """The spec: what is the class's own, then the table, values and names."""

@@ -9,9 +9,13 @@ import numpy as np
 
 from hgo_rs.errors import HgoError, explain
 from hgo_rs.expressions import nodes
+from hgo_rs.expressions.derivative import add, mul
 from hgo_rs.expressions.errors import ExpressionError
+from hgo_rs.expressions.grammar import unknown
+from hgo_rs.expressions.nodes import Node
 from hgo_rs.own.base import OwnSystem
 from hgo_rs.own.names import Names
+from hgo_rs.own.plant import Plant
 from hgo_rs.own.sources import Arguments, Group, read_group
 
 __all__ = ["Model"]
@@ -156,6 +160,70 @@ class Model(OwnSystem):
             **{name: name for name in self._names.parameters},
         }
 
+    # --- other systems made of it -------------------------------------------------------------
+
+    def with_inputs(self, values: Mapping[str, Any] | None = None, /, **named: Any) -> Model:
+        """The same model with expressions of t and the parameters in place of some inputs.
+
+        An observer of it then knows the input as a function of time, which a simulation needs.
+
+        Raises
+        ------
+        HgoError
+            A name that is no input; an expression of anything else; a model that is not compiled.
+        """
+        given = {**(values or {}), **named}
+        arguments = Arguments((("t", None),))
+        new: dict[str, Node] = {}
+        for name, source in given.items():
+            if name not in self.inputs:
+                raise HgoError(unknown(name, self.inputs, "input"))
+            group = read_group(name, source, arguments, self._names, ())
+            self._need_expressions(group)
+            new[name], *_ = group.nodes or ()
+        sides: dict[str, Any] = {
+            name: nodes.replaced(roots, new) for name, roots in self.equations.items()
+        }
+        if self._diffusion is not None:
+            self._need_expressions(self._diffusion)
+            sides["g"] = nodes.replaced(self._diffusion.nodes or (), new)
+        return Model(
+            states=self.states,
+            inputs=[name for name in self.inputs if name not in new],
+            parameters=self.parameters,
+            **sides,
+        )
+
+    def plant(self, *, diffusion: Any = None) -> Plant:
+        """The system itself, to simulate.
+
+        Parameters
+        ----------
+        diffusion : n expressions, optional
+            Default: g of the sampled-data form, else none.
+
+        Raises
+        ------
+        HgoError
+            A model with inputs (see `with_inputs`), with several outputs, or not compiled.
+        """
+        if self.inputs:
+            remedy = f'write model.with_inputs({self.inputs[0]}="sin(t)").plant()'
+            raise HgoError(explain("inputs", list(self.inputs), "expressions of t", remedy))
+        if len(self.outputs) > 1:
+            remedy = "give hgo_rs.Plant the equations, with one output"
+            raise HgoError(explain("outputs", list(self.outputs), "one", remedy))
+        if diffusion is None and self._diffusion is not None:
+            self._need_expressions(self._diffusion)
+            diffusion = self._diffusion.nodes
+        return Plant(
+            states=self.states,
+            parameters=self.parameters,
+            drift=self.drift,
+            diffusion=diffusion,
+            output=self.outputs[0],
+        )
+
     # --- what it is ---------------------------------------------------------------------------
 
     n_x: int = 0
@@ -170,6 +238,60 @@ class Model(OwnSystem):
     def order(self) -> int | None:
         """Order that an observer must have: n; for the strict-feedback form the number of z."""
         return self.n - self.n_x
+
+    @property
+    def _title(self) -> str:
+        words = {
+            "phase": "phase-variable",
+            "triangular": "triangular",
+            "sampled": "sampled-data",
+            "strict-feedback": "strict-feedback",
+        }
+        return f"Model in {words[self.form]} form, {self.n} states"
+
+    @property
+    def known(self) -> tuple[Node, ...]:
+        """phi (1), f (n) or f2 (n_z)."""
+        return self.equations[self._known_group]
+
+    @property
+    def known_names(self) -> tuple[str, ...]:
+        """phi, f[0] ... or f2[0] ..."""
+        name = self._known_group
+        return (name,) if name == "phi" else tuple(f"{name}[{i}]" for i in range(len(self.known)))
+
+    @property
+    def _known_group(self) -> str:
+        return {"phase": "phi", "strict-feedback": "f2"}.get(self.form, "f")
+
+    @property
+    def drift(self) -> tuple[Node, ...]:
+        """dx/dt, one expression a state (x, then z)."""
+        equations = self.equations
+        chain = [nodes.symbol(name) for name in self.states]
+        if self.form == "phase":
+            return (*chain[1:], *equations["phi"])
+        if self.form == "triangular":
+            return (*map(add, chain[1:], equations["f"]), equations["f"][-1])
+        if self.form == "sampled":
+            return equations["f"]
+        z = chain[self.n_x :]
+        rates = list(equations["f1"])
+        for i, entry in enumerate(equations["g"]):
+            rates[i // len(z)] = add(rates[i // len(z)], mul(entry, z[i % len(z)]))
+        return (*rates, *equations["f2"])
+
+    @property
+    def outputs(self) -> tuple[Node, ...]:
+        """y: x_1, or h, or all x of the strict-feedback form."""
+        if self.form == "sampled":
+            return self.equations["h"]
+        return tuple(nodes.symbol(name) for name in self.states[: max(self.n_x, 1)])
+
+    def shown_equations(self) -> list[tuple[str, Node]]:
+        """As for every system, and K_T where there is one."""
+        more = [(f"K_T[{i}]", node) for i, node in enumerate(self.equations.get("K_T", ()))]
+        return super().shown_equations() + more
 
     @property
     def spec(self) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from hgo_rs.expressions.nodes import Node
 from hgo_rs.own.base import OwnSystem
 from hgo_rs.own.names import Names
 from hgo_rs.own.sources import Arguments, read_group
@@ -73,6 +74,35 @@ class Plant(OwnSystem):
     def noisy(self) -> bool:
         """Whether there is process noise."""
         return "diffusion" in self._groups
+
+    @property
+    def _title(self) -> str:
+        return f"Plant, {self.n} states" + (", with process noise" if self.noisy else "")
+
+    @property
+    def drift(self) -> tuple[Node, ...]:
+        """dx/dt, one expression a state."""
+        return self.equations["drift"]
+
+    @property
+    def known(self) -> tuple[Node, ...]:
+        """The drift."""
+        return self.drift
+
+    @property
+    def known_names(self) -> tuple[str, ...]:
+        """drift[0] ..."""
+        return tuple(f"drift[{i}]" for i in range(self.n))
+
+    @property
+    def outputs(self) -> tuple[Node, ...]:
+        """y (1)."""
+        return self.equations["output"]
+
+    def shown_equations(self) -> list[tuple[str, Node]]:
+        """As for every system, and the diffusion where there is one."""
+        rows = enumerate(self.equations.get("diffusion", ()))
+        return super().shown_equations() + [(f"diffusion[{i}]", node) for i, node in rows]
 
     @property
     def spec(self) -> dict[str, Any]:
