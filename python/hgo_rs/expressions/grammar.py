@@ -210,8 +210,6 @@ class _Reader:
 
     def _binary(self, left: _Part, sign: Token, right: _Part) -> _Part:
         a, b = self._number_of(left), self._number_of(right)
-        if sign == "/" and b.number == 0.0:
-            raise self._refuse("division by zero: must be another number", right.start)
         node = self._made(_start(sign), partial(function, _BINARY[str(sign)]), a, b)
         return _Part(node, left.start)
 
@@ -226,6 +224,10 @@ class _Reader:
                 message = f"{name} is not a function: must be one of the library; write {name}*( )"
                 raise self._refuse(message, at)
             raise self._refuse(unknown(name, FUNCTIONS, "function"), at)
+        try:
+            FUNCTIONS[name].check(len(parts))
+        except ExpressionError as error:
+            raise self._refuse(error.reason, at) from None
         conditions = range(1, len(parts) - 1, 2) if name == "piecewise" else range(0)
         args = [
             self._condition_of(part) if i in conditions else self._number_of(part)

@@ -319,5 +319,8 @@ def _on_surface(gap: Node, left: Node, right: Node) -> Node | None:
     """``gap`` where left = right; None if neither side is a symbol that the other is free of."""
     for name, by in ((left, right), (right, left)):
         if name.op == "symbol" and str(name.value) not in symbols([by]):
-            return substitute(gap, str(name.value), by)
+            try:
+                return substitute(gap, str(name.value), by)
+            except ExpressionError:  # no value there, such as 1/0
+                return None
     return None

@@ -32,13 +32,16 @@ class Function:
 
     def __call__(self, *args: Node) -> Node:
         """The node; ExpressionError for a wrong number of arguments."""
-        count = len(args)
+        self.check(len(args))
+        return self.build(*args)
+
+    def check(self, count: int) -> None:
+        """Refuse a wrong number of arguments."""
         if count < self.least or (self.most is not None and count > self.most):
             raise ExpressionError(
                 f"{count} argument{'' if count == 1 else 's'} given: must be {self._wanted()}; "
                 f"write {self.signature}"
             )
-        return self.build(*args)
 
     def _wanted(self) -> str:
         if self.most is None:

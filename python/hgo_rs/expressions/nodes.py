@@ -167,6 +167,8 @@ def function(op: str, *args: Node) -> Node:
             return constant(value)
     first = args[0]
     last = args[-1].number
+    if op == "div" and last == 0.0:
+        raise ExpressionError("division by zero: must be by another number")
     if op == "neg" and first.op == "neg":
         return first.args[0]
     if (op in ("mul", "div") and last == 1.0) or (op == "sub" and _is_plus_zero(last)):

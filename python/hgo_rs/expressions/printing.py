@@ -44,7 +44,7 @@ def latex(root: Node, names: dict[str, str] | None = None) -> str:
 
 def _write(root: Node, how: Callable[[Node, list[Written]], Written]) -> str:
     if root.size > LONGEST:
-        return f"(an expression of {len(order([root]))} operations)"
+        return f"(an expression of {sum(bool(node.args) for node in order([root]))} operations)"
     done: dict[Node, Written] = {}
     for node in order([root]):
         done[node] = how(node, [done[arg] for arg in node.args])
