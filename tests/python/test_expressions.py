@@ -387,10 +387,14 @@ def test_bounds_of_many_boxes_at_once():
         ("saturate(x, -1, 1) + abs(x) + min(x, y)", 0),
         ("atan2(x, y)", 1),
         ("atan2(x, y + 10)", 0),
+        ("sign(y) + piecewise(x, y < 0, 2*x)", 0),
+        ("piecewise(1, 1/x < 0, 2)", 1),
+        ("piecewise(1/x, x < y, 1/y)", 0),
     ],
 )
 def test_jumps_are_found(written, count):
-    assert len(jumps([parse(written)], {"x": (-2.0, 2.0), "y": (-2.0, 2.0)})) == count
+    box = {"x": (-2.0, 2.0), "y": (-2.0, 2.0)}
+    assert len(jumps([parse(written)], box, ["x"])) == count
 
 
 # --- the grammar ----------------------------------------------------------------------------------
@@ -451,7 +455,7 @@ WRONG = {
     "x\u00a0+ 1": ("in ASCII", 1),
     "ｘ": ("in ASCII", 0),
     "sinn(x)": ("did you mean sin", 0),
-    "frobnicate(x)": ("see the function library", 0),
+    "frobnicate(x)": ("choose one of them", 0),
     "1 + Vel": ("did you mean vel", 4),
     "__class__": ("unknown name __class__", 0),
     "__import__(x)": ("unknown function __import__", 0),

@@ -271,15 +271,15 @@ def unknown(name: str, known: Iterable[str], what: str = "name") -> str:
     """What to say of a name that is not there: the nearest one, or all of them."""
     names = sorted(known)
     lower = {candidate.lower(): candidate for candidate in names}
-    near = difflib.get_close_matches(name[:64].lower(), lower, n=1, cutoff=0.6)
+    near = difflib.get_close_matches(name[:64].lower(), lower, n=1, cutoff=0.7)
     if name == "e":
         remedy = "write exp(1) for Euler's number"
     elif near:
         remedy = f"did you mean {lower[near[0]]}?"
-    else:
+    elif what == "name":
         remedy = "declare it as a state, an input or a parameter"
-    if what == "function" and not near:
-        remedy = "see the function library"
+    else:
+        remedy = "choose one of them"
     shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
     return f"unknown {what} {_cut(name)}: must be one of {shown}; {remedy}"
 

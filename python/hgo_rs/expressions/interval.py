@@ -7,7 +7,7 @@ wherever it is defined on the box; where it is not defined at all they are infin
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -267,8 +267,10 @@ _OPS: dict[str, Callable[..., Interval]] = {
 # --- jumps ------------------------------------------------------------------------------------
 
 
-def jumps(roots: Sequence[Node], box: Mapping[str, tuple[float, float]]) -> list[Node]:
-    """The parts of the roots that may jump inside the box, so that no slope bounds them.
+def jumps(
+    roots: Sequence[Node], box: Mapping[str, tuple[float, float]], names: Iterable[str]
+) -> list[Node]:
+    """The parts of the roots that may jump inside the box as the symbols ``names`` move.
 
     sign where its argument may be 0; atan2 where it may cross the negative x axis; piecewise where
     its condition may change, unless both branches are equal there, which is seen for a condition
@@ -278,17 +280,19 @@ def jumps(roots: Sequence[Node], box: Mapping[str, tuple[float, float]]) -> list
     nodes = order(roots)
     found = []
     ranges = dict(zip(nodes, bounds(nodes, box), strict=True))
+    moving = set(names)
     for node in nodes:
+        what = node.args[:1] if node.op == "select" else node.args
+        if node.op not in ("sign", "atan2", "select") or moving.isdisjoint(symbols(what)):
+            continue
         args = [ranges[arg] for arg in node.args]
         if node.op == "sign":
             jump = bool(args[0][0] <= 0.0 <= args[0][1]) and not bool(args[0][0] == args[0][1])
         elif node.op == "atan2":
             jump = bool(_crosses_cut(args[0], args[1]))
-        elif node.op == "select":
+        else:
             undecided = bool(args[0][0] != args[0][1])
             jump = undecided and not _meets(node, box, ranges)
-        else:
-            jump = False
         if jump:
             found.append(node)
     return found
@@ -301,6 +305,7 @@ def _meets(
     condition, a, b = node.args
     gap = sub(a, b)
     size = max(float(np.max(np.abs(end))) for part in (a, b) for end in ranges[part])
+    scale = max(1.0, size) if np.isfinite(size) else 1.0
     for comparison in order([condition]):
         if comparison.op in ("lt", "le", "eq"):
             low, high = ranges[comparison]
@@ -310,7 +315,7 @@ def _meets(
             if there is None:
                 return False
             (low, high), *_ = bounds([there], box)
-            if not max(-float(low), float(high)) <= _CONTINUOUS * max(1.0, size):
+            if not max(-float(low), float(high)) <= _CONTINUOUS * scale:
                 return False
     return True
 

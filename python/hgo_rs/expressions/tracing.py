@@ -28,11 +28,12 @@ def as_node(value: Any) -> Node:
     if isinstance(value, (bool, np.bool_)):
         raise ExpressionError(f"{value!r} is no number: must be a float or an expression")
     try:
-        return nodes.constant(float(value))
-    except (TypeError, ValueError):
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
         raise ExpressionError(
             f"{type(value).__name__} is no number: must be a float or an expression"
         ) from None
+    return nodes.constant(number)
 
 
 def symbolic_vector(names: list[str]) -> Any:

@@ -23,6 +23,7 @@ Array = npt.NDArray[np.float64]
 Box = Mapping[str, tuple[float, float]]
 
 _BUDGET = 20_000  # boxes looked at
+_SMALLEST = 1e-9  # part of the box below which a slope that has no bound is taken to have none
 _ROUNDING = 1.0 + 1e-12  # of the norms, which LAPACK computes
 
 
@@ -79,11 +80,12 @@ def lipschitz(
     jacobian = Jacobian(roots, states, parameters)
     ends = _checked_box(box, {*states, *others})
     known: dict[str, Any] = {name: (value, value) for name, value in parameters.items()}
-    for name in [*states, *nodes.symbols([*roots, *jacobian.entries])]:
-        if name not in known and name not in ends:
+    for name in jacobian.needs:
+        if name not in ends:
             remedy = f'write lipschitz({{"{name}": (low, high), ...}})'
             raise HgoError(explain("box", dict(box), f"given with bounds of {name}", remedy))
-    jumping = jumps(roots, {**known, **ends})
+    everywhere = dict.fromkeys((*states, *others), (-np.inf, np.inf))
+    jumping = jumps(roots, {**everywhere, **known, **ends}, states)
     if jumping:
         raise HgoError(
             f"{jumping[0]} may jump inside the box, so that no Lipschitz bound exists: must be "
@@ -120,11 +122,15 @@ def _branch_and_bound(
         used += len(pieces)
         open_ = ~(upper <= max(reached * (1.0 + rtol), np.finfo(float).tiny))
         settled = max(settled, float(np.max(upper[~open_], initial=0.0)))
-        wide = np.any(pieces[:, 1] > pieces[:, 0], axis=1)
+        sides = (pieces[:, 1] - pieces[:, 0]) / width
+        wide = np.any(sides > np.where(np.isinf(upper), _SMALLEST, 0.0)[:, np.newaxis], axis=1)
         if not (open_ & wide).any() or used + 2 * int(open_.sum()) > _BUDGET:
             bound = max(settled, float(np.max(upper[open_], initial=0.0)))
             break
         settled = max(settled, float(np.max(upper[open_ & ~wide], initial=0.0)))
+        if np.isinf(settled):
+            bound = settled
+            break
         pieces = _halved(pieces[open_ & wide], width)
     if not np.isfinite(bound):
         raise HgoError(

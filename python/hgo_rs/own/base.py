@@ -159,7 +159,7 @@ class OwnSystem(System):
         Parameters
         ----------
         box : dict of name -> (low, high)
-            All states; inputs and t where the slope depends on them.
+            The states, inputs and t that the slope depends on; the others may be left out.
         rtol : float
             The box is cut up until the bound is this close to a slope that is reached; at most
             20 000 pieces, so that the bound of a model of many states may be less tight.
