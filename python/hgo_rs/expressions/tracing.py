@@ -1,7 +1,8 @@
 """Callables, called once with symbolic arguments.
 
 A callable that computes with operators, NumPy's functions and indices alone becomes an expression
-and runs compiled. One that asks for a value (a branch, `float(x)`, `math.sin(x)`) cannot be traced.
+and runs compiled; a factor or a term that is the number 0 is left out. One that asks for a value
+(a branch, `float(x)`, `math.sin(x)`) cannot be traced.
 """
 
 from __future__ import annotations
@@ -61,6 +62,20 @@ def _binary(op: str) -> Callable[[Node, Node], Node]:
     return lambda a, b: function(op, a, b)
 
 
+def _sum(a: Node, b: Node) -> Node:
+    """a + b; a term that is the number 0, as sparse matrices make them, is left out."""
+    if a.number == 0.0:
+        return b
+    return a if b.number == 0.0 else function("add", a, b)
+
+
+def _product(a: Node, b: Node) -> Node:
+    """a b; the factor 0 makes 0, so that a matrix product depends on what it shows only."""
+    if a.number == 0.0 or b.number == 0.0:
+        return nodes.constant(0.0)
+    return function("mul", a, b)
+
+
 def _compared(op: str, swap: bool = False) -> Callable[[Node, Node], Node]:
     return lambda a, b: nodes.compare(op, b, a) if swap else nodes.compare(op, a, b)
 
@@ -98,9 +113,9 @@ _UFUNCS: dict[str, Callable[..., Node]] = {
     "hypot": _hypot,
     "negative": nodes.negate,
     "positive": lambda a: a,
-    "add": _binary("add"),
+    "add": _sum,
     "subtract": _binary("sub"),
-    "multiply": _binary("mul"),
+    "multiply": _product,
     "divide": _binary("div"),
     "true_divide": _binary("div"),
     "less": _compared("lt"),
@@ -127,12 +142,12 @@ class Symbolic:
     def __repr__(self) -> str:
         return repr(self.node)
 
-    __add__ = _operation(_binary("add"))
-    __radd__ = _operation(_binary("add"), swap=True)
+    __add__ = _operation(_sum)
+    __radd__ = _operation(_sum, swap=True)
     __sub__ = _operation(_binary("sub"))
     __rsub__ = _operation(_binary("sub"), swap=True)
-    __mul__ = _operation(_binary("mul"))
-    __rmul__ = _operation(_binary("mul"), swap=True)
+    __mul__ = _operation(_product)
+    __rmul__ = _operation(_product, swap=True)
     __truediv__ = _operation(_binary("div"))
     __rtruediv__ = _operation(_binary("div"), swap=True)
     __pow__ = _operation(nodes.power)
