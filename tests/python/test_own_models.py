@@ -38,6 +38,16 @@ def ship():
     )
 
 
+def arm():
+    """Two chains that act on each other."""
+    return Model(
+        states=["q1", "w1", "q2", "w2", "a2"],
+        inputs=["u1", "u2"],
+        phi=["u1 - sin(q1 + q2) - w1*w2", "u2 - sin(q2) + q1*a2"],
+        orders=[2, 3],
+    )
+
+
 VDP = {
     "states": ["x1", "x2"],
     "parameters": {"eps": 0.8, "sigma": 0.5},
@@ -93,6 +103,7 @@ def test_a_system_in_a_few_lines():
     ("system", "inputs", "outputs"),
     [
         (lee(), "t x[0] x[1]", "phi"),
+        (arm(), "t x[0] x[1] x[2] x[3] x[4] u[0] u[1]", "phi[0] phi[1]"),
         (
             Model(states=["a", "b"], inputs=["u"], f=["sin(a)", "a*b + u"]),
             "t x[0] x[1] u[0]",
@@ -126,6 +137,8 @@ def test_specs_are_plain_data_in_the_agreed_order(system, inputs, outputs):
     again = pickle.loads(pickle.dumps(system))
     assert again == system
     assert hash(again) == hash(system)
+    plain = system.as_arguments()
+    assert type(system)(**json.loads(json.dumps(plain))) == system
 
 
 def test_parameters_change_without_a_new_table():
@@ -301,6 +314,33 @@ def test_the_twin_refuses_a_table_that_is_wrong(change, says):
         observer({**lee().spec, **change})
     with pytest.raises(ValueError, match="phase-variable or triangular"):
         observer(Model(**VDP).spec)
+
+
+def test_chains_of_several_outputs():
+    model = arm()
+    assert model.spec["orders"] == [2, 3]
+    assert (model.form, model.order) == ("chains", 5)
+    assert [str(node) for node in model.outputs] == ["q1", "q2"]
+    assert [str(node) for node in model.drift] == [
+        "w1",
+        "u1 - sin(q1 + q2) - w1*w2",
+        "w2",
+        "a2",
+        "u2 - sin(q2) + q1*a2",
+    ]
+    assert model.relative_degree("u1") == 2
+    assert model.relative_degree("u2") == 3
+    assert "    y[1] = q2" in str(model)
+    assert model.with_inputs(u1="t", u2=0).orders == (2, 3)
+    for changes, says in (
+        ({"orders": [2, 2]}, "add up to 5"),
+        ({"orders": [2, 0]}, r"orders\[1\] = 0"),
+        ({"orders": 5}, "a list of integers"),
+        ({"orders": [5]}, "phi has 2 expressions: must have 1"),
+        ({"phi": None, "f": [0] * 5}, "given with phi alone"),
+    ):
+        with pytest.raises(HgoError, match=says):
+            Model(**{**model.as_arguments(), **changes})
 
 
 # --- other systems made of it ---------------------------------------------------------------------
@@ -532,8 +572,8 @@ WRONG = {
     "no name": ({"states": [1]}, "must be a letter, then"),
     "one string": ({"states": "qv"}, "must be a list of names"),
     "no states": ({"states": []}, "at least one name"),
-    "nothing": ({"phi": None}, "a model of nothing: must be one of the four forms"),
-    "too much": ({"f": ["q", "v"]}, "a model of f, phi: must be one of the four forms"),
+    "nothing": ({"phi": None}, "a model of nothing: must be one of the five forms"),
+    "too much": ({"f": ["q", "v"]}, "a model of f, phi: must be one of the five forms"),
     "a list for phi": ({"phi": ["u", "v"]}, "phi"),
     "condition": ({"phi": "q < v"}, "phi: a condition stands where a number is needed"),
     "none": ({"phi": object()}, "phi: object is no number"),

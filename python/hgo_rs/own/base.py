@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from hgo_rs.errors import HgoError
-from hgo_rs.expressions.grammar import unknown
+from hgo_rs.errors import HgoError, explain
+from hgo_rs.expressions.grammar import MAX_LENGTH, unknown
 from hgo_rs.expressions.nodes import Node, symbol
-from hgo_rs.expressions.printing import latex
+from hgo_rs.expressions.printing import LONGEST, latex, text
 from hgo_rs.expressions.table import compile_table
 from hgo_rs.models import System
 from hgo_rs.own import analysis, show
@@ -23,7 +23,7 @@ from hgo_rs.own.sources import Group
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-__all__ = ["OwnSystem"]
+__all__ = ["OwnSystem", "written"]
 
 Array = npt.NDArray[np.float64]
 
@@ -35,8 +35,16 @@ class OwnSystem(System):
     _groups: dict[str, Group]
     _table: dict[str, Any] | None
 
-    def _compile(self, inputs: Mapping[str, str], outputs: Sequence[tuple[str, Group]]) -> None:
-        """Make the table of the groups, if all of them are expressions."""
+    def _compile(
+        self,
+        inputs: Mapping[str, str],
+        outputs: Sequence[tuple[str, Group]],
+        list_all: bool = False,
+    ) -> None:
+        """Make the table of the groups, if all of them are expressions.
+
+        phi and h have no index, unless ``list_all``.
+        """
         self._groups = {group.name: group for _, group in outputs}
         self._table = None
         if not self.compiled:
@@ -46,7 +54,7 @@ class OwnSystem(System):
         for label, group in outputs:
             assert group.nodes is not None
             roots += group.nodes
-            single = group.size == 1 and label in ("phi", "h")
+            single = label in ("phi", "h") and not list_all
             labels += [label] if single else [f"{label}[{i}]" for i in range(group.size)]
         self._table = compile_table(roots, inputs, labels, fixed=tuple(self._names.parameters))
 
@@ -224,6 +232,15 @@ class OwnSystem(System):
     def __repr__(self) -> str:
         return f"<{self._title}: {', '.join(self.states)}>"
 
+    def _arguments(self) -> dict[str, Any]:
+        """Names and values, as keyword arguments; what is empty is left out."""
+        given: dict[str, Any] = {
+            "states": list(self.states),
+            "inputs": list(self.inputs),
+            "parameters": self.parameters,
+        }
+        return {name: value for name, value in given.items() if value}
+
     def _spec(self, **own: Any) -> dict[str, Any]:
         """The spec: what is the class's own, then the table, values and names."""
         return {
@@ -246,3 +263,12 @@ class OwnSystem(System):
 
     def __hash__(self) -> int:
         return hash((type(self), self._names.all, tuple(self._names.parameters.values())))
+
+
+def written(node: Node, name: str) -> str:
+    """The text of an expression, which can be read again; HgoError where it would be too long."""
+    shown = text(node)
+    if node.size > LONGEST or len(shown) > MAX_LENGTH:
+        allowed = f"at most {MAX_LENGTH} characters when written out"
+        raise HgoError(explain(name, node, allowed, "write shared parts as states or parameters"))
+    return shown

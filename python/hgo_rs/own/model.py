@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from hgo_rs.errors import HgoError, explain
+from hgo_rs.errors import HgoError, check, check_integer, explain
 from hgo_rs.expressions import nodes
 from hgo_rs.expressions.derivative import add, mul
 from hgo_rs.expressions.errors import ExpressionError
 from hgo_rs.expressions.grammar import unknown
 from hgo_rs.expressions.nodes import Node
-from hgo_rs.own.base import OwnSystem
+from hgo_rs.own.base import OwnSystem, written
 from hgo_rs.own.names import Names
 from hgo_rs.own.plant import Plant
 from hgo_rs.own.sources import Arguments, Group, read_group
@@ -27,17 +28,19 @@ _FORMS = {
     frozenset({"f1", "g", "f2"}): "strict-feedback",
 }
 _REMEDY = (
-    "give phi= (phase-variable form), f= (triangular), f= and K_T= with g= and h= where wanted "
-    "(sampled-data), or f1=, g= and f2= (strict-feedback)"
+    "give phi= (phase-variable form; with orders= several chains), f= (triangular), f= and K_T= with "
+    "g= and h= where wanted (sampled-data), or f1=, g= and f2= (strict-feedback)"
 )
 
 
 class Model(OwnSystem):
     """A system of your own, as an observer knows it.
 
-    One of four forms; y is the measured output and t the time [s]:
+    One of five forms; y is the measured output and t the time [s]:
 
     - phase-variable: x_1' = x_2, ..., x_n' = phi(t, x, u), y = x_1.
+    - chains, one for each output: the same with orders n_1, n_2, ... and phi_1(t, x, u),
+      phi_2(t, x, u), ... of the states of all chains (block-triangular form).
     - triangular: x_i' = x_{i+1} + f_i(t, x_1 ... x_i, u), y = x_1: f_i comes beside the chain.
     - sampled-data, Fu, Kang and Li (5): x' = f(t, x, u), corrected by K_T(t, x, u, y, T) at each
       sample; y = h(x).
@@ -46,7 +49,8 @@ class Model(OwnSystem):
     Parameters
     ----------
     states : list of names
-        In order. In strict-feedback form x, which is measured, then z: as many x as f1 has entries.
+        In order. Of several chains one chain after the other. In strict-feedback form x, which is
+        measured, then z: as many x as f1 has entries.
     inputs : list of names, optional
     parameters : dict of name -> value, optional
         Constants that have names, see `with_parameters`.
@@ -54,6 +58,8 @@ class Model(OwnSystem):
         Strings in the grammar of `hgo_rs.expressions`, numbers, SymPy expressions, or callables:
         f(t, x, u), or f(t, x, u, p) with the parameters p["M"] or p.M; K_T(t, x, u, y, T);
         f1, g, f2(t, x, z, u). Lists where there are several; one callable may give all.
+    orders : list of int, optional
+        Orders of the chains, with as many phi; they add up to the number of states.
     g : list of expressions
         Strict-feedback: n_x rows of n_z entries. Sampled-data: the diffusion (n), which `plant`
         uses and no observer.
@@ -61,7 +67,7 @@ class Model(OwnSystem):
     Attributes
     ----------
     form : str
-        "phase", "triangular", "sampled" or "strict-feedback".
+        "phase", "chains", "triangular", "sampled" or "strict-feedback".
     compiled : bool
         False where a callable could not be traced: it then runs as Python, slowly; see
         `why_not_compiled`.
@@ -84,6 +90,7 @@ class Model(OwnSystem):
         inputs: Sequence[str] = (),
         parameters: Mapping[str, float] | None = None,
         phi: Any = None,
+        orders: Sequence[int] | None = None,
         f: Any = None,
         g: Any = None,
         h: Any = None,
@@ -92,12 +99,14 @@ class Model(OwnSystem):
         f2: Any = None,
     ) -> None:
         given = {"phi": phi, "f": f, "g": g, "h": h, "K_T": K_T, "f1": f1, "f2": f2}
-        self.form = _form(given)
+        self.form = _form(given, orders)
         reserved = ("t", "y", "T") if self.form == "sampled" else ("t",)
         self._names = Names.of(states, inputs, parameters, reserved)
         self._diffusion: Group | None = None
+        self.orders = _orders(orders, self.n) if orders is not None else ()
         {
             "phase": self._phase,
+            "chains": self._chains,
             "triangular": self._triangular,
             "sampled": self._sampled,
             "strict-feedback": self._strict_feedback,
@@ -108,6 +117,10 @@ class Model(OwnSystem):
     def _phase(self, given: Mapping[str, Any]) -> None:
         phi = self._read("phi", given, self._txu(), ())
         self._compile(self._table_inputs(x=self.states), [("phi", phi)])
+
+    def _chains(self, given: Mapping[str, Any]) -> None:
+        phi = self._read("phi", given, self._txu(), (len(self.orders),))
+        self._compile(self._table_inputs(x=self.states), [("phi", phi)], list_all=True)
 
     def _triangular(self, given: Mapping[str, Any]) -> None:
         f = self._read("f", given, self._txu(), (self.n,))
@@ -191,6 +204,7 @@ class Model(OwnSystem):
             states=self.states,
             inputs=[name for name in self.inputs if name not in new],
             parameters=self.parameters,
+            orders=self.orders or None,
             **sides,
         )
 
@@ -226,6 +240,9 @@ class Model(OwnSystem):
 
     # --- what it is ---------------------------------------------------------------------------
 
+    orders: tuple[int, ...] = ()
+    """Orders of the chains; empty for the other forms."""
+
     n_x: int = 0
     """Measured states of the strict-feedback form; 0 for the other forms."""
 
@@ -242,12 +259,13 @@ class Model(OwnSystem):
     @property
     def _title(self) -> str:
         words = {
-            "phase": "phase-variable",
-            "triangular": "triangular",
-            "sampled": "sampled-data",
-            "strict-feedback": "strict-feedback",
+            "phase": "phase-variable form",
+            "chains": f"phase-variable form, {len(self.orders)} chains",
+            "triangular": "triangular form",
+            "sampled": "sampled-data form",
+            "strict-feedback": "strict-feedback form",
         }
-        return f"Model in {words[self.form]} form, {self.n} states"
+        return f"Model in {words[self.form]}, {self.n} states"
 
     @property
     def known(self) -> tuple[Node, ...]:
@@ -258,11 +276,15 @@ class Model(OwnSystem):
     def known_names(self) -> tuple[str, ...]:
         """phi, f[0] ... or f2[0] ..."""
         name = self._known_group
-        return (name,) if name == "phi" else tuple(f"{name}[{i}]" for i in range(len(self.known)))
+        return (
+            (name,)
+            if self.form == "phase"
+            else tuple(f"{name}[{i}]" for i in range(len(self.known)))
+        )
 
     @property
     def _known_group(self) -> str:
-        return {"phase": "phi", "strict-feedback": "f2"}.get(self.form, "f")
+        return {"phase": "phi", "chains": "phi", "strict-feedback": "f2"}.get(self.form, "f")
 
     @property
     def drift(self) -> tuple[Node, ...]:
@@ -271,6 +293,11 @@ class Model(OwnSystem):
         chain = [nodes.symbol(name) for name in self.states]
         if self.form == "phase":
             return (*chain[1:], *equations["phi"])
+        if self.form == "chains":
+            rates = chain[1:] + chain[:1]
+            for (_, end), phi in zip(self._spans, equations["phi"], strict=True):
+                rates[end - 1] = phi
+            return tuple(rates)
         if self.form == "triangular":
             return (*map(add, chain[1:], equations["f"]), equations["f"][-1])
         if self.form == "sampled":
@@ -283,33 +310,82 @@ class Model(OwnSystem):
 
     @property
     def outputs(self) -> tuple[Node, ...]:
-        """y: x_1, or h, or all x of the strict-feedback form."""
+        """y: x_1, or the first state of each chain, or h, or all x of the strict-feedback form."""
         if self.form == "sampled":
             return self.equations["h"]
-        return tuple(nodes.symbol(name) for name in self.states[: max(self.n_x, 1)])
+        measured = [start for start, _ in self._spans] or range(max(self.n_x, 1))
+        return tuple(nodes.symbol(self.states[i]) for i in measured)
+
+    @property
+    def _spans(self) -> list[tuple[int, int]]:
+        """Where each chain begins and ends among the states."""
+        ends = list(itertools.accumulate(self.orders))
+        return list(zip([0, *ends[:-1]], ends, strict=True)) if ends else []
 
     def shown_equations(self) -> list[tuple[str, Node]]:
         """As for every system, and K_T where there is one."""
         more = [(f"K_T[{i}]", node) for i, node in enumerate(self.equations.get("K_T", ()))]
         return super().shown_equations() + more
 
+    def as_arguments(self) -> dict[str, Any]:
+        """What makes the same model again, as plain data: Model(**model.as_arguments()) == model.
+
+        Expressions are text, so that it can be written to a file.
+
+        Raises
+        ------
+        HgoError
+            A model that is not compiled; an expression whose text would be too long.
+        """
+        sides = dict(self.equations)
+        if self._diffusion is not None:
+            self._need_expressions(self._diffusion)
+            sides["g"] = self._diffusion.nodes or ()
+        shown: dict[str, Any] = {
+            name: [written(node, f"{name}[{i}]") for i, node in enumerate(side)]
+            for name, side in sides.items()
+        }
+        for name in ("h", "phi") if self.form != "chains" else ("h",):
+            if name in shown:
+                shown[name] = shown[name][0]
+        if self.form == "strict-feedback":
+            n_z = self.n - self.n_x
+            shown["g"] = [shown["g"][i * n_z : (i + 1) * n_z] for i in range(self.n_x)]
+        orders = {"orders": list(self.orders)} if self.orders else {}
+        return {**self._arguments(), **orders, **shown}
+
     @property
     def spec(self) -> dict[str, Any]:
         """The plain dict that the core reads; "table" is None where it is not compiled."""
         own: dict[str, Any] = {"kind": "own", "form": self.form, "n": self.n_x or self.n}
+        if self.form == "chains":
+            own["orders"] = list(self.orders)
         if self.form == "strict-feedback":
             own["n_z"] = self.n - self.n_x
         return self._spec(**own, n_u=self.n_u)
 
 
-def _form(given: Mapping[str, Any]) -> str:
+def _form(given: Mapping[str, Any], orders: Any) -> str:
     there = {name for name, value in given.items() if value is not None}
     core = there - {"g", "h"} if "K_T" in there else there
     form = _FORMS.get(frozenset(core))
     if form is None:
         shown = ", ".join(sorted(there)) or "nothing"
-        raise HgoError(f"a model of {shown}: must be one of the four forms; {_REMEDY}")
+        raise HgoError(f"a model of {shown}: must be one of the five forms; {_REMEDY}")
+    if orders is not None:
+        check(form == "phase", "orders", orders, "given with phi alone", "leave it out")
+        return "chains"
     return form
+
+
+def _orders(orders: Any, n: int) -> tuple[int, ...]:
+    """Checked orders of chains."""
+    if isinstance(orders, str) or not isinstance(orders, Sequence):
+        raise HgoError(explain("orders", orders, "a list of integers", "write orders=[2, 2]"))
+    found = tuple(check_integer(value, f"orders[{i}]", least=1) for i, value in enumerate(orders))
+    allowed = f"orders that add up to {n}, the number of states"
+    check(sum(found) == n, "orders", list(found), allowed, "list the states chain by chain")
+    return found
 
 
 def _length(name: str, source: Any, most: int) -> int:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hgo_rs.expressions.nodes import Node
-from hgo_rs.own.base import OwnSystem
+from hgo_rs.own.base import OwnSystem, written
 from hgo_rs.own.names import Names
 from hgo_rs.own.sources import Arguments, read_group
 
@@ -103,6 +103,22 @@ class Plant(OwnSystem):
         """As for every system, and the diffusion where there is one."""
         rows = enumerate(self.equations.get("diffusion", ()))
         return super().shown_equations() + [(f"diffusion[{i}]", node) for i, node in rows]
+
+    def as_arguments(self) -> dict[str, Any]:
+        """What makes the same plant again, as plain data: Plant(**plant.as_arguments()) == plant.
+
+        Expressions are text, so that it can be written to a file.
+
+        Raises
+        ------
+        HgoError
+            A plant that is not compiled; an expression whose text would be too long.
+        """
+        shown: dict[str, Any] = {
+            name: [written(node, f"{name}[{i}]") for i, node in enumerate(side)]
+            for name, side in self.equations.items()
+        }
+        return {**self._arguments(), **shown, "output": shown["output"][0]}
 
     @property
     def spec(self) -> dict[str, Any]:
