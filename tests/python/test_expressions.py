@@ -285,6 +285,7 @@ def test_the_derivative_is_the_one_of_mpmath(node, point):
         right = (-3 * centre + 4 * sides[2] - sides[3]) / (2 * h)
         scale = 1 + abs(have) + abs(centre)
         # not near a kink, a jump or a pole
+        assume(abs(sides[3] - sides[0]) < mpmath.mpf("1e-6"))
         assume(abs(left - right) < mpmath.mpf("1e-6") * scale)
         assert abs((left + right) / 2 - have) < mpmath.mpf("1e-5") * scale
 
@@ -317,7 +318,7 @@ def test_a_derivative_is_simplified():
 
 # --- bounds ---------------------------------------------------------------------------------------
 
-ends = st.floats(-4.0, 4.0, allow_subnormal=False)
+ends = st.floats(-4.0, 4.0, allow_subnormal=False).map(lambda end: end + 0.0)
 boxes = st.tuples(*[st.tuples(ends, ends).map(sorted)] * 3)
 
 
@@ -346,7 +347,11 @@ def test_bounds_contain_every_sample(node, box, seed):
         ("1/x", (-1, 2), (-math.inf, math.inf)),
         ("tan(x)", (1, 2), (-math.inf, math.inf)),
         ("exp(x)", (0, 1), (1, math.e)),
-        ("sqrt(x)", (-1, 4), (0, 2)),
+        ("sqrt(x)", (0, 4), (0, 2)),
+        ("sqrt(x*x + abs(x))", (-1, 1), (0, math.sqrt(2))),
+        ("sqrt(x)", (-1, 4), (-math.inf, math.inf)),
+        ("min(1, log(x))", (-2, 0.5), (-math.inf, 1)),
+        ("x**1.5", (-1, 4), (-math.inf, math.inf)),
         ("log(x)", (0, 1), (-math.inf, 0)),
         ("log(x)", (-2, -1), (-math.inf, math.inf)),
         ("piecewise(2, x < 0, 5)", (-1, -0.5), (2, 2)),

@@ -1,8 +1,9 @@
 """Guaranteed bounds of expressions on boxes, by interval arithmetic, many boxes at once.
 
 Every bound is rounded outwards: by one ulp for the operations that IEEE 754 defines, by `_ULPS` for
-the others, whose errors in NumPy and libm stay below 4 ulp. The bounds hold for the real function
-wherever it is defined on the box; where it is not defined at all they are infinite.
+the others, whose errors in NumPy and libm stay below 4 ulp. Where a part of the box is outside the
+domain of a function (sqrt, log or x**p of negative numbers, division by 0) its bounds are infinite,
+so that NaN, which min, max and comparisons pass over, leads to no value outside the bounds either.
 """
 
 from __future__ import annotations
@@ -100,13 +101,27 @@ def _hull(values: Sequence[Any], ulps: int = 1) -> Interval:
 # --- arithmetic -------------------------------------------------------------------------------
 
 
-def _times(a: Any, b: Any) -> Any:
-    """a b with 0 times infinity = 0: a factor that is exactly 0 makes the product 0."""
-    return np.where((a == 0.0) | (b == 0.0), 0.0, a * b)
-
-
 def _mul(a: Interval, b: Interval) -> Interval:
-    return _hull([_times(x, y) for x in a for y in b])
+    """0 is exact where a factor is 0; where it comes from underflow it is rounded outwards."""
+    lows, highs = [], []
+    for x in a:
+        for y in b:
+            exact = (x == 0.0) | (y == 0.0)
+            low, high = _out(x * y, x * y)
+            lows.append(np.where(exact, 0.0, low))
+            highs.append(np.where(exact, 0.0, high))
+    return np.minimum.reduce(lows), np.maximum.reduce(highs)
+
+
+def _add(a: Interval, b: Interval) -> Interval:
+    """A sum that is 0 is exact."""
+    low, high = a[0] + b[0], a[1] + b[1]
+    below, above = _out(low, high)
+    return np.where(low == 0.0, low, below), np.where(high == 0.0, high, above)
+
+
+def _neg(a: Interval) -> Interval:
+    return -a[1], -a[0]
 
 
 def _div(a: Interval, b: Interval) -> Interval:
@@ -149,8 +164,8 @@ def _max(a: Interval, b: Interval) -> Interval:
 
 
 def _sqrt(x: Interval) -> Interval:
-    low, high = _out(np.sqrt(np.maximum(x[0], 0.0)), np.sqrt(x[1]))  # NaN where x < 0 throughout
-    return np.where(np.isnan(high), high, np.maximum(low, 0.0)), high
+    low, high = _out(np.sqrt(x[0]), np.sqrt(x[1]))  # NaN where x < 0
+    return np.where(x[0] == 0.0, 0.0, low), high
 
 
 def _exp(x: Interval) -> Interval:
@@ -159,8 +174,7 @@ def _exp(x: Interval) -> Interval:
 
 
 def _log(x: Interval) -> Interval:
-    low, high = _out(np.log(np.maximum(x[0], 0.0)), np.log(x[1]), _ULPS)
-    return np.where(np.isnan(high), high, low), high
+    return _out(np.log(x[0]), np.log(x[1]), _ULPS)  # NaN where x < 0
 
 
 def _tanh(x: Interval) -> Interval:
@@ -208,11 +222,9 @@ def _atan2(y: Interval, x: Interval) -> Interval:
 
 def _pow(x: Interval, p: Interval) -> Interval:
     """x**p for x >= 0: monotone in x and in p, so that the extremes are at the corners."""
-    base = np.maximum(x[0], 0.0), x[1]
-    corners = [np.power(a, b) for a in base for b in p]
-    low, high = _hull(corners, _ULPS)
-    nothing = x[1] < 0.0
-    return np.where(nothing, np.nan, np.maximum(low, 0.0)), np.where(nothing, np.nan, high)
+    low, high = _hull([np.power(a, b) for a in x for b in p], _ULPS)
+    outside = x[0] < 0.0
+    return np.where(outside, np.nan, np.maximum(low, 0.0)), np.where(outside, np.nan, high)
 
 
 # --- conditions: 1 is true, 0 is false, [0, 1] is undecided ----------------------------------
@@ -235,7 +247,7 @@ def _select(condition: Interval, a: Interval, b: Interval) -> Interval:
 
 
 _OPS: dict[str, Callable[..., Interval]] = {
-    "neg": lambda a: (-a[1], -a[0]),
+    "neg": _neg,
     "abs": _abs,
     "sign": lambda a: (np.sign(a[0]), np.sign(a[1])),
     "sqrt": _sqrt,
@@ -246,8 +258,8 @@ _OPS: dict[str, Callable[..., Interval]] = {
     "exp": _exp,
     "log": _log,
     "tanh": _tanh,
-    "add": lambda a, b: _out(a[0] + b[0], a[1] + b[1]),
-    "sub": lambda a, b: _out(a[0] - b[1], a[1] - b[0]),
+    "add": _add,
+    "sub": lambda a, b: _add(a, _neg(b)),
     "mul": _mul,
     "div": _div,
     "min": _min,

@@ -28,8 +28,8 @@ _FORMS = {
     frozenset({"f1", "g", "f2"}): "strict-feedback",
 }
 _REMEDY = (
-    "give phi= (phase-variable form; with orders= several chains), f= (triangular), f= and K_T= with "
-    "g= and h= where wanted (sampled-data), or f1=, g= and f2= (strict-feedback)"
+    "give phi= (phase-variable form; with orders= several chains), f= (triangular), f= and K_T= "
+    "with g= and h= where wanted (sampled-data), or f1=, g= and f2= (strict-feedback)"
 )
 
 
