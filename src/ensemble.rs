@@ -18,7 +18,7 @@ use crate::integrate::{Integrator, PlantScheme};
 use crate::lanes::{Aligned, LANES, Lane, LaneMetrics, Shown};
 use crate::memory::Memory;
 use crate::model::{Plant, StochasticIntegrator};
-use crate::noise::{Channel, Draw, Noise, Stream};
+use crate::noise::{Channel, Draw, Noise, Stream, normal_radius, turned};
 use crate::observer::{ContinuousLaw, Entries, Measurement, Observer, Status, Timing};
 use crate::program::{Program, REGISTERS, Registers};
 use crate::schedule::Schedule;
@@ -79,6 +79,28 @@ impl Streams {
             column.0[lane] = word;
         }
     }
+    /// A standard normal pair of every run, the second only where it is wanted. In several passes:
+    /// the processor works on more runs at once where the chain of each is short.
+    #[inline(always)]
+    fn normal_pairs(&mut self, both: bool) -> [Lane<f64>; 2] {
+        let (mut first, mut second) = (Lane([0.0; LANES]), Lane([0.0; LANES]));
+        for lane in 0..LANES {
+            let mut stream = self.load(lane);
+            (first.0[lane], second.0[lane]) = (stream.uniform(), stream.uniform());
+            self.store(&stream, lane);
+        }
+        for lane in 0..LANES {
+            first.0[lane] = normal_radius(first.0[lane]);
+        }
+        for lane in 0..LANES {
+            let pair = turned(first.0[lane], second.0[lane]);
+            first.0[lane] = pair.0;
+            if both {
+                second.0[lane] = pair.1;
+            }
+        }
+        [first, second]
+    }
 }
 
 /// What is the same for all runs at one sample.
@@ -109,6 +131,22 @@ struct Running<T, G> {
     given: Aligned<G>,
     t: T,
     plant_t: T,
+}
+
+/// Two zeros for every run.
+const NOTHING: [Lane<f64>; 2] = [Lane([0.0; LANES]); 2];
+
+impl<T, G> Running<T, G> {
+    /// The normal values that the scheme takes for a substep of every plant.
+    #[inline(always)]
+    fn normals(&mut self, scheme: PlantScheme) -> [Lane<f64>; 2] {
+        let both = scheme == PlantScheme::Stochastic(StochasticIntegrator::Taylor15);
+        if let PlantScheme::Stochastic(_) = scheme {
+            self.process.normal_pairs(both)
+        } else {
+            NOTHING
+        }
+    }
 }
 
 /// How observers move beside their plants.
@@ -174,6 +212,7 @@ impl<O> Sampled<'_, O> {
         S: Schedule<T>,
         O: Observer<T, Measurement = P::Output, Input = P::Input>,
     {
+        let xi = if let Some(scheme) = scheme { running.normals(scheme) } else { NOTHING };
         for lane in 0..LANES {
             let x = P::State::load(&block.x.0, lane);
             let mut z = O::State::load(&block.z.0, lane);
@@ -193,13 +232,10 @@ impl<O> Sampled<'_, O> {
             block.undefined_at.0[lane] = block.undefined_at.0[lane].min(here);
             z.store(&mut block.z.0, lane);
             if let Some(scheme) = scheme {
-                let mut stream = running.process.load(lane);
+                let xi = (xi[0].0[lane], xi[1].0[lane]);
                 study
-                    .substep(scheme, &mut stream, running.plant_t, &x, &u, at.plant_dt)
+                    .substep(scheme, xi, running.plant_t, &x, &u, at.plant_dt)
                     .store(&mut block.x.0, lane);
-                if let PlantScheme::Stochastic(_) = scheme {
-                    running.process.store(&stream, lane);
-                }
             } else {
                 u.store(&mut running.given.0.1, lane);
             }
@@ -552,14 +588,12 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         let h = dt / T::from_f64(f64::from(self.substeps));
         for i in 0..self.substeps {
             let time = running.plant_t + T::from_f64(f64::from(i)) * h;
+            let xi = running.normals(scheme);
             for lane in 0..LANES {
-                let mut stream = running.process.load(lane);
                 let input = P::Input::load(&running.given.0.1, lane);
                 let state = P::State::load(x, lane);
-                self.substep(scheme, &mut stream, time, &state, &input, h).store(x, lane);
-                if let PlantScheme::Stochastic(_) = scheme {
-                    running.process.store(&stream, lane);
-                }
+                let xi = (xi[0].0[lane], xi[1].0[lane]);
+                self.substep(scheme, xi, time, &state, &input, h).store(x, lane);
             }
         }
     }

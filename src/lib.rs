@@ -33,6 +33,7 @@ pub mod ensemble;
 pub mod error;
 pub mod estimator;
 pub mod gain;
+pub mod injection;
 pub mod integrate;
 pub mod lanes;
 pub mod measurement;

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
         Crackle,
         InputGain,
         Lee,
-        Model,
         SanfelicePraly,
         Ship,
+        System,
         Unknown,
         VanDerPol,
     )
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         SampledDataObserver,
         StandardObserver,
     )
+    from hgo_rs.own import Model, OwnSystem, Plant
     from hgo_rs.results import Gap, RunResult, SimulationResult
     from hgo_rs.simulation import simulate
     from hgo_rs.studies import StudyError, StudyInterrupted, StudyProgress, StudyResult, study
@@ -68,7 +69,9 @@ __all__ = [
     "Noise",
     "NormalNoise",
     "Observer",
+    "OwnSystem",
     "PeakingFreeObserver",
+    "Plant",
     "RecordedNoise",
     "ReducedOrderObserver",
     "RepelledCollection",
@@ -84,6 +87,7 @@ __all__ = [
     "StudyInterrupted",
     "StudyProgress",
     "StudyResult",
+    "System",
     "UniformNoise",
     "Unknown",
     "VanDerPol",
@@ -93,12 +97,22 @@ __all__ = [
     "study",
 ]
 
-_MODULES = ("errors", "gains", "models", "noise", "observers", "results", "simulation", "studies")
+_MODULES = (
+    "errors",
+    "gains",
+    "models",
+    "noise",
+    "observers",
+    "results",
+    "simulation",
+    "own",
+    "studies",
+)
 
 
 def __getattr__(name: str) -> Any:
     """A public name, or a module, on its first use (PEP 562)."""
-    if name in (*_MODULES, "design", "reference", "_core"):
+    if name in (*_MODULES, "design", "expressions", "reference", "_core"):
         return import_module(f"hgo_rs.{name}")
     if name in __all__:
         for module in map(import_module, (f"hgo_rs.{name}" for name in _MODULES)):

@@ -25,7 +25,7 @@ from hgo_rs.errors import (
     explain,
 )
 from hgo_rs.gains import AdaptiveGain, ConstantGain, DeadZoneGain
-from hgo_rs.models import Model, Ship, Unknown, VanDerPol
+from hgo_rs.models import Ship, System, Unknown, VanDerPol
 from hgo_rs.results import RunResult
 
 __all__ = [
@@ -43,11 +43,24 @@ Array = npt.NDArray[np.float64]
 Gain = float | ConstantGain | AdaptiveGain | DeadZoneGain
 Poles = Sequence[complex] | npt.ArrayLike
 
-METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine")
+METHODS = (
+    "euler",
+    "staggered-euler",
+    "rk4",
+    "rk4-innovation-held",
+    "bogacki-shampine",
+    "zoh",
+    "bilinear",
+)
 """Discretisations of a continuous law.
 
 `rk4` and `bogacki-shampine` hold the measurement over a step, `rk4-innovation-held` the innovation.
+`zoh` and `bilinear` are stable at any step: between samples the chain is solved exactly, and the
+correction gives the error the eigenvalues exp(dt lambda), or those of the bilinear rule.
 """
+
+TIMINGS = ("predictor", "current")
+"""Whether the estimate at sample k uses samples up to k - 1, or up to k."""
 
 _TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
 _MARK = "mark a missing sample as NaN"
@@ -62,9 +75,11 @@ class Observer(_core.Online):
         What the observer is, as plain data.
     n, n_y, n_u : int
         Numbers of estimated states, measured outputs, known inputs.
+    timing : "predictor" or "current"
+        Whether the estimate at sample k uses samples up to k - 1, or up to k.
     memory : (m,) ndarray
-        Where it stands: x_hat first, then auxiliary states, then the gain r where it moves. A step
-        makes a new one.
+        Where it stands: x_hat first, then auxiliary states, then the gain r where it moves; with
+        current timing then the period and the inputs before the sample. A step makes a new one.
     allow_unstable : bool
         Let `step` and `run` use a step beyond the stability limit.
     """
@@ -75,6 +90,7 @@ class Observer(_core.Online):
         self.n: int = self._core.n
         self.n_y: int = self._core.n_y
         self.n_u: int = self._core.n_u
+        self.timing: str = TIMINGS[self._core.is_current]
         law = spec.get("gain")
         ell = law["ell"] if isinstance(law, dict) and "ell" in law else 1.0
         with np.errstate(over="ignore"):  # start-up peaks reach ell^(n-1), Astolfi et al.
@@ -128,6 +144,29 @@ class Observer(_core.Online):
         if self.spec["kind"] in ("low-power", "peaking-free"):
             return 2 * self.n - 1
         return self.n
+
+    @property
+    def _law_len(self) -> int:
+        """Entries of the memory without what current timing holds beside the law's own."""
+        held = 1 + self.n_u if self.spec.get("timing") == "current" else 0
+        return int(self._core.memory_len) - held
+
+    def with_timing(self, timing: str) -> Observer:
+        """The same observer with this timing, at its initial memory; itself if that is its own.
+
+        Raises
+        ------
+        HgoError
+            A timing that is not known, or another than that of a law that is a recursion.
+        """
+        if check_choice("timing", timing, TIMINGS) == self.timing:
+            return self
+        check("timing" in self.spec, "timing", timing, repr(self.timing), "this law has no other")
+        other = object.__new__(type(self))
+        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
+        other.__dict__.update(own)
+        Observer.__init__(other, self.spec | {"timing": timing}, allow_unstable=self.allow_unstable)
+        return other
 
     def _check_start(self, memory: Array) -> None:
         """Refuse memories (..., m) from which the law cannot start."""
@@ -238,12 +277,13 @@ class Observer(_core.Online):
         x_hat0: npt.ArrayLike | None = None,
         r0: float | None = None,
         memory0: npt.ArrayLike | None = None,
+        timing: str | None = None,
         allow_unstable: bool | None = None,
     ) -> RunResult:
         """Run over a record of N samples.
 
-        Predictor timing: row k of the result uses samples up to k - 1. The reduced-order law
-        filters: row k uses samples up to k. Uneven steps are honoured.
+        Predictor timing: row k of the result uses samples up to k - 1; current timing: up to k.
+        Uneven steps are honoured.
 
         Parameters
         ----------
@@ -255,6 +295,8 @@ class Observer(_core.Online):
             Known inputs, each held until the next sample.
         x_hat0, r0, memory0 : optional
             Where to start, see `initial_memory`; or the whole memory.
+        timing : "predictor" or "current", optional
+            Default: the observer's own. The result says which.
         allow_unstable : bool, optional
             Run at a step beyond the stability limit. Default: the constructor's choice.
 
@@ -264,6 +306,16 @@ class Observer(_core.Online):
             Shapes that do not fit; NaN or infinity in t or u, infinity in y; time that does not
             increase; a step at or above the stability limit; an estimate that diverged.
         """
+        if timing is not None and timing != self.timing:
+            return self.with_timing(timing).run(
+                t_or_dt,
+                y,
+                u,
+                x_hat0=x_hat0,
+                r0=r0,
+                memory0=memory0,
+                allow_unstable=allow_unstable,
+            )
         allow = self.allow_unstable if allow_unstable is None else bool(allow_unstable)
         samples = _samples(y, self.n_y)
         clock = _clock(t_or_dt, len(samples))
@@ -298,11 +350,12 @@ class Observer(_core.Online):
             clock,
             track.get("innovation"),
             x_hat=memory[:, : self.n],
-            auxiliary=memory[:, self.n :],
+            auxiliary=memory[:, self.n : self._law_len],
             missing=track["missing"],
             gain=self.gains(memory),
             y=track["y"],
             memory=memory,
+            timing=self.timing,
         )
 
     def step_limit(self) -> StepLimit:
@@ -341,10 +394,13 @@ class StandardObserver(Observer):
         [-2, -1].
     k : n numbers, optional
         The coefficients themselves, in place of `poles`.
-    model : Model, optional
+    model : System, optional
         What is known of the system. Default: nothing, phi = 0.
     method : str
         Discretisation, one of `METHODS`.
+    timing : "predictor" or "current"
+        Whether the estimate at sample k uses samples up to k - 1, as the papers' recursions do, or
+        up to k.
     allow_unstable : bool
         Let `step` and `run` use a step beyond the stability limit.
 
@@ -362,8 +418,9 @@ class StandardObserver(Observer):
         epsilon: float | None = None,
         poles: Poles | None = None,
         k: npt.ArrayLike | None = None,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "euler",
+        timing: str = "predictor",
         allow_unstable: bool = False,
     ) -> None:
         n = _order(n)
@@ -373,7 +430,7 @@ class StandardObserver(Observer):
             "k": _coefficients(n, poles, k),
             "gain": _gain(gain, epsilon),
             "model": _model(model, n),
-            "method": _method(method),
+            **_manner(method, timing),
         }
         super().__init__(spec, allow_unstable=allow_unstable)
 
@@ -385,7 +442,7 @@ class LowPowerObserver(Observer):
     ----------
     n : int
         Order, 2 to 12.
-    gain, epsilon, model, method, allow_unstable
+    gain, epsilon, model, method, timing, allow_unstable
         As in `StandardObserver`. The model must be of phase-variable form.
     poles : 2 n - 1 numbers, optional
         Eigenvalues of M_n. Default: 2 n - 2 equidistant ones in [-2, -1], and -2; for n = 5 the
@@ -403,11 +460,12 @@ class LowPowerObserver(Observer):
         poles: Poles | None = None,
         alpha: npt.ArrayLike | None = None,
         beta: npt.ArrayLike | None = None,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "euler",
+        timing: str = "predictor",
         allow_unstable: bool = False,
     ) -> None:
-        spec = _low_power("low-power", n, gain, epsilon, poles, alpha, beta, model, method)
+        spec = _low_power("low-power", n, gain, epsilon, poles, alpha, beta, model, method, timing)
         super().__init__(spec, allow_unstable=allow_unstable)
 
 
@@ -416,7 +474,7 @@ class PeakingFreeObserver(Observer):
 
     Parameters
     ----------
-    n, gain, epsilon, poles, alpha, beta, model, method, allow_unstable
+    n, gain, epsilon, poles, alpha, beta, model, method, timing, allow_unstable
         As in `LowPowerObserver`.
     saturation : float or n - 1 numbers
         Levels r_2 ... r_n >= max |x_i| (10).
@@ -441,11 +499,14 @@ class PeakingFreeObserver(Observer):
         poles: Poles | None = None,
         alpha: npt.ArrayLike | None = None,
         beta: npt.ArrayLike | None = None,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "euler",
+        timing: str = "predictor",
         allow_unstable: bool = False,
     ) -> None:
-        spec = _low_power("peaking-free", n, gain, epsilon, poles, alpha, beta, model, method)
+        spec = _low_power(
+            "peaking-free", n, gain, epsilon, poles, alpha, beta, model, method, timing
+        )
         spec |= {
             "saturation": _saturation(saturation, spec["n"], model),
             "clip": check_choice("clip", clip, ("hard", "smooth")),
@@ -463,8 +524,9 @@ class _Copies(Observer):
         k: npt.ArrayLike,
         k_bar: npt.ArrayLike,
         copies: int,
-        model: Model | None,
+        model: System | None,
         method: str,
+        timing: str,
         allow_unstable: bool,
     ) -> None:
         check(
@@ -482,7 +544,7 @@ class _Copies(Observer):
             "copies": check_integer(copies, "copies", least=2, most=5),
             "gain": gain.spec,
             "model": _model(model, 2),
-            "method": _method(method),
+            **_manner(method, timing),
         }
         self.copies = copies
         super().__init__(spec, allow_unstable=allow_unstable)
@@ -504,16 +566,23 @@ class _Copies(Observer):
         self._check_apart(rows)
         return np.asarray(rows)
 
+    def _held(self, memory: Array) -> Array:
+        """The whole memory from the law's: no sample has been seen."""
+        return np.concatenate([memory, np.zeros(self._core.memory_len - self._law_len)])
+
+    def _copies_of(self, memory: npt.ArrayLike) -> Array:
+        """What of memories (..., m) is the copies', (..., copies (n + 1))."""
+        end = self._law_len
+        return np.asarray(memory, dtype=float)[..., end - self.copies * (self.n + 1) : end]
+
     def _check_start(self, memory: Array) -> None:
         """Every r_i >= 1, and copies that start apart."""
-        for value in np.ravel(memory[..., self.n :: self.n + 1]):
+        for value in np.ravel(memory[..., self.n : self._law_len : self.n + 1]):
             _initial_gain(float(value))
-        self._check_apart(memory)
+        self._check_apart(self._copies_of(memory))
 
-    def _check_apart(self, memory: Array) -> None:
-        width = self.n + 1
-        rows = memory.reshape(-1, memory.shape[-1])[:, -self.copies * width :]
-        for starts in rows.reshape(-1, self.copies, width):
+    def _check_apart(self, copies: Array) -> None:
+        for starts in copies.reshape(-1, self.copies, self.n + 1):
             check(
                 len(np.unique(starts, axis=0)) == self.copies,
                 "starts of the copies",
@@ -524,9 +593,8 @@ class _Copies(Observer):
 
     def nominal_gain(self, memory: npt.ArrayLike) -> Array:
         """r_bar = mean r_i (24) of the copies in memories (..., m)."""
-        width = self.n + 1
-        copies = np.asarray(memory, dtype=float)[..., -self.copies * width :]
-        return np.asarray(copies[..., self.n :: width].mean(axis=-1))
+        gains = self._copies_of(memory)[..., self.n :: self.n + 1]
+        return np.asarray(gains.mean(axis=-1))
 
 
 class RepelledCollection(_Copies):
@@ -541,7 +609,7 @@ class RepelledCollection(_Copies):
         Coefficients, and repulsion gains mu P^-1 (1, 0)' (`hgo_rs.design.repulsion_gains`).
     copies : int
         2 to 5.
-    model, method, allow_unstable
+    model, method, timing, allow_unstable
         As in `StandardObserver`.
     """
 
@@ -552,15 +620,18 @@ class RepelledCollection(_Copies):
         k: npt.ArrayLike,
         k_bar: npt.ArrayLike,
         copies: int = 3,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "rk4",
+        timing: str = "predictor",
         allow_unstable: bool = False,
     ) -> None:
-        super().__init__("collection", gain, k, k_bar, copies, model, method, allow_unstable)
+        super().__init__(
+            "collection", gain, k, k_bar, copies, model, method, timing, allow_unstable
+        )
 
     def spread(self, x_hat0: npt.ArrayLike, r0: npt.ArrayLike = 1.0) -> Array:
         """A memory from starts (copies, 2) that differ, and initial gains r >= 1."""
-        return self._starts(x_hat0, r0)
+        return self._held(self._starts(x_hat0, r0))
 
 
 class ModifiedObserver(_Copies):
@@ -576,11 +647,12 @@ class ModifiedObserver(_Copies):
         k: npt.ArrayLike,
         k_bar: npt.ArrayLike,
         copies: int = 3,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "rk4",
+        timing: str = "predictor",
         allow_unstable: bool = False,
     ) -> None:
-        super().__init__("modified", gain, k, k_bar, copies, model, method, allow_unstable)
+        super().__init__("modified", gain, k, k_bar, copies, model, method, timing, allow_unstable)
 
     @property
     def gain(self) -> float:
@@ -601,7 +673,7 @@ class ModifiedObserver(_Copies):
     ) -> Array:
         """A memory from the main observer's start (2,) and the copies' starts (copies, 2)."""
         main = [*_vector(x_hat0, "x_hat0", self.n), _initial_gain(r0)]
-        return np.concatenate([main, self._starts(copies_x_hat0, copies_r0)])
+        return self._held(np.concatenate([main, self._starts(copies_x_hat0, copies_r0)]))
 
 
 class SampledDataObserver(Observer):
@@ -678,8 +750,11 @@ def _initial_gain(value: Any) -> float:
     return check_number(value, "r0", least=1.0, remedy="law (6) lives on r >= 1; start at 1")
 
 
-def _method(method: str) -> str:
-    return check_choice("method", method, METHODS)
+def _manner(method: str, timing: str) -> dict[str, str]:
+    return {
+        "method": check_choice("method", method, METHODS),
+        "timing": check_choice("timing", timing, TIMINGS),
+    }
 
 
 def _vector(values: npt.ArrayLike, parameter: str, length: int) -> Array:
@@ -730,8 +805,9 @@ def _low_power(
     poles: Poles | None,
     alpha: npt.ArrayLike | None,
     beta: npt.ArrayLike | None,
-    model: Model | None,
+    model: System | None,
     method: str,
+    timing: str,
 ) -> dict[str, Any]:
     """What (5) and (11) share, as a spec."""
     n = _order(n, least=2)
@@ -743,7 +819,7 @@ def _low_power(
         "beta": b,
         "gain": _gain(gain, epsilon),
         "model": _model(model, n),
-        "method": _method(method),
+        **_manner(method, timing),
     }
 
 
@@ -769,9 +845,11 @@ def _gain(gain: Gain | None, epsilon: float | None) -> dict[str, Any]:
     return ConstantGain(check_number(gain, "gain", above=0.0)).spec
 
 
-def _model(model: Model | None, n: int) -> dict[str, Any]:
+def _model(model: System | None, n: int) -> dict[str, Any]:
     known = Unknown() if model is None else model
-    check(isinstance(known, Model), "model", model, "a Model", "see hgo_rs.models")
+    check(
+        isinstance(known, System), "model", model, "a Model or another System", "see hgo_rs.models"
+    )
     fits = known.order in (None, n) and not isinstance(known, Ship)
     remedy = f"its order is {known.order}"
     if isinstance(known, Ship):
@@ -780,7 +858,7 @@ def _model(model: Model | None, n: int) -> dict[str, Any]:
     return known.spec
 
 
-def _saturation(levels: npt.ArrayLike, n: int, model: Model | None) -> list[float]:
+def _saturation(levels: npt.ArrayLike, n: int, model: System | None) -> list[float]:
     values = check_array(levels, "saturation")
     if values.ndim == 0:
         values = np.full(n - 1, float(values))

@@ -48,7 +48,6 @@ STYLE: dict[str, Any] = {
     "axes.axisbelow": True,
     "axes.edgecolor": "#4d4d4d",
     "axes.facecolor": "white",
-    "axes.formatter.use_mathtext": True,
     "axes.grid": True,
     "axes.labelsize": 10,
     "axes.linewidth": 0.8,
@@ -133,6 +132,7 @@ def render(draw: Callable[[Figure], None]) -> dict[str, bytes]:
             buffer = io.BytesIO()
             figure.savefig(buffer, format=kind, metadata=metadata)
             images[kind] = buffer.getvalue()
+            figure.set_layout_engine("none")  # the next one is laid out as the first
         return images
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,12 @@ if TYPE_CHECKING:
 __all__ = ["Gap", "RunResult", "SimulationResult"]
 
 Array = npt.NDArray[np.float64]
+
+
+def timing_of(observer: Mapping[str, Any]) -> str:
+    """The timing of the observer that a spec describes, "predictor" or "current"."""
+    own = "current" if observer["kind"] == "reduced-order" else "predictor"
+    return str(observer.get("timing", own))
 
 
 @dataclass(frozen=True)
@@ -48,6 +55,8 @@ class RunResult:
         The samples.
     memory : (N, m)
         The whole memory.
+    timing : "predictor" or "current"
+        Whether row k uses samples up to k - 1, or up to k.
     """
 
     time: Array
@@ -58,6 +67,7 @@ class RunResult:
     gain: Array | None
     y: Array
     memory: Array
+    timing: str
 
     @classmethod
     def of_run(cls, clock: float | Array, innovation: Array | None, **fields: Any) -> RunResult:
@@ -182,6 +192,11 @@ class SimulationResult:
     histogram: dict[str, Array] | None
     n: int
     spec: dict[str, Any]
+
+    @property
+    def timing(self) -> str:
+        """Whether the estimate at sample k uses samples up to k - 1, or up to k."""
+        return timing_of(self.spec["observer"])
 
     def _metric(self, name: str) -> Array:
         if name not in self.metrics:

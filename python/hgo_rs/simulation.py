@@ -15,7 +15,7 @@ from hgo_rs import _core
 from hgo_rs.design.discretisation import check_step
 from hgo_rs.errors import HgoError, check, check_array, check_choice, check_integer, check_number
 from hgo_rs.gains import FixedStep, StochasticApproximation
-from hgo_rs.models import Model, Ship, VanDerPol
+from hgo_rs.models import Ship, System, VanDerPol
 from hgo_rs.noise import Noise, RecordedNoise
 from hgo_rs.observers import Observer
 from hgo_rs.results import SimulationResult
@@ -80,7 +80,7 @@ class Experiment:
 
 
 def simulate(
-    plant: Model,
+    plant: System,
     observer: Observer,
     *,
     x0: npt.ArrayLike,
@@ -110,7 +110,7 @@ def simulate(
 
     Parameters
     ----------
-    plant : Model
+    plant : System
         A plant of `hgo_rs.models`, of the observer's order.
     observer : Observer
     x0 : (nx,) or (runs, nx)
@@ -165,7 +165,7 @@ def simulate(
 
 
 def plan(
-    plant: Model,
+    plant: System,
     observer: Observer,
     *,
     x0: npt.ArrayLike,
@@ -258,12 +258,13 @@ def plan(
         spec["settle"] = check_number(settle, "settle", above=0.0)
     if histogram is not None:
         spec["histogram"] = _window(check_array(histogram, "histogram"), "histogram", period, steps)
-    return Experiment(spec, observer.n, _shapes(spec, observer.n, nx, m, n_y))
+    # a ship's filters are no signals, nor is what current timing holds beside the law's memory
+    signals = observer.n if isinstance(plant, Ship) else observer._law_len
+    return Experiment(spec, observer.n, _shapes(spec, signals, nx, m, n_y))
 
 
-def _shapes(spec: Mapping[str, Any], n: int, nx: int, m: int, n_y: int) -> dict[str, Any]:
+def _shapes(spec: Mapping[str, Any], signals: int, nx: int, m: int, n_y: int) -> dict[str, Any]:
     """Shape of each output of one run."""
-    signals = n if spec["plant"]["kind"] == "ship" else m  # its filters are no signals
     window = (len(spec["windows"]), signals)
     shapes = {"mean": window, "rms": window, "max": window, "peak": (signals,)}
     asked = spec.get("metrics")
@@ -319,16 +320,18 @@ def result_of(out: dict[str, Any], experiment: Experiment) -> SimulationResult:
     )
 
 
-def _plant_method(plant: Model) -> str:
+def _plant_method(plant: System) -> str:
     """The scheme of highest order for the plant."""
     if isinstance(plant, VanDerPol) and plant.sigma != 0.0:
         return "milstein" if plant.multiplicative else "taylor-1.5"
     return "rk4"
 
 
-def _check_fit(plant: Model, observer: Observer) -> int:
+def _check_fit(plant: System, observer: Observer) -> int:
     """Refuse an observer that does not fit the plant; its number of outputs."""
-    check(isinstance(plant, Model), "plant", plant, "a Model", "see hgo_rs.models")
+    check(
+        isinstance(plant, System), "plant", plant, "a Model or another System", "see hgo_rs.models"
+    )
     check(isinstance(observer, Observer), "observer", observer, "an Observer", "see hgo_rs")
     ship = isinstance(plant, Ship)
     order, n_y = (3, 3) if ship else (plant.order, 1)

@@ -5,6 +5,7 @@
 mod design;
 mod errors;
 mod functions;
+mod halves;
 mod interrupt;
 mod lanes;
 mod observers;

@@ -2,6 +2,7 @@
 
 use super::design::order_refused;
 use super::errors::refused;
+use super::halves::{Halved, Halves, Known};
 use super::interrupt::StopFlag;
 use super::programs;
 use super::record::{self, Block, Clock};
@@ -11,6 +12,7 @@ use super::systems::{AnyModel, read_ship, read_van_der_pol};
 use crate::Scalar;
 use crate::dispatch_order;
 use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
+use crate::injection::{Injected, Placed, Placement};
 use crate::memory::Memory;
 use crate::model::Unknown;
 use crate::models::Correction;
@@ -115,7 +117,7 @@ impl<T: Scalar, const N: usize> Saturation<T> for AnySaturation<N, T> {
 impl<T: Scalar, const N: usize> AnySaturation<N, T> {
     /// The saturation of a low-power (none) or peaking-free observer, whose keys are checked.
     pub fn read(spec: &Spec<'_>, saturated: bool) -> PyResult<Self> {
-        let mut known = vec!["kind", "n", "alpha", "beta", "gain", "model", "method"];
+        let mut known = vec!["kind", "n", "alpha", "beta", "gain", "model", "method", "timing"];
         if !saturated {
             spec.only(&known)?;
             return Ok(Self::None);
@@ -133,13 +135,91 @@ impl<T: Scalar, const N: usize> AnySaturation<N, T> {
 }
 
 /// What [`METHODS`] are called.
-const METHOD_NAMES: [&str; 5] =
-    ["euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine"];
+const METHOD_NAMES: [&str; 7] = [
+    "euler",
+    "staggered-euler",
+    "rk4",
+    "rk4-innovation-held",
+    "bogacki-shampine",
+    "zoh",
+    "bilinear",
+];
 
-pub fn read_method(spec: &Spec<'_>) -> PyResult<Discretisation> {
-    let method = spec.text_or("method", "euler")?;
-    let known = METHOD_NAMES.iter().position(|name| *name == method);
-    known.map(|k| METHODS[k]).ok_or_else(|| spec.unknown("method", &method, &METHOD_NAMES))
+pub const NOT_PLACED: &str = "method = 'zoh' or 'bilinear' is not allowed here: it is defined for the \
+    standard, the low-power and the peaking-free law; choose another method";
+
+/// How a continuous law is stepped.
+#[derive(Clone, Copy)]
+pub struct Manner {
+    pub method: AnyMethod,
+    pub timing: Timing,
+}
+
+#[derive(Clone, Copy)]
+pub enum AnyMethod {
+    Known(Discretisation),
+    Placed(Placement),
+}
+
+impl Manner {
+    pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
+        let method = spec.text_or("method", "euler")?;
+        let method = match METHOD_NAMES.iter().position(|name| *name == method) {
+            Some(5) => AnyMethod::Placed(Placement::Exact),
+            Some(6) => AnyMethod::Placed(Placement::Bilinear),
+            Some(k) => AnyMethod::Known(METHODS[k]),
+            None => return Err(spec.unknown("method", &method, &METHOD_NAMES)),
+        };
+        let timing = spec.text_or("timing", "predictor")?;
+        let timing = match timing.as_str() {
+            "predictor" => Timing::Predictor,
+            "current" => Timing::Current,
+            other => return Err(spec.unknown("timing", other, &["predictor", "current"])),
+        };
+        Ok(Self { method, timing })
+    }
+
+    /// The scheme of a law that is compiled as one loop.
+    pub fn whole(self) -> Option<Discretisation> {
+        match self {
+            Self { method: AnyMethod::Known(scheme), timing: Timing::Predictor } => Some(scheme),
+            _ => None,
+        }
+    }
+
+    /// The halves of a law whose eigenvalues cannot be placed.
+    fn known_halves<L>(
+        self,
+        law: L,
+        free: impl FnOnce(Discretisation) -> Box<dyn Recursion>,
+    ) -> PyResult<Box<dyn Halves>>
+    where
+        L: ContinuousLaw<f64, Input: Memory<f64>> + Send + Sync + 'static,
+    {
+        match self.method {
+            AnyMethod::Known(scheme) => Ok(Box::new(Known { free: free(scheme), law })),
+            AnyMethod::Placed(_) => Err(refused(NOT_PLACED)),
+        }
+    }
+
+    /// The halves of a law whose eigenvalues can be placed.
+    fn halves<L>(
+        self,
+        law: L,
+        free: impl FnOnce(Discretisation) -> Box<dyn Recursion>,
+    ) -> Box<dyn Halves>
+    where
+        L: Injected<f64, Input: Memory<f64>> + Send + Sync + 'static,
+        L::Poles: Send + Sync,
+        L::Gains: Send + Sync,
+    {
+        match self.method {
+            AnyMethod::Known(scheme) => Box::new(Known { free: free(scheme), law }),
+            AnyMethod::Placed(placement) => {
+                Box::new(Discretised { law, scheme: Placed::new(&law, placement) })
+            }
+        }
+    }
 }
 
 /// A law in discrete time, with its memory as a flat vector.
@@ -251,38 +331,46 @@ where
 }
 
 /// Orders 2 and 5 are those of the plants, so only their laws carry a study function.
+///
+/// `$recursion` makes a recursion of a scheme, `$halves` the halves of a step from that.
 macro_rules! boxed {
-    ($n:ident, $law:expr, $scheme:expr, $model:expr, $recursion:expr) => {
+    ($n:ident, $law:expr, $manner:expr, $model:expr, $recursion:expr, $halves:expr) => {{
+        let Some(scheme) = $manner.whole() else {
+            let n_u = usize::from(matches!($model, AnyModel::Input(_)));
+            return Ok(Box::new(Halved::new($halves, $n, n_u, $manner.timing)));
+        };
+        let recursion = $recursion(scheme);
         match $n {
-            2 => Ok(continuous($law, $scheme, $model, $recursion, study::of_order_2)),
-            5 => Ok(continuous($law, $scheme, $model, $recursion, study::of_order_5)),
-            _ => Ok(continuous($law, $scheme, $model, $recursion, |_, _, _| {
+            2 => Ok(continuous($law, scheme, $model, recursion, study::of_order_2)),
+            5 => Ok(continuous($law, scheme, $model, recursion, study::of_order_5)),
+            _ => Ok(continuous($law, scheme, $model, recursion, |_, _, _| {
                 Err(refused(study::NO_PLANT))
             })),
         }
-    };
+    }};
 }
 
 fn standard<const N: usize>(
     spec: &Spec<'_>,
     model: AnyModel,
-    scheme: Discretisation,
+    manner: Manner,
 ) -> PyResult<Box<dyn AnyObserver>> {
-    spec.only(&["kind", "n", "k", "gain", "model", "method"])?;
+    spec.only(&["kind", "n", "k", "gain", "model", "method", "timing"])?;
     let k = spec.vector::<N>("k", N)?;
     match AnyGain::read(&spec.sub("gain")?)? {
         AnyGain::Constant(gain) => {
             let law = StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?;
-            let recursion = match model {
+            let whole = |scheme| match model {
                 AnyModel::Unknown => recursion(law.typed::<_, _, 0>(gain, Unknown), scheme),
                 AnyModel::Input(known) => recursion(law.typed::<_, _, 1>(gain, known), scheme),
                 _ => recursion(law, scheme),
             };
-            boxed!(N, law, scheme, model, recursion)
+            boxed!(N, law, manner, model, whole, manner.halves(law, whole))
         }
         AnyGain::Moving(gain) => {
             let law = StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?;
-            boxed!(N, law, scheme, model, recursion(law, scheme))
+            let whole = |scheme| recursion(law, scheme);
+            boxed!(N, law, manner, model, whole, manner.halves(law, whole))
         }
     }
 }
@@ -290,7 +378,7 @@ fn standard<const N: usize>(
 fn low_power<const N: usize>(
     spec: &Spec<'_>,
     model: AnyModel,
-    scheme: Discretisation,
+    manner: Manner,
     saturated: bool,
 ) -> PyResult<Box<dyn AnyObserver>> {
     let saturation = AnySaturation::<N>::read(spec, saturated)?;
@@ -305,7 +393,7 @@ fn low_power<const N: usize>(
     match AnyGain::read(&spec.sub("gain")?)? {
         AnyGain::Constant(gain) => {
             let law = LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
-            let recursion = match (model, saturation) {
+            let whole = |scheme| match (model, saturation) {
                 (AnyModel::Unknown, AnySaturation::None) => {
                     recursion(law.typed::<_, _, 0>(Unknown, NoSaturation), scheme)
                 }
@@ -314,11 +402,12 @@ fn low_power<const N: usize>(
                 }
                 _ => recursion(law, scheme),
             };
-            boxed!(N, law, scheme, model, recursion)
+            boxed!(N, law, manner, model, whole, manner.halves(law, whole))
         }
         AnyGain::Moving(gain) => {
             let law = LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
-            boxed!(N, law, scheme, model, recursion(law, scheme))
+            let whole = |scheme| recursion(law, scheme);
+            boxed!(N, law, manner, model, whole, manner.halves(law, whole))
         }
     }
 }
@@ -326,11 +415,11 @@ fn low_power<const N: usize>(
 fn collection<const C: usize>(
     spec: &Spec<'_>,
     model: AnyModel,
-    scheme: Discretisation,
+    manner: Manner,
     modified: bool,
 ) -> PyResult<Box<dyn AnyObserver>> {
     const N: usize = 2;
-    spec.only(&["kind", "n", "k", "k_bar", "copies", "gain", "model", "method"])?;
+    spec.only(&["kind", "n", "k", "k_bar", "copies", "gain", "model", "method", "timing"])?;
     let AnyGain::Moving(MovingGain::Adaptive(gain)) = AnyGain::read(&spec.sub("gain")?)? else {
         return Err(refused("a collection needs the adaptive gain law, Sanfelice and Praly (23)"));
     };
@@ -338,9 +427,11 @@ fn collection<const C: usize>(
     let collection = RepelledCollection::<f64, _, N, C, 1>::new(k, k_bar, gain, model)?;
     if modified {
         let law = ModifiedObserver { collection };
-        boxed!(N, law, scheme, model, recursion(law, scheme))
+        let whole = |scheme| recursion(law, scheme);
+        boxed!(N, law, manner, model, whole, manner.known_halves(law, whole)?)
     } else {
-        boxed!(N, collection, scheme, model, recursion(collection, scheme))
+        let whole = |scheme| recursion(collection, scheme);
+        boxed!(N, collection, manner, model, whole, manner.known_halves(collection, whole)?)
     }
 }
 
@@ -390,7 +481,7 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
         None => AnyModel::Unknown,
         Some(_) => AnyModel::read(&spec.sub("model")?)?,
     };
-    let scheme = read_method(spec)?;
+    let manner = Manner::read(spec)?;
     let n = spec.count("n")?;
     if let Some(order) = model.order()
         && order != n
@@ -400,11 +491,11 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
     }
     match kind.as_str() {
         "standard" => {
-            dispatch_order!(n, N => standard::<N>(spec, model, scheme), else Err(order_refused(n)))
+            dispatch_order!(n, N => standard::<N>(spec, model, manner), else Err(order_refused(n)))
         }
         "low-power" | "peaking-free" => {
             let saturated = kind == "peaking-free";
-            dispatch_order!(n, N => low_power::<N>(spec, model, scheme, saturated),
+            dispatch_order!(n, N => low_power::<N>(spec, model, manner, saturated),
                             else Err(order_refused(n)))
         }
         "collection" | "modified" => {
@@ -414,10 +505,10 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
             }
             let modified = kind == "modified";
             match spec.count("copies")? {
-                2 => collection::<2>(spec, model, scheme, modified),
-                3 => collection::<3>(spec, model, scheme, modified),
-                4 => collection::<4>(spec, model, scheme, modified),
-                5 => collection::<5>(spec, model, scheme, modified),
+                2 => collection::<2>(spec, model, manner, modified),
+                3 => collection::<3>(spec, model, manner, modified),
+                4 => collection::<4>(spec, model, manner, modified),
+                5 => collection::<5>(spec, model, manner, modified),
                 copies => {
                     let message = format!("copies = {copies} is not allowed: 2 to 5 from Python");
                     Err(refused(&message))

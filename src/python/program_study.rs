@@ -223,7 +223,7 @@ impl<const CURRENT: bool> Observer<f64> for Recursion<'_, CURRENT> {
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [f64] {
         &z.as_slice()[..self.n]
     }
-    fn innovation(&self, z: &Self::State, y: &f64) -> f64 {
+    fn innovation(&self, _: f64, z: &Self::State, y: &f64) -> f64 {
         *y - z[0]
     }
 }

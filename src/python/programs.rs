@@ -6,7 +6,9 @@
 use super::design::order_refused;
 use super::errors::refused;
 use super::interrupt::StopFlag;
-use super::observers::{AnyGain, AnyObserver, AnySaturation, MovingGain, Recursion, read_method};
+use super::observers::{
+    AnyGain, AnyMethod, AnyObserver, AnySaturation, Manner, MovingGain, NOT_PLACED, Recursion,
+};
 use super::record::Block;
 use super::spec::Spec;
 use super::study::{Plan, StudyResult};
@@ -15,10 +17,11 @@ use super::table::{Compiled, Table};
 use super::trace::{self, Setting, Traced, call, input, inputs, named, trace};
 use crate::Scalar;
 use crate::dispatch_order;
+use crate::injection::{Injected, Placed};
 use crate::memory::Memory;
 use crate::model::{Model, PhaseVariable, SampledModel, last};
 use crate::models::Correction;
-use crate::observer::{ContinuousLaw, Discretised, Observer, Scheme, Status, Timing};
+use crate::observer::{ContinuousLaw, Current, Discretised, Observer, Status, Timing};
 use crate::observers::{
     LowPower, ModifiedObserver, RepelledCollection, SampledDataObserver, StandardObserver,
 };
@@ -208,6 +211,8 @@ pub struct Tables {
     step: Table,
     /// The same where the sample is missing, if that is another law.
     missing: Option<Table>,
+    /// Whether much of a step depends on its length alone: a law whose eigenvalues are placed.
+    placed: bool,
     /// A continuous law: (t, z, y, u, parameters) → ż, and z → z within the set that it lives in.
     law: Option<(Table, Table)>,
     parameters: Vec<f64>,
@@ -238,13 +243,15 @@ impl<'py> Given<'py, '_> {
         match self {
             Self::Paper(None) => Ok(0),
             Self::Paper(Some(model)) => Ok(usize::from(model.text("kind")? == "input")),
-            Self::Own(own) | Self::Chain(own, _) => Ok(own.n_u),
+            Self::Own(own) => Ok(own.n_u),
+            Self::Chain(own, _) => Ok(own.n_u),
         }
     }
 
     fn parameters(&self) -> &[f64] {
         match self {
-            Self::Own(own) | Self::Chain(own, _) => &own.parameters,
+            Self::Own(own) => &own.parameters,
+            Self::Chain(own, _) => &own.parameters,
             Self::Paper(_) => &[],
         }
     }
@@ -294,6 +301,12 @@ fn flat<M: Memory<Traced>>(memory: &M) -> Vec<Traced> {
     values
 }
 
+/// Entries of an observer's memory: inputs that it holds only as far as the model has them.
+fn kept<O: Observer<Traced, Input: Memory<Traced>>>(n_u: usize) -> usize {
+    let held = if O::TIMING == Timing::Current { O::Input::LEN - n_u } else { 0 };
+    O::State::LEN - held
+}
+
 /// The table of one step of the observer that `build` makes within the trace.
 fn step_table<O>(
     setting: Setting,
@@ -301,63 +314,109 @@ fn step_table<O>(
     build: impl FnOnce() -> PyResult<O>,
 ) -> PyResult<Table>
 where
-    O: Observer<Traced>,
-    O::Input: Memory<Traced>,
+    O: Observer<Traced, Input: Memory<Traced>>,
 {
     trace(setting, || {
         let (t, dt) = (input("t"), input("dt"));
-        let mut z = O::State::read(&inputs("z", O::State::LEN));
+        let mut z = O::State::read(&inputs("z", kept::<O>(n_u)));
         let y = O::Measurement::read(&inputs("y", O::Measurement::LEN));
         let u = O::Input::read(&inputs("u", n_u));
         let observer = build()?;
-        let innovation = flat(&observer.innovation(&z, &y));
+        let innovation = flat(&observer.innovation(t, &z, &y));
         observer.step(&mut z, &y, &u, t, dt);
-        Ok([named("z", &flat(&z)), named("innovation", &innovation)].concat())
+        let z = &flat(&z)[..kept::<O>(n_u)];
+        Ok([named("z", z), named("innovation", &innovation)].concat())
     })
 }
 
-/// Tables of a continuous law under a scheme.
-fn continuous<L, S>(
+/// Tables of an observer; `law` if it is a continuous one that may move together with its plant.
+fn tables<O>(
     given: &Given<'_, '_>,
     single: bool,
-    build: impl Fn() -> PyResult<Discretised<L, S>>,
+    (placed, law): (bool, Option<(Table, Table)>),
+    build: impl Fn() -> PyResult<O>,
 ) -> PyResult<Tables>
 where
-    L: ContinuousLaw<Traced>,
-    L::Input: Memory<Traced>,
-    S: Scheme<Traced>,
+    O: Observer<Traced, Input: Memory<Traced>>,
 {
-    let setting = Setting { single, present: true };
     let n_u = given.n_u()?;
-    let step = step_table(setting, n_u, &build)?;
+    let step = step_table(Setting { single, present: true }, n_u, &build)?;
+    let shape = shape::<O>(n_u, &build)?;
+    let parameters = given.parameters().to_vec();
+    Ok(Tables { shape, step, missing: None, placed, law, parameters })
+}
+
+/// Tables of a continuous law whose eigenvalues cannot be placed.
+fn known<L>(
+    given: &Given<'_, '_>,
+    single: bool,
+    manner: Manner,
+    build: impl Fn() -> PyResult<L>,
+) -> PyResult<Tables>
+where
+    L: ContinuousLaw<Traced, Input: Memory<Traced>>,
+{
+    let AnyMethod::Known(scheme) = manner.method else { return Err(refused(NOT_PLACED)) };
+    if manner.timing == Timing::Current {
+        return tables(given, single, (false, None), || Ok(Current { law: build()?, scheme }));
+    }
+    let (setting, n_u) = (Setting { single, present: true }, given.n_u()?);
     let rate = trace(setting, || {
         let t = input("t");
         let z = L::State::read(&inputs("z", L::State::LEN));
         let y = input("y[0]");
         let u = L::Input::read(&inputs("u", n_u));
-        let law = build()?.law;
+        let law = build()?;
         Ok(named("z", &flat(&law.rate(t, &z, &law.innovation(&z, y), &u))))
     })?;
     let admissible = trace(setting, || {
         let z = L::State::read(&inputs("z", L::State::LEN));
-        Ok(named("z", &flat(&build()?.law.admissible(z))))
+        Ok(named("z", &flat(&build()?.admissible(z))))
     })?;
-    let shape = shape::<Discretised<L, S>>(n_u, &build)?;
-    let parameters = given.parameters().to_vec();
-    Ok(Tables { shape, step, missing: None, law: Some((rate, admissible)), parameters })
+    let law = Some((rate, admissible));
+    tables(given, single, (false, law), || Ok(Discretised { law: build()?, scheme }))
 }
 
-fn shape<O: Observer<Traced>>(n_u: usize, build: impl FnOnce() -> PyResult<O>) -> PyResult<Shape> {
+/// Tables of a continuous law.
+fn continuous<L>(
+    given: &Given<'_, '_>,
+    single: bool,
+    manner: Manner,
+    build: impl Fn() -> PyResult<L>,
+) -> PyResult<Tables>
+where
+    L: Injected<Traced, Input: Memory<Traced>>,
+{
+    let AnyMethod::Placed(at) = manner.method else { return known(given, single, manner, build) };
+    let placed = |law: &L| Placed::<Traced, _, _>::new(law, at);
+    match manner.timing {
+        Timing::Predictor => tables(given, single, (true, None), || {
+            let law = build()?;
+            Ok(Discretised { scheme: placed(&law), law })
+        }),
+        Timing::Current => tables(given, single, (true, None), || {
+            let law = build()?;
+            Ok(Current { scheme: placed(&law), law })
+        }),
+    }
+}
+
+fn shape<O>(n_u: usize, build: impl FnOnce() -> PyResult<O>) -> PyResult<Shape>
+where
+    O: Observer<Traced, Input: Memory<Traced>>,
+{
     let mut initial = Vec::new();
     trace(Setting { single: false, present: true }, || {
         initial = flat(&build()?.initial()).into_iter().map(Scalar::to_f64).collect();
         Ok(Vec::new())
     })?;
+    let memory = kept::<O>(n_u);
+    initial.truncate(memory);
     Ok(Shape {
         n: O::ESTIMATED,
         n_y: O::Measurement::LEN,
         n_u,
-        memory: O::State::LEN,
+        memory,
         current: O::TIMING == Timing::Current,
         initial,
     })
@@ -368,17 +427,16 @@ fn standard<const N: usize>(
     given: &Given<'_, '_>,
     single: bool,
 ) -> PyResult<Tables> {
-    spec.only(&["kind", "n", "k", "gain", "model", "method"])?;
-    let (k, scheme) = (spec.vector::<N>("k", N)?, read_method(spec)?);
+    spec.only(&["kind", "n", "k", "gain", "model", "method", "timing"])?;
+    let (k, manner) = (spec.vector::<N>("k", N)?, Manner::read(spec)?);
     let gain = spec.sub("gain")?;
     macro_rules! law {
         ($gain:pat => $made:expr) => {
-            continuous(given, single, || {
+            continuous(given, single, manner, || {
                 let model = given.install(N)?;
                 let $gain = AnyGain::read(&gain)? else { return Err(refused("another gain law")) };
                 let k = k.map(Traced::from_f64);
-                let law = StandardObserver::<Traced, _, _, N, MAX_INPUTS>::new(k, $made, model)?;
-                Ok(Discretised { law, scheme })
+                Ok(StandardObserver::<Traced, _, _, N, MAX_INPUTS>::new(k, $made, model)?)
             })
         };
     }
@@ -395,7 +453,7 @@ fn low_power<const N: usize>(
     single: bool,
     saturated: bool,
 ) -> PyResult<Tables> {
-    let scheme = read_method(spec)?;
+    let manner = Manner::read(spec)?;
     if matches!(given, Given::Own(own) if own.form == "triangular") {
         return Err(refused(
             "a triangular model is not allowed here: the low-power and the peaking-free observer \
@@ -407,15 +465,14 @@ fn low_power<const N: usize>(
     let gain = spec.sub("gain")?;
     macro_rules! law {
         ($gain:pat => $made:expr) => {
-            continuous(given, single, || {
+            continuous(given, single, manner, || {
                 let model = given.install(N)?;
                 let saturation = AnySaturation::<N, Traced>::read(spec, saturated)?;
                 let $gain = AnyGain::read(&gain)? else { return Err(refused("another gain law")) };
                 let [alpha, beta] = [alpha, beta].map(|k| k.map(Traced::from_f64));
-                let law = LowPower::<Traced, _, _, _, N, MAX_INPUTS>::new(
+                Ok(LowPower::<Traced, _, _, _, N, MAX_INPUTS>::new(
                     alpha, beta, $made, model, saturation,
-                )?;
-                Ok(Discretised { law, scheme })
+                )?)
             })
         };
     }
@@ -433,9 +490,9 @@ fn collection<const C: usize>(
     modified: bool,
 ) -> PyResult<Tables> {
     const N: usize = 2;
-    spec.only(&["kind", "n", "k", "k_bar", "copies", "gain", "model", "method"])?;
+    spec.only(&["kind", "n", "k", "k_bar", "copies", "gain", "model", "method", "timing"])?;
     let (k, k_bar) = (spec.vector::<N>("k", N)?, spec.vector::<N>("k_bar", N)?);
-    let (gain, scheme) = (spec.sub("gain")?, read_method(spec)?);
+    let (gain, manner) = (spec.sub("gain")?, Manner::read(spec)?);
     let copies = || {
         let model = given.install(N)?;
         let AnyGain::Moving(MovingGain::Adaptive(gain)) = AnyGain::read(&gain)? else {
@@ -447,11 +504,9 @@ fn collection<const C: usize>(
         Ok(RepelledCollection::<Traced, _, N, C, MAX_INPUTS>::new(k, k_bar, gain, model)?)
     };
     if modified {
-        continuous(given, single, || {
-            Ok(Discretised { law: ModifiedObserver { collection: copies()? }, scheme })
-        })
+        known(given, single, manner, || Ok(ModifiedObserver { collection: copies()? }))
     } else {
-        continuous(given, single, || Ok(Discretised { law: copies()?, scheme }))
+        known(given, single, manner, copies)
     }
 }
 
@@ -471,6 +526,7 @@ where
         shape: shape(n_u, &build)?,
         step: step(true)?,
         missing: Some(step(false)?),
+        placed: false,
         law: None,
         parameters: given.parameters().to_vec(),
     })
@@ -557,7 +613,8 @@ impl Tables {
         let current = chains.first().is_some_and(|of| of.shape.current);
         let (n, n_y, n_u, memory) = (own.n, chains.len(), own.n_u, rest);
         let shape = Shape { n, n_y, n_u, memory, current, initial };
-        Ok(Self { shape, step, missing: None, law: None, parameters: own.parameters })
+        let placed = chains.iter().any(|of| of.placed);
+        Ok(Self { shape, step, missing: None, placed, law: None, parameters: own.parameters })
     }
 
     fn of(spec: &Spec<'_>, given: Given<'_, '_>, single: bool) -> PyResult<Self> {
@@ -677,6 +734,31 @@ impl Tables {
         &self.parameters
     }
 
+    /// Where periods stand in the memory of a law with current timing: after the law's own.
+    fn period(&self) -> Option<usize> {
+        let Shape { memory, n_u, current, .. } = self.shape;
+        (current && self.placed).then(|| memory.checked_sub(1 + n_u)).flatten()
+    }
+
+    /// Whether the step for this length is right for a memory.
+    fn is_period(&self, memory: &[f64], dt: f64) -> bool {
+        self.period().is_none_or(|period| memory.get(period) == Some(&dt))
+    }
+
+    /// The table of steps of one length that follow one of the same length.
+    pub fn for_steps_of(&self, dt: f64) -> PyResult<Table> {
+        let period = self.period().map(|period| MEMORY + period);
+        trace(Setting { single: false, present: true }, || {
+            let mut given: Vec<Traced> = self.step.inputs.iter().map(|name| input(name)).collect();
+            given[1] = Traced::from_f64(dt);
+            if let Some(period) = period {
+                given[period] = Traced::from_f64(dt);
+            }
+            let made = trace::inline(&self.step, &given);
+            Ok(self.step.output_names.iter().cloned().zip(made).collect())
+        })
+    }
+
     /// The program of a step.
     fn program(&self, table: &Table) -> PyResult<Step> {
         let compiled = table.compile()?;
@@ -746,6 +828,17 @@ impl Programmed {
             _ => &self.step,
         }
     }
+
+    /// The step for all of these lengths, if they are the same and that saves work.
+    fn prepared(&self, dt: &[f64], told: bool) -> Option<Step> {
+        let (first, rest) = dt.split_first()?;
+        if !self.tables.placed || rest.len() < 16 || rest.iter().any(|dt| dt != first) {
+            return None;
+        }
+        let table = self.tables.for_steps_of(*first).ok()?;
+        let outputs = if told { table.outputs.len() } else { self.tables.memory_len() };
+        self.tables.program(&table.with_outputs(0..outputs)).ok()
+    }
 }
 
 fn status(moved: bool, present: bool) -> Status {
@@ -772,8 +865,9 @@ impl Recursion for Programmed {
         let Shape { n_y: p, n_u: q, current, .. } = self.tables.shape;
         let (m, told) = (memory.len(), !innovation.is_empty());
         let place = MEMORY..MEMORY + m;
-        let usual = self.choose(true, told);
-        let mut r = usual.at_rest;
+        let prepared = self.prepared(dt, told);
+        let mut step = self.choose(true, told);
+        let mut r = step.at_rest;
         r.0[place.clone()].copy_from_slice(memory);
         let mut largest = [0.0_f64; REGISTERS];
         for (k, made) in made.iter_mut().enumerate() {
@@ -782,24 +876,22 @@ impl Recursion for Programmed {
                 row.copy_from_slice(&r.0[place.clone()]);
             }
             let sample = &y[k * p..(k + 1) * p];
-            let given = || sample.iter().chain(&u[k * q..(k + 1) * q]).copied();
             let present = sample.iter().all(|y| y.is_finite());
-            let (moved, at) = if present || self.missing.is_none() {
-                (usual.advance(&mut r, m, (t[k], dt[k]), given()), (usual, None))
-            } else {
-                let other = self.choose(false, told);
-                let mut apart = other.at_rest;
-                apart.0[place.clone()].copy_from_slice(&r.0[place.clone()]);
-                let moved = other.advance(&mut apart, m, (t[k], dt[k]), given());
-                r.0[place.clone()].copy_from_slice(&apart.0[place.clone()]);
-                (moved, (other, Some(apart)))
+            let wanted = match &prepared {
+                Some(prepared) if self.tables.is_period(&r.0[place.clone()], dt[k]) => prepared,
+                _ => self.choose(present, told),
             };
+            if !std::ptr::eq(wanted, step) {
+                let mut fresh = wanted.at_rest;
+                fresh.0[place.clone()].copy_from_slice(&r.0[place.clone()]);
+                (step, r) = (wanted, fresh);
+            }
+            let given = sample.iter().chain(&u[k * q..(k + 1) * q]).copied();
+            let moved = step.advance(&mut r, m, (t[k], dt[k]), given);
             *made = status(moved, present) as u8;
             if let Some(slots) = innovation.get_mut(k * p..(k + 1) * p) {
-                let (step, apart) = &at;
-                let registers = apart.as_ref().unwrap_or(&r);
                 for (slot, output) in slots.iter_mut().zip(&step.compiled.outputs[m..]) {
-                    *slot = registers.0[usize::from(*output)];
+                    *slot = r.0[usize::from(*output)];
                 }
             }
             if current {

@@ -1,9 +1,10 @@
 //! Experiments with many runs: threads, interruption, results as arrays.
 
 use super::errors::refused;
+use super::halves::Watched;
 use super::interrupt::StopFlag;
 use super::lanes::{self, BlockOf};
-use super::observers::read_method;
+use super::observers::Manner;
 use super::spec::{Spec, matrix};
 use super::systems::AnyPlant;
 use crate::ensemble::Block;
@@ -343,7 +344,11 @@ impl Plan {
 
     /// The integrator of a joint study, from the observer's spec.
     pub fn joint_integrator(&self, observer: &Spec<'_>) -> PyResult<Option<Integrator>> {
-        if self.joint { joint_integrator(read_method(observer)?).map(Some) } else { Ok(None) }
+        if !self.joint {
+            return Ok(None);
+        }
+        let scheme = Manner::read(observer)?.whole().ok_or_else(|| refused(PREDICTOR_ONLY))?;
+        joint_integrator(scheme).map(Some)
     }
 
     /// The sines of the noise.
@@ -799,6 +804,48 @@ where
         _ => Err(refused(NO_PLANT)),
     }
 }
+
+/// Laws whose step is cut in two, with the plants of their order.
+pub fn of_halved<const N: usize, const CURRENT: bool>(
+    observer: &Watched<'_, N, CURRENT>,
+    plan: &Plan,
+    stop: &StopFlag,
+) -> PyResult<StudyResult> {
+    if plan.joint {
+        return Err(refused(PREDICTOR_ONLY));
+    }
+    let prepared = observer.whole.halves.prepared(plan.schedule.dt(0));
+    let observer = match &prepared {
+        Some(halves) => &observer.with(&**halves),
+        None => observer,
+    };
+    match plan.plant {
+        AnyPlant::Lee(plant) if N == 2 => halved_with(observer, plant, plan, stop),
+        AnyPlant::SanfelicePraly(plant) if N == 2 => halved_with(observer, plant, plan, stop),
+        AnyPlant::VanDerPol(plant) if N == 2 => halved_with(observer, plant, plan, stop),
+        AnyPlant::Crackle(plant) if N == 5 => halved_with(observer, plant, plan, stop),
+        _ => Err(refused(NO_PLANT)),
+    }
+}
+
+fn halved_with<P, const N: usize, const CURRENT: bool>(
+    observer: &Watched<'_, N, CURRENT>,
+    plant: P,
+    plan: &Plan,
+    stop: &StopFlag,
+) -> PyResult<StudyResult>
+where
+    P: Plant<f64, Output = f64, Input = SVector<f64, 0>> + Send + Sync,
+{
+    let tell = |_: &SVector<f64, 0>| SVector::<f64, 1>::new(0.0);
+    let m = observer.whole.law_len; // period and input are no signals
+    plan.execute(plant, m, m, stop, |experiment, run, x0, z0, watch| {
+        experiment.sampled(observer, tell, run, x0, z0, watch)
+    })
+}
+
+const PREDICTOR_ONLY: &str = "mode = 'joint' is not allowed: plant and law are one differential \
+    equation there, whose method is euler, rk4 or bogacki-shampine and whose timing is predictor";
 
 pub const SAMPLED_ONLY: &str = "mode = 'joint' is not allowed: this observer is a recursion in \
     discrete time; use mode 'sampled'";

@@ -88,7 +88,7 @@ impl Trace {
             return self.constant(value);
         }
         // what changes no bit is left out
-        let [a, b, _] = operands;
+        let [a, b, c] = operands;
         let is = |index, node| self.nodes.get(index as usize) == Some(&node);
         match operation {
             Operation::Add if is(b, NEG_ZERO) => return a,
@@ -96,6 +96,8 @@ impl Trace {
             Operation::Subtract if is(b, ZERO) => return a,
             Operation::Multiply | Operation::Divide if is(b, ONE) => return a,
             Operation::Multiply if is(a, ONE) => return b,
+            Operation::Select if values[0] == Some(0.0) => return c,
+            Operation::Select if values[0].is_some() || b == c => return b,
             _ => {}
         }
         self.node(Node::Result(operation, operands))
@@ -313,5 +315,8 @@ impl Scalar for Traced {
         abs() Abs; sqrt() Sqrt; sin() Sin; cos() Cos; tan() Tan; atan() Atan; exp() Exp; ln() Ln;
         tanh() Tanh; copysign(sign) CopySign; powf(power) Power; atan2(x) Atan2;
         min(other) Min; max(other) Max; innovation(x_hat) Innovation;
+    }
+    fn or(self, other: Self) -> Self {
+        apply(Operation::Select, [self, self, other])
     }
 }

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = Path(hgo_rs.__file__).parent
 REFERENCE = sorted((PACKAGE / "reference").glob("*.py"))
 HEAVY = {"scipy", "matplotlib", "pandas", "pyarrow", "click", "rich", "xarray", "cvxpy"}
-HEAVY |= {"psutil", "dask", "distributed"}
+HEAVY |= {"psutil", "dask", "distributed", "lark", "sympy"}
 
 
 def imported(statement):
