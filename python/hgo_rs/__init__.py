@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from hgo_rs.config import Config, ConfigError, load
     from hgo_rs.errors import DesignError, HgoError
     from hgo_rs.gains import (
         AdaptiveGain,
@@ -53,6 +54,8 @@ __version__ = "0.1.0"
 
 __all__ = [
     "AdaptiveGain",
+    "Config",
+    "ConfigError",
     "ConstantGain",
     "Crackle",
     "DeadZoneGain",
@@ -89,11 +92,22 @@ __all__ = [
     "VanDerPol",
     "__version__",
     "filtered_noise",
+    "load",
     "simulate",
     "study",
 ]
 
-_MODULES = ("errors", "gains", "models", "noise", "observers", "results", "simulation", "studies")
+_MODULES = (
+    "config",
+    "errors",
+    "gains",
+    "models",
+    "noise",
+    "observers",
+    "results",
+    "simulation",
+    "studies",
+)
 
 
 def __getattr__(name: str) -> Any:
