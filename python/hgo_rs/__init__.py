@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from hgo_rs.config import Config, ConfigError, load
     from hgo_rs.errors import DesignError, HgoError
+    from hgo_rs.estimation import estimate
     from hgo_rs.gains import (
         AdaptiveGain,
         ConstantGain,
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
         FixedStep,
         StochasticApproximation,
     )
+    from hgo_rs.gaps import gap_bound
     from hgo_rs.models import (
         Crackle,
         InputGain,
@@ -91,7 +93,9 @@ __all__ = [
     "Unknown",
     "VanDerPol",
     "__version__",
+    "estimate",
     "filtered_noise",
+    "gap_bound",
     "load",
     "simulate",
     "study",
@@ -100,7 +104,9 @@ __all__ = [
 _MODULES = (
     "config",
     "errors",
+    "estimation",
     "gains",
+    "gaps",
     "models",
     "noise",
     "observers",

@@ -312,7 +312,7 @@ class Config:
     @property
     def log(self) -> dict[str, Any]:
         """The arguments of `hgo_rs.data.read_log`."""
-        log = dict(self.data.get("log", {}))
+        log = {"time": None, **self.data.get("log", {})}
         if "schedule" in log:
             import hgo_rs
 
@@ -474,14 +474,16 @@ class Config:
             raise self._error(path, f"is {shown}", f"write {wanted}")
 
     def _unknown(self, path: tuple[str, ...], known: Mapping[str, Kind]) -> ConfigError:
+        homes = {"no table": TOP, "[model]": MODELS["own"][1], "[start]": START, "[log]": LOG}
+        home = next((name for name, table in homes.items() if path[-1] in table), None)
         near = _nearest(path[-1], known)
-        if near:
-            return self._error(path, "is not a known key", f"nearest: {', '.join(near)}")
-        homes = {"": TOP, "[model]": MODELS["own"][1], "[start]": START, "[log]": LOG}
-        home = next(
-            (f"it stands in {h or 'no table'}; " for h, t in homes.items() if path[-1] in t), ""
-        )
-        return self._error(path, "is not a known key", f"{home}known: {', '.join(known)}")
+        if home:
+            remedy = f"it stands in {home}"
+        elif near:
+            remedy = f"nearest: {', '.join(near)}"
+        else:
+            remedy = f"known: {', '.join(known)}"
+        return self._error(path, "is not a known key", remedy)
 
 
 def load(path: str | Path) -> Config:

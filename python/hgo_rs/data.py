@@ -94,9 +94,10 @@ class Log:
     def pieces(self) -> list[Log]:
         """A log for each piece between resets of the clock."""
         ends = (*self.starts[1:], len(self.t))
-        return [self._rows(slice(a, b)) for a, b in zip(self.starts, ends, strict=True) if b > a]
+        return [self.rows(slice(a, b)) for a, b in zip(self.starts, ends, strict=True) if b > a]
 
-    def _rows(self, rows: slice) -> Log:
+    def rows(self, rows: slice) -> Log:
+        """Some rows, as a log of one piece."""
         u = None if self.u is None else self.u[rows]
         t, y, missing = self.t[rows], self.y[rows], self.missing[rows]
         return Log(t, y, u, self.names, self.source, missing, (0,), self.remarks)

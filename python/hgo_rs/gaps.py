@@ -12,14 +12,16 @@ The second part is what the gap leaves out, the law's corrections c(s), carried 
 Φ the transition matrix without corrections. For a chain of order n with nothing known, and c that
 does not move, that is c_i τ + c_(i+1) τ^2/2! + ... + c_n τ^(n-i+1)/(n-i+1)!. It can be had exactly
 wherever the record is complete, by leaving samples out once more. The first part is the error that
-the estimate has anyway. x̂_i' = x̂_(i+1) + c_i makes it e_(i+1) = c_i - e_i', so it is c_i on average,
-and y - x̂_1 for the first state; both are averaged over three times the law's slowest time constant.
+the estimate has anyway. x̂_i' = x̂_(i+1) + c_i makes it e_(i+1) = c_i - e_i', so it is c_i on
+average, and y - x̂_1 for the first state; both are averaged over three times the law's slowest time
+constant.
 
 `gap_error` does this around every gap of a result. `gap_bound` is the bound beforehand.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,7 +31,7 @@ from hgo_rs.errors import HgoError, check, check_array, check_integer, check_num
 
 if TYPE_CHECKING:
     from hgo_rs.observers import Observer
-    from hgo_rs.results import RunResult
+    from hgo_rs.results import Gap, RunResult
 
 __all__ = ["gap_bound", "gap_error"]
 
@@ -43,13 +45,18 @@ NEAREST = 64
 """Of these, those nearest to a gap that speak for it."""
 
 
-def gap_error(observer: Observer, result: RunResult, u: npt.ArrayLike | None = None) -> Array:
+def gap_error(
+    observer: Observer,
+    result: RunResult,
+    u: npt.ArrayLike | None = None,
+    gaps: Sequence[Gap] | None = None,
+) -> Array:
     """Error to expect at the end of each of a result's gaps, (number of gaps, n).
 
-    The root mean square of x - x̃ over gaps of the same duration that are put into the complete parts
-    of the same record, those nearest to the gap. Where no part is long enough: the longest that
-    there is, times (τ/τ')^(n-i+1) as for a chain with nothing known. NaN if no sample can be left
-    out, and for a gap that no sample ends.
+    The root mean square of x - x̃ over gaps of the same duration that are put into the complete
+    parts of the same record, those nearest to the gap. Where no part is long enough: the longest
+    that there is, times (τ/τ')^(n-i+1) as for a chain with nothing known. NaN if no sample can be
+    left out, and for a gap that no sample ends.
 
     Parameters
     ----------
@@ -59,8 +66,10 @@ def gap_error(observer: Observer, result: RunResult, u: npt.ArrayLike | None = N
         Its run over the record; `result.gaps` are the gaps.
     u : (N,) or (N, n_u), optional
         The record's inputs.
+    gaps : optional
+        Some of the result's gaps. Default: all.
     """
-    gaps = result.gaps
+    gaps = result.gaps if gaps is None else gaps
     n = observer.n
     error = np.full((len(gaps), n), np.nan)
     inputs = np.empty((len(result.y), 0)) if u is None else check_array(u, "u")
@@ -89,7 +98,7 @@ class _Record:
         self.observer, self.u = observer, u
         self.t, self.y, self.memory = result.time, result.y, result.memory
         self.innovation = result.innovation
-        # the memory that sample k finds: the row of it, or of the one before if that has used its own
+        # sample k finds the memory of its row, or of the row before if rows have used their samples
         self.back = int(observer._core.is_current)
         self.settling = 3.0 * self._time_constant()
         self._known: dict[int, Array] = {}
@@ -136,7 +145,9 @@ class _Record:
         last = np.maximum.accumulate(np.where(none, np.arange(len(t)), 0))
         since = t[begin] - t[last[begin]]
         settled = begin[since >= 2.0 * self.settling]
-        begin = settled if len(settled) else begin[since >= np.median(since)] if len(begin) else begin
+        begin = (
+            settled if len(settled) else begin[since >= np.median(since)] if len(begin) else begin
+        )
         begin = begin[np.unique(np.linspace(0, len(begin) - 1, REPLAYS).astype(int))[: len(begin)]]
         drift = np.empty((len(begin), n))
         for row, k in enumerate(begin.tolist()):

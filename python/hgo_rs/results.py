@@ -90,6 +90,31 @@ class RunResult:
             self.__dict__[name] = value
             return value
 
+    def rows(self, rows: slice) -> RunResult:
+        """Some rows of it."""
+        part = RunResult(
+            self.time[rows],
+            self.x_hat[rows],
+            self.auxiliary[rows],
+            self.innovation[rows],
+            self.missing[rows],
+            None if self.gain is None else self.gain[rows],
+            self.y[rows],
+            self.memory[rows],
+        )
+        if "_run_of" in self.__dict__:
+            observer, u = self.__dict__["_run_of"]
+            part.__dict__["_run_of"] = (observer, u[rows])
+        return part
+
+    @property
+    def inputs(self) -> Array | None:
+        """The inputs (N, n_u) of a run with missing samples, which what gaps cost is computed with;
+        None: not kept.
+        """
+        run: tuple[Any, Array] = self.__dict__.get("_run_of", (None, None))
+        return run[1]
+
     @property
     def gaps(self) -> list[Gap]:
         """Every run of missing samples, output by output."""
