@@ -472,10 +472,12 @@ def estimate_command(
             summary.add(chunk)
             yield chunk
 
+    piece = -1
     with TableWriter(out) as writer:
         for chunk, result in run_chunks(law, seen(read_chunks(log, **arguments))):
-            pieces = summary.pieces if arguments.get("resets") == "split" else None
-            writer.write(_columns(chunk, result, pieces))
+            piece += len(chunk.starts)
+            split = arguments.get("resets") == "split"
+            writer.write(_columns(chunk, result, piece if split else None))
             gaps.add(law, result)
             if draw:
                 trace.add(chunk, result)

@@ -93,8 +93,8 @@ class Log:
     @property
     def pieces(self) -> list[Log]:
         """A log for each piece between resets of the clock."""
-        ends = (*self.starts[1:], len(self.t))
-        return [self.rows(slice(a, b)) for a, b in zip(self.starts, ends, strict=True) if b > a]
+        edges = [0, *(k for k in self.starts if k > 0), len(self.t)]
+        return [self.rows(slice(a, b)) for a, b in itertools.pairwise(edges)]
 
     def rows(self, rows: slice) -> Log:
         """Some rows, as a log of one piece."""
@@ -291,9 +291,9 @@ def read_chunks(
     unit: str | None = None,
     resets: str = "refuse",
     schedule: StochasticApproximation | None = None,
-    rows: int = CHUNK,
+    rows: int | None = None,
 ) -> Iterator[Log]:
-    """The log of `read_log` in chunks of about `rows` rows, in constant memory.
+    """The log of `read_log` in chunks of about `rows` rows (default 65536), in constant memory.
 
     A chunk goes on where the one before ended, unless its `starts` hold 0. An `.npz` or `.mat`
     file, and outputs with times of their own, are one chunk. What is wrong with the whole log
@@ -317,7 +317,7 @@ def read_chunks(
     names = {"time": time, "output": output, "input": input}
     wanted = [*([] if time is None else [time]), *outputs, *inputs]
     summary = LogSummary()
-    for table in filter(len, _tables(path, wanted, rows)):
+    for table in filter(len, _tables(path, wanted, CHUNK if rows is None else rows)):
         t, starts = clock(table)
         y = np.column_stack([_values(table, path, name) for name in outputs])
         for name, column in zip(outputs, y.T, strict=True):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,7 +77,8 @@ def run_chunks(observer: Observer, chunks: Iterable[Log]) -> Iterator[tuple[Log,
     """Run over a log that comes in chunks, each chunk with its result.
 
     The memory goes from chunk to chunk: the same bits as over the whole log at once. At a reset of
-    the clock the observer starts again. A chunk with resets comes out as its pieces.
+    the clock the observer starts again. A chunk with resets comes out as its pieces; the `starts`
+    of one that begins a piece hold 0.
 
     Raises
     ------
@@ -90,7 +92,12 @@ def run_chunks(observer: Observer, chunks: Iterable[Log]) -> Iterator[tuple[Log,
     rows = 0
     while log is not None:
         after, begins = next(stretches)
-        joined = log if begins or after is None else _with_first_of(log, after)
+        while after is not None and not begins and len(after.t) == 1:
+            # by itself, the last row of all would not know the step before it
+            log = _joined(log, after)
+            after, begins = next(stretches)
+        # with the first row of the next, the last step has its length
+        joined = log if begins or after is None else _joined(log, after.rows(slice(0, 1)))
         count = len(log.t)
         try:
             result = _run(observer, joined, memory)
@@ -114,17 +121,17 @@ def _stretches(chunks: Iterable[Log]) -> Iterator[tuple[Log | None, bool]]:
     for chunk in chunks:
         edges = [k for k in chunk.starts if k > 0]
         for a, b in itertools.pairwise([0, *edges, len(chunk.t)]):
-            yield chunk.rows(slice(a, b)), a in chunk.starts
+            begins = a in chunk.starts
+            yield replace(chunk.rows(slice(a, b)), starts=(0,) if begins else ()), begins
 
 
-def _with_first_of(log: Log, after: Log) -> Log:
-    """A chunk and the first row of the next, so that the last step has its length."""
+def _joined(log: Log, after: Log) -> Log:
+    """Two chunks of one piece, as one."""
     u = None
     if log.u is not None and after.u is not None:
-        u = np.concatenate([log.u, after.u[:1]])
-    t = np.append(log.t, after.t[:1])
-    y = np.concatenate([log.y, after.y[:1]])
-    return Log(t, y, u, log.names, log.source, np.isnan(y))
+        u = np.concatenate([log.u, after.u])
+    t, y = np.concatenate([log.t, after.t]), np.concatenate([log.y, after.y])
+    return Log(t, y, u, log.names, log.source, np.isnan(y), log.starts)
 
 
 def _run(observer: Observer, log: Log, memory: np.ndarray) -> RunResult:
