@@ -25,7 +25,6 @@ else:
     import tomli as tomllib
 
 if TYPE_CHECKING:
-    from hgo_rs.models import Model
     from hgo_rs.observers import Observer
 
 __all__ = ["FORMAT", "OBSERVERS", "Config", "ConfigError", "load"]
@@ -76,6 +75,10 @@ FLAG: Kind = (lambda v: isinstance(v, bool), "true or false")
 TEXT: Kind = (_is_text, 'text in quotes, such as "a"')
 NUMBERS: Kind = (lambda v: _all(v, _is_number), "numbers in brackets, such as [1.0, 2.0]")
 TEXTS: Kind = (lambda v: _all(v, _is_text), 'texts in brackets, such as ["a", "b"]')
+ROWS: Kind = (
+    lambda v: _all(v, lambda row: _is_text(row) or _all(row, _is_text)),
+    'texts, or rows of them, in brackets, such as [["a", "b"], ["c", "d"]]',
+)
 TABLE: Kind = (lambda v: isinstance(v, dict), "a table")
 POLES: Kind = (
     lambda v: _all(v, _is_pole),
@@ -115,7 +118,8 @@ TOP: dict[str, Kind] = {
     "log": TABLE,
 }
 """The keys at the head of the file. From `order` to `allow_unstable` they are the arguments of the
-observer's class; `order` is its n."""
+observer's class; `order` is its n. A file that does not say its `timing` means "current", what a
+user of a log expects."""
 
 GAINS: dict[str, tuple[str, dict[str, Kind]]] = {
     "constant": ("ConstantGain", {"ell": NUMBER}),
@@ -141,7 +145,7 @@ MODELS: dict[str, tuple[str, dict[str, Kind]]] = {
             "phi": TEXT,
             "f": TEXTS,
             "f1": TEXTS,
-            "g": TEXT_OR_TEXTS,
+            "g": ROWS,
             "f2": TEXTS,
             "h": TEXT,
             "K_T": TEXTS,
@@ -293,6 +297,8 @@ class Config:
             for key, value in self.data.items()
             if key not in ("format", "observer", "model", "start", "log")
         }
+        if "timing" in inspect.signature(law).parameters:
+            given.setdefault("timing", "current")
         if isinstance(given.get("gain"), dict):
             given["gain"] = self._gain(given["gain"])
         if "poles" in given:
@@ -587,8 +593,27 @@ def _model_table(observer: Observer) -> dict[str, Any] | None:
         return None
     if kind != "own":
         return {"kind": kind, **spec}
-    model: Model | None = getattr(observer, "model", None)
-    if model is None:
-        raise ConfigError("this observer does not hold its model's expressions: save a Config")
-    given = {key: getattr(model, key, None) for key in MODELS["own"][1]}
-    return {key: value for key, value in given.items() if value}
+    if observer.model is None:
+        raise ConfigError(
+            "model: this observer does not hold its expressions; save a Config of them"
+        )
+    return _own_table(observer.model)
+
+
+def _own_table(model: Any) -> dict[str, Any]:
+    """`[model]` of an own model: names, parameters, and its right-hand sides as expressions."""
+    table: dict[str, Any] = {"states": list(model.states)}
+    if model.inputs:
+        table["inputs"] = list(model.inputs)
+    if model.parameters:
+        table["parameters"] = dict(model.parameters)
+    sides = {name: [str(node) for node in nodes] for name, nodes in model.equations.items()}
+    for name, side in sides.items():
+        if MODELS["own"][1][name] is TEXT:
+            table[name] = side[0]
+        elif name == "g":  # a row for each x
+            width = len(side) // len(sides["f1"])
+            table[name] = [side[i : i + width] for i in range(0, len(side), width)]
+        else:
+            table[name] = side
+    return table
