@@ -416,6 +416,7 @@ class _Numbers(click.ParamType):
 @click.option("--dt", type=float, help="Sampling period, s: for a log without a time column.")
 @click.option("--poles", type=_Numbers(), help="Poles at gain 1, for example -1,-2,-3.")
 @click.option("--method", help="Discretisation; by default the observer's own.")
+@click.option("--timing", help="current (the estimate at a sample uses it) or predictor.")
 @click.option("--saturation", type=_Numbers(), help="Bounds on the states 2 to n (peaking-free).")
 @click.option("--allow-unstable", is_flag=True, help="Go beyond the step limit of the method.")
 @click.option(
@@ -462,7 +463,7 @@ def estimate_command(
     told = _configuration(config, options)
     law = told.observer()
     arguments = told.log
-    check_fit(law, arguments)
+    check_fit(law, arguments, f"{told.place(('log',))}: " if config else "")
     for path in (out, *([figure] if draw else []), *([save_config] if save_config else [])):
         _check_writable(path, log)
     summary, gaps, trace = LogSummary(), _LongestGaps(), _Trace()

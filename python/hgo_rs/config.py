@@ -368,7 +368,7 @@ class Config:
             key = named[0] if named else ""
             key = _KEYS.get(key, key)
             inside = path if key not in self._at(path) else (*path, key)
-            raise ConfigError(f"{self._place(inside)}: {error}") from error
+            raise ConfigError(f"{self.place(inside)}: {error}") from error
 
     # --- checks ---------------------------------------------------------------------------------
 
@@ -378,8 +378,8 @@ class Config:
             value = value.get(key, {}) if isinstance(value, Mapping) else {}
         return value if isinstance(value, Mapping) else {}
 
-    def _place(self, path: tuple[str, ...]) -> str:
-        """File and line of a key, or of the table around it."""
+    def place(self, path: tuple[str, ...]) -> str:
+        """File and line of a key, or of the table around it, for errors."""
         place = self.source or "configuration"
         for length in range(len(path), 0, -1):
             if path[:length] in self._lines:
@@ -388,7 +388,7 @@ class Config:
         return f"{place}, line {line}" if line else place
 
     def _error(self, path: tuple[str, ...], what: str, remedy: str) -> ConfigError:
-        return ConfigError(f"{self._place(path)}: {'.'.join(path)} {what}; {remedy}")
+        return ConfigError(f"{self.place(path)}: {'.'.join(path)} {what}; {remedy}")
 
     def _check(self) -> None:
         if "format" not in self.data:

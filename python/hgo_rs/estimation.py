@@ -46,7 +46,7 @@ def estimate(log: str | Path | Log, config: str | Path | Config) -> RunResult:
     observer = config.observer()
     if not isinstance(log, Log):
         arguments = config.log
-        check_fit(observer, arguments)
+        check_fit(observer, arguments, f"{config.place(('log',))}: ")
         log = read_log(log, **arguments)
     if len(log.starts) > 1:
         raise DataError(
@@ -57,7 +57,7 @@ def estimate(log: str | Path | Log, config: str | Path | Config) -> RunResult:
     return _run(observer, log, observer.memory)
 
 
-def check_fit(observer: Observer, names: dict[str, Any]) -> None:
+def check_fit(observer: Observer, names: dict[str, Any], where: str = "") -> None:
     """Refuse column names that are not as many as the observer has outputs and inputs."""
     for key, count in (("output", observer.n_y), ("input", observer.n_u)):
         given = names.get(key)
@@ -68,7 +68,7 @@ def check_fit(observer: Observer, names: dict[str, Any]) -> None:
         model = observer.spec["model"]["kind"]
         remedy = f"name {count}" if count else "leave it out, or give the observer a model with one"
         raise DataError(
-            f"{key}: {told}, the observer has {count} (model {model}); {remedy}"
+            f"{where}{key}: {told}, the observer has {count} (model {model}); {remedy}"
             + (f" in the table [log]: {key} = ..." if count else "")
         )
 
