@@ -9,7 +9,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from hgo_rs.config import Config, ConfigError, load
     from hgo_rs.errors import DesignError, HgoError
+    from hgo_rs.estimation import estimate
     from hgo_rs.gains import (
         AdaptiveGain,
         ConstantGain,
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
         FixedStep,
         StochasticApproximation,
     )
+    from hgo_rs.gaps import gap_bound
     from hgo_rs.models import (
         Crackle,
         InputGain,
@@ -54,6 +57,8 @@ __version__ = "0.1.0"
 
 __all__ = [
     "AdaptiveGain",
+    "Config",
+    "ConfigError",
     "ConstantGain",
     "Crackle",
     "DeadZoneGain",
@@ -92,20 +97,26 @@ __all__ = [
     "Unknown",
     "VanDerPol",
     "__version__",
+    "estimate",
     "filtered_noise",
+    "gap_bound",
+    "load",
     "simulate",
     "study",
 ]
 
 _MODULES = (
+    "config",
     "errors",
+    "estimation",
     "gains",
+    "gaps",
     "models",
     "noise",
     "observers",
+    "own",
     "results",
     "simulation",
-    "own",
     "studies",
 )
 

@@ -7,6 +7,7 @@ stands) that `step` moves. `run` works on a memory of its own and leaves the obj
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -80,12 +81,17 @@ class Observer(_core.Online):
     memory : (m,) ndarray
         Where it stands: x_hat first, then auxiliary states, then the gain r where it moves; with
         current timing then the period and the inputs before the sample. A step makes a new one.
+    model : Model or None
+        What it knows of the system; None: nothing, or what its class takes by default.
     allow_unstable : bool
         Let `step` and `run` use a step beyond the stability limit.
     """
 
-    def __init__(self, spec: dict[str, Any], *, allow_unstable: bool = False) -> None:
+    def __init__(
+        self, spec: dict[str, Any], *, model: Model | None = None, allow_unstable: bool = False
+    ) -> None:
         self.spec = spec
+        self.model = model
         self._core = _core.Observer(spec)
         self.n: int = self._core.n
         self.n_y: int = self._core.n_y
@@ -346,7 +352,7 @@ class Observer(_core.Online):
         if not (track["largest"] <= bound or allow):  # NaN is not within
             k = int(np.argmin(np.all(np.abs(memory) <= bound, axis=1)))
             raise HgoError(f"the estimate diverged at sample {k} (t = {time(k):g} s): {_TAMER}")
-        return RunResult.of_run(
+        result = RunResult.of_run(
             clock,
             track.get("innovation"),
             x_hat=memory[:, : self.n],
@@ -357,6 +363,9 @@ class Observer(_core.Online):
             memory=memory,
             timing=self.timing,
         )
+        if track["missing"].any():  # for the error to expect after the gaps
+            result.__dict__["_run_of"] = (self, told.copy())
+        return result
 
     def step_limit(self) -> StepLimit:
         """The largest stable step of this law under its discretisation, computed."""
@@ -364,6 +373,25 @@ class Observer(_core.Online):
 
     def _check_dt(self, dt: float, allow_unstable: bool) -> None:
         check_step(self.spec, dt, allow_unstable=allow_unstable)
+
+    def save(self, path: str | Path, **log: Any) -> None:
+        """Write an `observer.toml` that says all of this observer, and where it stands.
+
+        Parameters
+        ----------
+        path
+            The file; `hgo_rs.load` reads it.
+        log
+            Keys of its table `[log]`: time, output, input, ...
+
+        Raises
+        ------
+        ConfigError
+            A file that cannot be written; a model that is Python code.
+        """
+        from hgo_rs.config import Config
+
+        Config.of(self, **log).save(path)
 
     def __repr__(self) -> str:
         inside = ", ".join(f"{k}={v!r}" for k, v in self.spec.items() if k != "kind")
@@ -432,7 +460,7 @@ class StandardObserver(Observer):
             "model": _model(model, n),
             **_manner(method, timing),
         }
-        super().__init__(spec, allow_unstable=allow_unstable)
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
 
 class LowPowerObserver(Observer):
@@ -466,7 +494,7 @@ class LowPowerObserver(Observer):
         allow_unstable: bool = False,
     ) -> None:
         spec = _low_power("low-power", n, gain, epsilon, poles, alpha, beta, model, method, timing)
-        super().__init__(spec, allow_unstable=allow_unstable)
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
 
 class PeakingFreeObserver(Observer):
@@ -511,7 +539,7 @@ class PeakingFreeObserver(Observer):
             "saturation": _saturation(saturation, spec["n"], model),
             "clip": check_choice("clip", clip, ("hard", "smooth")),
         }
-        super().__init__(spec, allow_unstable=allow_unstable)
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
 
 class _Copies(Observer):
@@ -547,7 +575,7 @@ class _Copies(Observer):
             **_manner(method, timing),
         }
         self.copies = copies
-        super().__init__(spec, allow_unstable=allow_unstable)
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
     def _starts(self, x_hat0: npt.ArrayLike, r0: npt.ArrayLike) -> Array:
         """Flat memory [x_hat_1, r_1, x_hat_2, r_2, ...] of starts that differ."""
@@ -702,7 +730,7 @@ class SampledDataObserver(Observer):
         )
         choice = check_choice("gain", gain, ("derived", "printed"))
         spec = {"kind": "sampled-data", "model": known.spec, "gain": choice}
-        super().__init__(spec, allow_unstable=allow_unstable)
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
 
 class ReducedOrderObserver(Observer):
@@ -735,7 +763,7 @@ class ReducedOrderObserver(Observer):
             "h_bar": _vector(h_bar, "h_bar", 3).tolist(),
             "epsilon": check_number(epsilon, "epsilon", above=0.0),
         }
-        super().__init__(spec, allow_unstable=allow_unstable)
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
 
 # --- checks -----------------------------------------------------------------------------------

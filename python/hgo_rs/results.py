@@ -27,11 +27,14 @@ def timing_of(observer: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Gap:
-    """A run of missing samples: first index, number, duration until the next sample [s]."""
+    """A run of missing samples: first index, number, duration until the next sample [s], and the
+    output (counted from 0) that they are missing of.
+    """
 
     start: int
     length: int
     duration: float
+    channel: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,15 +100,61 @@ class RunResult:
             self.__dict__[name] = value
             return value
 
+    def rows(self, rows: slice) -> RunResult:
+        """Some rows of it."""
+        part = RunResult(
+            self.time[rows],
+            self.x_hat[rows],
+            self.auxiliary[rows],
+            self.innovation[rows],
+            self.missing[rows],
+            None if self.gain is None else self.gain[rows],
+            self.y[rows],
+            self.memory[rows],
+        )
+        if "_run_of" in self.__dict__:
+            observer, u = self.__dict__["_run_of"]
+            part.__dict__["_run_of"] = (observer, u[rows])
+        return part
+
+    @property
+    def inputs(self) -> Array | None:
+        """The inputs (N, n_u) of a run with missing samples, which what gaps cost is computed with;
+        None: not kept.
+        """
+        run: tuple[Any, Array] = self.__dict__.get("_run_of", (None, None))
+        return run[1]
+
     @property
     def gaps(self) -> list[Gap]:
-        """Every run of missing samples."""
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.missing, [False]])))
+        """Every run of missing samples, output by output."""
         out = []
-        for start, stop in zip(edges[::2], edges[1::2], strict=True):
-            end = self.time[min(stop, len(self.time) - 1)]
-            out.append(Gap(int(start), int(stop - start), float(end - self.time[start])))
+        for channel, values in enumerate(self.y.T):
+            none = np.concatenate([[False], np.isnan(values), [False]])
+            edges = np.flatnonzero(np.diff(none))
+            for start, stop in zip(edges[::2], edges[1::2], strict=True):
+                end = self.time[min(stop, len(self.time) - 1)]
+                duration = float(end - self.time[start])
+                out.append(Gap(int(start), int(stop - start), duration, channel))
         return out
+
+    @property
+    def gap_error(self) -> Array:
+        """Error to expect at the end of each of `gaps`, (number of gaps, n), NaN where unknown.
+
+        What the same gaps, put into the complete parts of the record, do to the estimate; see
+        `hgo_rs.gaps`. Computed when it is first asked for.
+        """
+        if "_gap_error" not in self.__dict__:
+            from hgo_rs.gaps import gap_error
+
+            if self.gaps and "_run_of" not in self.__dict__:
+                raise HgoError("gap_error: only a result of Observer.run knows its observer")
+            empty = np.empty((0, self.x_hat.shape[1]))
+            observer, u = self.__dict__.get("_run_of", (None, None))
+            self.__dict__["_gap_error"] = gap_error(observer, self, u) if observer else empty
+        error: Array = self.__dict__["_gap_error"]
+        return error
 
     def plot(self, figure: Figure | None = None) -> Figure:
         """Draw estimates, innovation and gain. Needs the extra `plot`."""
