@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hgo_rs.errors import DesignError, HgoError
+    from hgo_rs.exports import export
     from hgo_rs.gains import (
         AdaptiveGain,
         ConstantGain,
@@ -88,12 +89,23 @@ __all__ = [
     "Unknown",
     "VanDerPol",
     "__version__",
+    "export",
     "filtered_noise",
     "simulate",
     "study",
 ]
 
-_MODULES = ("errors", "gains", "models", "noise", "observers", "results", "simulation", "studies")
+_MODULES = (
+    "errors",
+    "gains",
+    "models",
+    "noise",
+    "observers",
+    "results",
+    "simulation",
+    "studies",
+    "exports",
+)
 
 
 def __getattr__(name: str) -> Any:

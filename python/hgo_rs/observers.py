@@ -7,6 +7,7 @@ stands) that `step` moves. `run` works on a memory of its own and leaves the obj
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -308,6 +309,20 @@ class Observer(_core.Online):
     def step_limit(self) -> StepLimit:
         """The largest stable step of this law under its discretisation, computed."""
         return step_limit(self.spec)
+
+    def export(self, *, to: str, out: str | Path, **options: Any) -> list[Path]:
+        """Write this observer as source code, see `hgo_rs.export`."""
+        from hgo_rs.exports import export
+
+        return export(self, to=to, out=out, **options)
+
+    def to_control(self, dt: float, *, name: str = "observer") -> Any:
+        """This law as a discrete-time system of the package `control`: see
+        `hgo_rs.exports.control.to_control`.
+        """
+        from hgo_rs.exports.control import to_control
+
+        return to_control(self, dt, name=name)
 
     def _check_dt(self, dt: float, allow_unstable: bool) -> None:
         check_step(self.spec, dt, allow_unstable=allow_unstable)

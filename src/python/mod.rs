@@ -30,4 +30,7 @@ mod _core {
     use super::observers::Observer;
     #[pymodule_export]
     use super::online::Online;
+    /// The source of the elementary functions: `hgo_rs.exports` prints them into other programs.
+    #[pymodule_export]
+    const ELEMENTARY: &str = include_str!("../elementary.rs");
 }
