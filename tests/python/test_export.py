@@ -24,9 +24,10 @@ from hgo_rs.exports import export, sources
 from hgo_rs.exports.c import files as c_files
 from hgo_rs.exports.elementary import PRECISIONS, Elementary
 from hgo_rs.exports.expressions import Names
-from hgo_rs.exports.program import Field, Program, Row
+from hgo_rs.exports.program import Field, Program, Row, program
 from hgo_rs.exports.rust import files as rust_files
-from hgo_rs.exports.table import FUNCTIONS, evaluate, graph
+from hgo_rs.exports.table import FUNCTIONS, graph
+from hgo_rs.observers import Observer
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="written for GNU's tools")
@@ -77,63 +78,107 @@ def says_ok(text: str, steps: int) -> bool:
     return text.rstrip().endswith(f"{steps} steps, every bit as expected: OK")
 
 
-# --- a tracer that stands in for the core's -------------------------------------------------------
+# --- observers ------------------------------------------------------------------------------------
+
+KINDS = {
+    "standard": lambda: StandardObserver(3, 20.0, method="rk4", model=InputGain(1.7)),
+    "adaptive": lambda: StandardObserver(2, hgo_rs.AdaptiveGain(0.05, 0.5, 0.2)),
+    "low_power": lambda: LowPowerObserver(4, 5.0, method="staggered-euler", model=InputGain(2.0)),
+    "peaking_free": lambda: hgo_rs.PeakingFreeObserver(
+        5, 4.0, model=hgo_rs.Crackle(), saturation=[1.0, 0.5, 0.5, 0.5], method="bogacki-shampine"
+    ),
+    "sampled": hgo_rs.SampledDataObserver,
+    "pendulum": lambda: pendulum(),
+}
 
 
-def standard_table(observer: Any, n_u: int = 0) -> dict[str, Any]:
-    """One forward Euler step of the standard observer of order 2, in the core's order."""
-    ell, k = observer.spec["gain"]["ell"], observer.spec["k"]
-    inputs = ["t", "dt", "z[0]", "z[1]", "y[0]", *[f"u[{i}]" for i in range(n_u)]]
-    b0 = [observer.spec["model"]["b0"]] if n_u else []
-    constants = [k[0] * ell, k[1] * (ell * ell), -0.0, *b0]
-    dt, x1, x2, y = 1, 2, 3, 4
-    k1, k2, zero = (len(inputs) + i for i in range(3))
-    ops: list[list[Any]] = []
-
-    def op(*words: Any) -> int:
-        ops.append(list(words))
-        return len(inputs) + len(constants) + len(ops) - 1
-
-    e = op("innovation", y, x1)
-    phi = op("mul", len(inputs) + 3, 5) if n_u else zero
-    first = op("add", op("add", x2, zero), op("mul", k1, e))
-    second = op("add", op("add", zero, phi), op("mul", k2, e))
-    outputs = [op("add", x1, op("mul", dt, first)), op("add", x2, op("mul", dt, second))]
-    return {"inputs": inputs, "constants": constants, "ops": ops, "outputs": outputs}
-
-
-@pytest.mark.parametrize("n_u", [0, 1])
-def test_a_step_has_the_bits_of_the_core(tmp_path: Path, n_u: int) -> None:
-    model = InputGain(1.7) if n_u else None
-    observer = StandardObserver(2, 37.0, model=model)
-    observer.reset([0.3, -0.1])
-    table = standard_table(observer, n_u)
-    given = {"table": table, "name": "axis"}
-    put(tmp_path, sources(observer, to="c", **given))
-    for flags in FLAGS.values():
-        assert says_ok(in_c(tmp_path, "axis", flags), 100)
-    rust = tmp_path / "rust"
-    put(rust, sources(observer, to="rust", **given))
-    assert says_ok(in_rust(rust, "axis"), 100)
-    # the vector is the core's own, not the table's
-    rows = np.array([evaluate(table, [0.0, 1e-3, 0.3, -0.1, 0.5, *[0.2] * n_u])], dtype=float)
-    memory, _ = observer._core.step([0.3, -0.1], [0.5], [0.2] * n_u, 0.0, 1e-3)
-    assert np.array_equal(rows[0], memory)
+def pendulum() -> Observer:
+    """An own model with a sine, a parameter and user's names, as its spec."""
+    table = {
+        "inputs": ["t", "x[0]", "x[1]", "u[0]", "g_l", "Fv"],
+        "constants": [],
+        "ops": [
+            ["sin", 1],
+            ["mul", 4, 6],
+            ["neg", 7],
+            ["mul", 5, 2],
+            ["sub", 8, 9],
+            ["add", 10, 3],
+        ],
+        "outputs": [11],
+        "output_names": ["phi"],
+    }
+    observer = StandardObserver(2, 15.0)
+    names = {"states": ["theta", "omega"], "inputs": ["torque"], "parameters": ["g_l", "Fv"]}
+    model = {"kind": "own", "form": "phase", "n": 2, "n_u": 1, "table": table}
+    return Observer(
+        {**observer.spec, "model": {**model, "parameters": [9.81, 0.3], "names": names}}
+    )
 
 
-def test_single_precision_is_the_same_in_both_languages(tmp_path: Path) -> None:
-    observer = StandardObserver(2, 37.0)
-    given = {"table": standard_table(observer), "precision": "single", "name": "axis"}
-    put(tmp_path, sources(observer, to="c", **given))
-    for flags in FLAGS.values():
-        assert says_ok(in_c(tmp_path, "axis", flags), 100)
-    put(tmp_path, sources(observer, to="rust", **given))
-    assert says_ok(in_rust(tmp_path, "axis"), 100)
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_program_has_the_bits_of_the_core(tmp_path: Path, kind: str) -> None:
+    observer = KINDS[kind]()
+    observer.export(to="c", out=tmp_path, name=kind)
+    every = FLAGS.values() if kind == "pendulum" else [FLAGS["gnu11 -O3 native"]]
+    for flags in every:
+        assert says_ok(in_c(tmp_path, kind, flags), 100)
+    if kind in ("pendulum", "adaptive", "sampled"):
+        observer.export(to="rust", out=tmp_path, name=kind)
+        assert says_ok(in_rust(tmp_path, kind), 100)
+
+
+@pytest.mark.parametrize("kind", ["pendulum", "sampled"])
+def test_single_precision_is_the_cores_in_both_languages(tmp_path: Path, kind: str) -> None:
+    observer = KINDS[kind]()
+    observer.export(to="c", out=tmp_path, name=kind, precision="single")
+    assert says_ok(in_c(tmp_path, kind, FLAGS["gnu11 -O3 native"]), 100)
+    observer.export(to="rust", out=tmp_path, name=kind, precision="single")
+    assert says_ok(in_rust(tmp_path, kind), 100)
+
+
+def test_the_vector_is_what_run_gives(tmp_path: Path) -> None:
+    observer = pendulum()
+    observer.reset([0.4, -0.2])
+    t = np.cumsum([0.0, 0.01, 0.012, 0.01, 0.02, 0.01])
+    y, u = [0.5, 0.49, np.nan, 0.46, 0.41, 0.0], [0.1, 0.2, 0.0, -0.1, 0.3, 0.0]
+    described = program(observer, name="p", precision="double", log=(t, y, u))
+    result = observer.run(t, y, u, memory0=observer.memory)
+    assert [row.memory for row in described.vector] == [tuple(m) for m in result.memory[1:]]
+    assert [row.status for row in described.vector] == [0, 0, 1, 0, 0]
+
+
+def test_a_source_is_readable() -> None:
+    text = sources(pendulum(), to="c", name="arm", dt=0.01)
+    header, source = text["arm.h"], text["arm.c"]
+    for line in (
+        "Standard observer of order 2.",
+        "phi = -(g_l * sin(theta)) - Fv * omega + torque",
+        "method: euler",
+        "sampling: 0.01 s",
+        "double theta; /* estimate of theta */",
+        "double Fv; /* parameter */",
+        "int arm_step(arm_state *state, double y, double torque, double t, double dt);",
+    ):
+        assert line in header, line
+    for line in (
+        "state->g_l = 9.81;",
+        "const double innovation = isfinite(y) ? y - theta : 0.0;",
+        "const double next_theta = theta + dt * (omega + 45.0 * innovation);",
+    ):
+        assert line in source, line
+
+
+def test_a_step_without_a_value_keeps_the_memory(tmp_path: Path) -> None:
+    observer = pendulum()
+    y, u = [0.5, 0.49, 0.46, 0.41], [0.1, np.nan, 1e308, 0.0]
+    observer.export(to="c", out=tmp_path, name="arm", log=(np.arange(4.0) / 100.0, y, u))
+    assert ", 2, {" in (tmp_path / "arm_vector.h").read_text()
+    assert says_ok(in_c(tmp_path, "arm"), 3)
 
 
 def test_a_wrong_bit_is_found(tmp_path: Path) -> None:
-    observer = StandardObserver(2, 37.0)
-    texts = sources(observer, to="c", table=standard_table(observer), name="axis")
+    texts = sources(StandardObserver(2, 37.0), to="c", name="axis")
     texts["axis.c"] = texts["axis.c"].replace("isfinite(y) ? y - x1", "isfinite(y) ? x1 - y")
     put(tmp_path, texts)
     run("cc", *STRICT, tmp_path / "main.c", tmp_path / "axis.c", "-o", tmp_path / "d")
@@ -182,7 +227,7 @@ def bare(table: dict[str, Any], rows: np.ndarray, precision: str) -> Program:
     memory, vector = [0.5, -0.25], []
     for row in rows.astype(real).astype(float):
         t, dt, y, u = row.tolist()
-        moved = [float(v) for v in evaluate(table, [t, dt, *memory, y, u], precision)]
+        [moved] = _core.evaluate_table(table, [[t, dt, *memory, y, u]], precision == "single")
         fine = np.isfinite(moved).all()
         memory = moved if fine else memory
         status = 2 if not fine else 0 if math.isfinite(y) else 1
@@ -353,27 +398,12 @@ def test_exported_c_has_the_cores_functions(
             assert same(core, as_numbers(words[:, j], precision)), (name, flags)
 
 
-@pytest.mark.parametrize("precision", ["double", "single"])
-def test_evaluated_functions_are_the_cores(
-    core_bits: dict[str, Any], numbers: np.ndarray, precision: str
-) -> None:
-    known = Elementary.read(precision)
-    with np.errstate(all="ignore"):
-        given = numbers.astype(known.precision.real)
-    for name in ELEMENTARY:
-        core = as_numbers(core_bits[precision, name, "core"], precision)
-        arguments = [given[i : i + (2 if name in TWO else 1)] for i in range(300)]
-        ours = np.array([known.call(name, *a) for a in arguments], known.precision.real)
-        assert same(core[:300], ours), name
-
-
 def test_the_source_that_is_read_is_the_cores() -> None:
     assert (ROOT / "src" / "elementary.rs").read_text() == _core.ELEMENTARY
 
 
 def test_only_functions_that_are_used_are_printed() -> None:
-    observer = StandardObserver(2, 37.0)
-    text = sources(observer, to="c", table=standard_table(observer))["observer.c"]
+    text = sources(StandardObserver(2, 37.0), to="c")["observer.c"]
     assert "_exp" not in text and "memcpy" not in text
 
 
@@ -401,30 +431,6 @@ def test_a_cortex_m4f_gives_the_same_bits(tmp_path: Path, precision: str) -> Non
     assert says_ok(example.run_on_board(program), 40)
 
 
-# --- observers of the core ------------------------------------------------------------------------
-
-TRACED = pytest.mark.skipif(not hasattr(_core, "trace"), reason="this core traces no steps")
-
-
-@TRACED
-@pytest.mark.parametrize("to", ["c", "rust"])
-def test_every_law_is_exported(tmp_path: Path, to: str) -> None:
-    observers = {
-        "standard": StandardObserver(3, 20.0, method="rk4"),
-        "adaptive": StandardObserver(2, hgo_rs.AdaptiveGain(0.05, 0.5, 0.2)),
-        "low_power": LowPowerObserver(4, 5.0, method="staggered-euler", model=InputGain(2.0)),
-        "peaking_free": hgo_rs.PeakingFreeObserver(
-            5, 4.0, model=hgo_rs.Crackle(), saturation=[1.0, 0.5, 0.5, 0.5],
-            method="bogacki-shampine"),
-        "sampled": hgo_rs.SampledDataObserver(),
-    }  # fmt: skip
-    for name, observer in observers.items():
-        folder = tmp_path / name
-        observer.export(to=to, out=folder, name=name)
-        text = in_c(folder, name) if to == "c" else in_rust(folder, name)
-        assert says_ok(text, 100)
-
-
 # --- names, refusals ------------------------------------------------------------------------------
 
 
@@ -436,30 +442,28 @@ def test_names_are_identifiers_and_never_the_same_twice() -> None:
 
 def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
     observer = StandardObserver(2, 37.0)
-    table = standard_table(observer)
     with pytest.raises(HgoError, match="to = 'ada': must be one of c, rust"):
-        sources(observer, to="ada", table=table)
+        sources(observer, to="ada")
     with pytest.raises(HgoError, match="precision = 'half'"):
-        sources(observer, to="c", table=table, precision="half")
+        sources(observer, to="c", precision="half")
     for name in ("Axis", "2nd", "a-b", "for", "core", ""):
         with pytest.raises(HgoError, match="name = "):
-            sources(observer, to="c", table=table, name=name)
+            sources(observer, to="c", name=name)
     with pytest.raises(HgoError, match="dt = -1"):
-        sources(observer, to="c", table=table, dt=-1.0)
-    with pytest.raises(HgoError, match="6 inputs and 2 outputs"):
-        sources(observer, to="c", table=standard_table(StandardObserver(
-            2, 1.0, model=InputGain(1.0)), 1))  # fmt: skip
-    wrong = {**table, "ops": [["cosh", 3]]}
+        sources(observer, to="c", dt=-1.0)
+    with pytest.raises(HgoError, match="log"):
+        sources(observer, to="c", log=([0.0, 0.0], [1.0, 2.0], []))
+    table = {"inputs": ["t"], "constants": [], "outputs": [1]}
     with pytest.raises(HgoError, match="op 0 is 'cosh'"):
-        sources(observer, to="c", table=wrong)
-    wrong = {**table, "ops": [["neg", 99]]}
+        graph({**table, "ops": [["cosh", 0]]}, "double")
     with pytest.raises(HgoError, match="op 0 uses a register"):
-        sources(observer, to="c", table=wrong)
+        graph({**table, "ops": [["neg", 9]]}, "double")
     blocked = tmp_path / "file"
     blocked.write_text("")
-    if hasattr(_core, "trace"):
-        with pytest.raises(HgoError, match="cannot be written"):
-            export(observer, to="c", out=blocked)
+    with pytest.raises(HgoError, match="cannot be written"):
+        export(observer, to="c", out=blocked)
+    with pytest.raises(HgoError, match="reduced-order"):
+        hgo_rs.ReducedOrderObserver(0.5).export(to="c", out=tmp_path)
 
 
 # --- python-control -------------------------------------------------------------------------------

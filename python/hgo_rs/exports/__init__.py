@@ -8,13 +8,10 @@ and a program that runs it.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy.typing as npt
 
-from hgo_rs import _core
 from hgo_rs.errors import HgoError, check, check_choice, check_number
 from hgo_rs.exports.expressions import KEYWORDS
 from hgo_rs.exports.program import program
@@ -83,9 +80,8 @@ def sources(
     precision: str = "double",
     dt: float | None = None,
     log: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike] | None = None,
-    table: Mapping[str, Any] | None = None,
 ) -> dict[str, str]:
-    """The files of `export` as texts, by their names; `table`, if given, stands for the trace."""
+    """The files of `export` as texts, by their names."""
     check_choice("to", to, LANGUAGES)
     check_choice("precision", precision, ("double", "single"))
     word = isinstance(name, str) and re.fullmatch(r"[a-z][a-z0-9_]*", name)
@@ -95,12 +91,7 @@ def sources(
     )
     if dt is not None:
         check_number(dt, "dt", above=0.0)
-    if table is None:
-        trace = getattr(_core, "trace", None)
-        if trace is None:
-            raise HgoError("this build of hgo_rs traces no steps: install a newer one to export")
-        table = trace(observer.spec)
-    described = program(observer, table, name=name, precision=precision, dt=dt, log=log)
+    described = program(observer, name=name, precision=precision, dt=dt, log=log)
     if to == "c":
         from hgo_rs.exports.c import files
     else:

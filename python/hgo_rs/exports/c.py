@@ -7,7 +7,7 @@ from typing import Any
 
 from hgo_rs.errors import HgoError
 from hgo_rs.exports.elementary import Const, Elementary, Function, Node
-from hgo_rs.exports.expressions import C, Written
+from hgo_rs.exports.expressions import C_WORDS, C, Written
 from hgo_rs.exports.program import STATUS, Program, order, wrapped
 
 __all__ = ["files"]
@@ -254,9 +254,11 @@ class _Translation:
                 lines.append(wrapped("    return ", self.result(value, function, scope) + ";"))
             elif len(names) == 1:
                 lines.append(self.let(names[0], *self.text(value, scope), scope))
-            elif value.kind == "tuple":
-                pairs = [self.text(part, scope) for part in value.parts]
-                lines += [self.let(n, *pair, scope) for n, pair in zip(names, pairs, strict=True)]
+            elif value.kind in ("tuple", "if"):
+                if set(names) & set(_names(value)):
+                    raise HgoError(f"elementary functions: {names} are made of one another")
+                for i, name in enumerate(names):
+                    lines.append(self.let(name, *self.text(_entry(value, i), scope), scope))
             else:
                 called = self.elementary.functions[value.text]
                 held = "_".join(name for name in names if name != "_") + "_of"
@@ -268,7 +270,7 @@ class _Translation:
                         lines.append(self.let(name, f"{held}.r{i}", 9, self.kind(rust), scope))
         kinds = [self.types[self.kind(rust)] for rust in function.results]
         arguments = ", ".join(
-            f"{self.types[self.kind(r)]} {name}" for name, r in function.arguments
+            f"{self.types[self.kind(r)]} {_word(name)}" for name, r in function.arguments
         )
         type_name, before = kinds[0], ""
         if len(kinds) > 1:
@@ -287,7 +289,7 @@ class _Translation:
             raise HgoError(f"{name} changes its type: the export to C does not know how")
         head = "" if name in scope else f"{self.types[kind]} "
         scope[name] = kind
-        return wrapped(f"    {head}{name} = ", f"{text};")
+        return wrapped(f"    {head}{_word(name)} = ", f"{text};")
 
     def result(self, node: Node, function: Function, scope: dict[str, str]) -> str:
         if node.kind != "tuple":
@@ -299,7 +301,7 @@ class _Translation:
         """The text of an expression, how tightly it holds (9 most), and its kind."""
         if node.kind in ("name", "path"):
             if node.text in scope:
-                return node.text, 9, scope[node.text]
+                return _word(node.text), 9, scope[node.text]
             if node.text in self.elementary.consts:
                 return node.text, 9, self.kind(self.elementary.consts[node.text].type)
             value = self.elementary.named(node.text)
@@ -331,6 +333,8 @@ class _Translation:
         words = [text for text, _, _ in parts]
         f = "f" if self.precision.name == "single" else ""
         if node.kind == "method":
+            if node.text == "is_sign_negative":  # of two such, each is 0 or 1
+                return f"signbit({words[0]}) != 0", 3, "bool"
             if node.text == "wrapping_add":
                 return self.binary("+", parts)
             if node.text == "wrapping_sub":
@@ -340,6 +344,7 @@ class _Translation:
                 "abs": (f"fabs{f}", "real"),
                 "copysign": (f"copysign{f}", "real"),
                 "is_nan": ("isnan", "bool"),
+                "is_finite": ("isfinite", "bool"),
             }.get(node.text, ("", ""))
             if called:
                 return f"{called}({', '.join(words)})", 9, kind
@@ -373,6 +378,24 @@ class _Translation:
         if node.kind == "call" and not node.text.endswith("from_bits"):
             return False
         return all(self.is_fixed(part) for part in node.parts)
+
+
+def _word(name: str) -> str:
+    """A name that is none of C's words."""
+    return f"{name}_" if name in C_WORDS else name
+
+
+def _names(node: Node) -> list[str]:
+    own = [node.text] if node.kind == "name" else []
+    return own + [name for part in node.parts for name in _names(part)]
+
+
+def _entry(node: Node, index: int) -> Node:
+    """Entry `index` of a tuple, or of a choice between tuples."""
+    if node.kind == "tuple":
+        return node.parts[index]
+    condition, yes, other = node.parts
+    return Node("if", "", (condition, _entry(yes, index), _entry(other, index)))
 
 
 # --- test vector and demonstration ------------------------------------------------------------

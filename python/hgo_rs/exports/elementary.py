@@ -3,8 +3,7 @@
 `_core.ELEMENTARY` is the text of the file that the core itself is compiled from (sine, exponential
 and so on from sums, products, bit patterns and selections). This module reads the few forms of Rust
 that the file is written in: its macros are expanded, its functions parsed. Exports print them, so
-that no second copy of a polynomial exists; `Elementary.call` computes them. A form that is not
-known here is refused by name.
+that no second copy of a polynomial exists. A form that is not known here is refused by name.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -97,58 +97,64 @@ def _end(tokens: Sequence[Token], start: int) -> int:
 def _expression_end(tokens: Sequence[Token], start: int) -> int:
     """Where an expression ends that stands in a macro's arguments."""
     i = start
-    while i < len(tokens) and tokens[i].text not in (",", ";"):
+    while i < len(tokens) and tokens[i].text not in (",", ";", *_CLOSES.values()):
         i = _end(tokens, i) + 1 if tokens[i].text in _CLOSES else i + 1
     return i
 
 
 Bound = dict[str, Any]
-"""A macro's variables: tokens, or a list of such tables where they repeat."""
+"""A macro's variables: tokens, or a list of such where they repeat."""
 
 
-def _match(pattern: Sequence[Token], given: Sequence[Token]) -> Bound | None:
-    """What the variables of a macro's pattern stand for; None where the pattern does not fit."""
+def _repetition(tokens: Sequence[Token], i: int) -> tuple[Sequence[Token], str, int]:
+    """The parts of `$( inner ) separator *`, which begins at i, and where it ends."""
+    close = _end(tokens, i + 1)
+    separator = "" if tokens[close + 1].text in "*+" else tokens[close + 1].text
+    return tokens[i + 2 : close], separator, close + (3 if separator else 2)
+
+
+def _variables(pattern: Sequence[Token]) -> list[str]:
+    pairs = pairwise(pattern)
+    return [word.text for sign, word in pairs if sign.text == "$" and word.kind == "name"]
+
+
+def _match(pattern: Sequence[Token], given: Sequence[Token], j: int) -> tuple[Bound, int] | None:
+    """What a pattern's variables stand for from place j on, and where it ends; None: no fit."""
     bound: Bound = {}
-    i = j = 0
+    i = 0
     while i < len(pattern):
-        token = pattern[i]
-        if token.text == "$" and pattern[i + 1].text == "(":  # $( ... ) , +
-            close = _end(pattern, i + 1)
-            inner, separator = pattern[i + 2 : close], pattern[close + 1].text
-            rows, start = [], j
-            while start < len(given):
-                stop = start
-                for k, part in enumerate(inner):
-                    if part.text == ":" and inner[k + 1].text == "expr":
-                        stop = _expression_end(given, start)
-                row = _match(inner, given[start:stop])
-                if row is None:
-                    break
-                rows.append(row)
-                j = stop
-                start = stop + 1
-                if j >= len(given) or given[j].text != separator:
-                    break
-            if not rows:
-                return None
-            bound.update({name: [row[name] for row in rows] for name in rows[0]})
-            i = close + 3
-        elif token.text == "$":
+        if pattern[i].text == "$" and pattern[i + 1].text == "(":
+            inner, separator, i = _repetition(pattern, i)
+            bound.update({name: [] for name in _variables(inner)})
+            while (row := _match(inner, given, j)) is not None and row[1] > j:
+                for name, value in row[0].items():
+                    bound[name].append(value)
+                j = row[1]
+                if separator:
+                    if j >= len(given) or given[j].text != separator:
+                        break
+                    j += 1
+        elif pattern[i].text == "$":
             name, kind = pattern[i + 1].text, pattern[i + 3].text
             stop = j + 1
             if kind == "expr":
                 stop = _expression_end(given, j)
             elif kind == "literal" and j < len(given) and given[j].text == "-":
                 stop = j + 2
-            if j >= len(given) or stop == j:
+            fits = j < stop <= len(given) and (kind != "ident" or given[j].kind == "name")
+            if not fits:
                 return None
             bound[name] = list(given[j:stop])
             i, j = i + 4, stop
-        else:
-            if j >= len(given) or given[j].text != token.text:
-                return None
+        elif j < len(given) and given[j].text == pattern[i].text:
             i, j = i + 1, j + 1
-    return bound if j == len(given) else None
+        else:
+            return None
+    return bound, j
+
+
+def _is_rows(value: list[Any]) -> bool:
+    return not isinstance(value[0], Token)
 
 
 def _fill(body: Sequence[Token], bound: Bound) -> list[Token]:
@@ -158,18 +164,14 @@ def _fill(body: Sequence[Token], bound: Bound) -> list[Token]:
     while i < len(body):
         token = body[i]
         if token.text == "$" and body[i + 1].text == "(":
-            close = _end(body, i + 1)
-            inner, separator = body[i + 2 : close], body[close + 1]
-            names = [
-                t.text for t in inner if t.kind == "name" and isinstance(bound.get(t.text), list)
+            inner, separator, i = _repetition(body, i)
+            repeated = [
+                name for name in _variables(inner) if not bound[name] or _is_rows(bound[name])
             ]
-            rows = bound[names[0]]
-            for k, row in enumerate(rows):
-                out += [separator] if k else []
-                lead = " " if k else token.lead
-                filled = _fill(inner, {**bound, names[0]: row})
-                out += [Token(filled[0].text, filled[0].kind, lead), *filled[1:]]
-            i = close + 3
+            for k in range(len(bound[repeated[0]])):
+                row = _fill(inner, {**bound, **{name: bound[name][k] for name in repeated}})
+                out += [Token(separator, "sign")] if separator and k else []
+                out += [Token(row[0].text, row[0].kind, " " if k else token.lead), *row[1:]]
         elif token.text == "$":
             value = bound[body[i + 1].text]
             out += [Token(value[0].text, value[0].kind, token.lead), *value[1:]]
@@ -180,6 +182,14 @@ def _fill(body: Sequence[Token], bound: Bound) -> list[Token]:
     return out
 
 
+def _grouped(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _grouped(inner) for name, inner in value.items()}
+    if not value or _is_rows(value):
+        return [_grouped(inner) for inner in value]
+    return value if len(value) == 1 else [Token("(", "sign"), *value, Token(")", "sign")]
+
+
 @dataclass(frozen=True)
 class Macro:
     """A `macro_rules!`: its arms, and the text that defines it."""
@@ -187,11 +197,12 @@ class Macro:
     arms: list[tuple[list[Token], list[Token]]]
     source: str
 
-    def expand(self, given: Sequence[Token]) -> list[Token]:
+    def expand(self, given: Sequence[Token], *, grouped: bool = False) -> list[Token]:
+        """What a call stands for; `grouped` puts what a variable stands for in parentheses."""
         for pattern, body in self.arms:
-            bound = _match(pattern, given)
-            if bound is not None:
-                return _fill(body, bound)
+            found = _match(pattern, given, 0)
+            if found is not None and found[1] == len(given):
+                return _fill(body, _grouped(found[0]) if grouped else found[0])
         raise _refuse(f"the macro call {_text(given)[:60]!r}")
 
 
@@ -263,9 +274,21 @@ _RANKS = [("||",), ("&&",), ("==", "!=", "<", ">", "<=", ">="), ("|",), ("^",), 
 _ASSIGN = ("+=", "-=", "*=", "/=")
 
 
+@dataclass
+class _Scope:
+    """What the parts of one function share."""
+
+    macros: dict[str, Macro]
+    uses: dict[str, str] = field(default_factory=dict)
+    hoisted: list[Statement] = field(default_factory=list)
+    """Statements of blocks inside of an expression: they go in front of it."""
+    names: dict[str, int] = field(default_factory=dict)
+    closures: dict[str, tuple[list[str], Node]] = field(default_factory=dict)
+
+
 class _Parser:
-    def __init__(self, tokens: Sequence[Token], macros: dict[str, Macro]) -> None:
-        self.tokens, self.macros, self.at = list(tokens), macros, 0
+    def __init__(self, tokens: Sequence[Token], scope: _Scope) -> None:
+        self.tokens, self.scope, self.at = list(tokens), scope, 0
 
     # words
     def peek(self, ahead: int = 0) -> str:
@@ -309,10 +332,23 @@ class _Parser:
             start = self.at
             if self.take("pub") and self.peek() == "(":
                 self.skip_group()
-            if self.take("const"):
+            if self.take("use"):
+                self.use()
+            elif self.take("const"):
                 yield self.const()
             else:
                 yield self.function(comment, start)
+
+    def use(self) -> None:
+        """`use a::b::{C, D};`: what each name stands for."""
+        path: list[str] = []
+        while not self.take(";"):
+            if self.peek() == "{":
+                for token in self.skip_group():
+                    if token.kind == "name":
+                        self.scope.uses[token.text] = "::".join([*path, token.text])
+            elif (token := self.next()).kind == "name":
+                path.append(token.text)
 
     def const(self) -> Const:
         start = self.at - 1
@@ -338,8 +374,8 @@ class _Parser:
         results = self.types()
         end = _end(self.tokens, self.at)
         source = _text(self.tokens[start : end + 1])
-        inner = _Parser(self.skip_group(), self.macros)
-        body, consts = inner.body()
+        scope = _Scope(self.scope.macros)
+        body, consts = _Parser(self.skip_group(), scope).body()
         return Function(name, arguments, results, body, consts, comment, source)
 
     def body(self) -> tuple[tuple[Statement, ...], tuple[Const, ...]]:
@@ -349,26 +385,40 @@ class _Parser:
             comment = self.comment()
             while self.take("#"):
                 self.skip_group()
+            made: list[Statement] = []
             if self.take("use"):
-                while not self.take(";"):
-                    self.at += 1
+                self.use()
             elif self.take("const"):
                 consts.append(self.const())
             elif self.take("let"):
-                names = self.pattern()
-                self.need("=")
-                statements.append(Statement("let", names, self.expression(), comment))
-                self.need(";")
+                made = self.let(comment)
             elif self.take("for"):
-                statements += self.unrolled(comment)
+                made = self.unrolled(comment)
             elif self.peek(1) in _ASSIGN:
                 name, operator = self.next().text, self.next().text
                 value = Node("binary", operator[0], (Node("name", name), self.expression()))
-                statements.append(Statement("let", (name,), value, comment))
+                made = [Statement("let", (name,), value, comment)]
                 self.need(";")
             else:
-                statements.append(Statement("result", (), self.expression(), comment))
+                made = [Statement("result", (), self.expression(), comment)]
+            statements += [*self.scope.hoisted, *made]
+            self.scope.hoisted.clear()
         return tuple(statements), tuple(consts)
+
+    def let(self, comment: str) -> list[Statement]:
+        names = self.pattern()
+        self.need("=")
+        if self.take("|"):  # a closure: it is written out where it is called
+            words = [self.next().text]
+            while not self.take("|"):
+                words.append(self.next().text)
+            parameters = [word for word in words if word not in (":", ",")][::2]
+            self.scope.closures[names[0]] = (parameters, self.expression())
+            self.need(";")
+            return []
+        value = self.expression()
+        self.need(";")
+        return [Statement("let", names, value, comment)]
 
     def pattern(self) -> tuple[str, ...]:
         if self.peek() == "(":
@@ -384,7 +434,7 @@ class _Parser:
         inner = self.skip_group()
         out: list[Statement] = []
         for entry in entries:
-            for statement in _Parser(inner, self.macros).body()[0]:
+            for statement in _Parser(inner, self.scope).body()[0]:
                 value = _replaced(statement.value, name, entry)
                 out.append(Statement("let", statement.names, value, comment))
                 comment = ""
@@ -416,7 +466,7 @@ class _Parser:
         return value
 
     def arguments(self) -> tuple[Node, ...]:
-        inner = _Parser(self.skip_group(), self.macros)
+        inner = _Parser(self.skip_group(), self.scope)
         found: list[Node] = []
         while inner.at < len(inner.tokens):
             found.append(inner.expression())
@@ -424,16 +474,32 @@ class _Parser:
         return tuple(found)
 
     def block(self) -> Node:
-        inner = _Parser(self.skip_group(), self.macros)
+        """The value of a block; its statements go in front of the one that it stands in."""
+        inner = _Parser(self.skip_group(), self.scope)
+        renamed: list[tuple[str, Node]] = []
+        while inner.take("let"):
+            for statement in inner.let(""):
+                value = statement.value
+                for name, new in renamed:
+                    value = _replaced(value, name, new)
+                [name] = statement.names
+                count = self.scope.names[name] = self.scope.names.get(name, 0) + 1
+                new = Node("name", name if count == 1 else f"{name}_{count}")
+                self.scope.hoisted.append(Statement("let", (new.text,), value))
+                renamed.append((name, new))
         value = inner.expression()
         if inner.at != len(inner.tokens):
-            raise _refuse("a block of more than one expression")
+            raise _refuse("a block with more than `let` in front of its value")
+        for name, new in renamed:
+            value = _replaced(value, name, new)
         return value
 
     def primary(self) -> Node:
         if self.peek() == "(":
             found = self.arguments()
             return found[0] if len(found) == 1 else Node("tuple", "", found)
+        if self.peek() == "{":
+            return self.block()
         if self.peek() == "[":
             return Node("array", "", self.arguments())
         if self.take("if"):
@@ -448,17 +514,30 @@ class _Parser:
             raise _refuse(repr(token.text))
         if self.peek() == "!" and self.peek(1) in _CLOSES:
             self.at += 1
-            if token.text not in self.macros:
-                raise _refuse(f"the macro {token.text}!")
-            return _Parser(
-                self.macros[token.text].expand(self.skip_group()), self.macros
-            ).expression()
+            return self.expanded(token.text)
         path = [token.text]
         while self.take("::"):
             path.append(self.next().text)
         if self.peek() == "(":
-            return Node("call", "::".join(path), self.arguments())
+            arguments = self.arguments()
+            if token.text in self.scope.closures:
+                parameters, value = self.scope.closures[token.text]
+                for name, argument in zip(parameters, arguments, strict=True):
+                    value = _replaced(value, name, argument)
+                return value
+            return Node("call", "::".join(path), arguments)
         return Node("name" if len(path) == 1 else "path", "::".join(path))
+
+    def expanded(self, name: str) -> Node:
+        """The value of a macro call."""
+        if name not in self.scope.macros:
+            raise _refuse(f"the macro {name}!")
+        tokens = self.scope.macros[name].expand(self.skip_group(), grouped=True)
+        inner = _Parser(tokens, self.scope)
+        value = inner.expression()
+        if inner.at != len(inner.tokens):
+            raise _refuse(f"the macro {name}!, which is more than an expression,")
+        return value
 
 
 def _replaced(node: Node, name: str, value: Node) -> Node:
@@ -492,6 +571,8 @@ class Elementary:
     functions: dict[str, Function]
     consts: dict[str, Const]
     macros: dict[str, Macro]
+    uses: dict[str, str]
+    """Names from Rust's library, and their paths."""
     _known: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
@@ -522,7 +603,7 @@ class Elementary:
             [function for name, function in self.functions.items() if name in used],
         )
 
-    # values: a real is a NumPy scalar, bits are an int, a condition is a bool
+    # values of constants: a real is a NumPy scalar, bits are an int
 
     def number(self, text: str) -> Any:
         """A number of the source: a real, or bits."""
@@ -549,80 +630,35 @@ class Elementary:
         self._known[text] = value
         return value
 
-    def from_bits(self, bits: int) -> Any:
-        real, whole = self.precision.formats
-        return self.precision.real(struct.unpack(real, struct.pack(whole, bits))[0])
-
     def to_bits(self, value: Any) -> int:
         real, whole = self.precision.formats
         return int(struct.unpack(whole, struct.pack(real, value))[0])
 
-    def call(self, name: str, *values: Any) -> Any:
-        """A function's value, or values, bit for bit the core's."""
-        function = self.functions[name]
-        scope: dict[str, Any] = dict(zip((a for a, _ in function.arguments), values, strict=True))
-        for const in function.consts:
-            scope[const.name] = self.value(const.value, scope)
-        for statement in function.body:
-            value = self.value(statement.value, scope)
-            if statement.kind == "result":
-                return value
-            many = value if len(statement.names) > 1 else (value,)
-            scope.update(zip(statement.names, many, strict=True))
-        raise _refuse(f"{name}, which has no result,")
-
     def value(self, node: Node, scope: dict[str, Any]) -> Any:
-        """The value of an expression."""
+        """The value of an expression of numbers and constants."""
         if node.kind == "number":
             return self.number(node.text)
         if node.kind in ("name", "path"):
             return scope[node.text] if node.text in scope else self.named(node.text)
-        if node.kind == "if":
-            condition, yes, other = node.parts
-            return self.value(yes if self.value(condition, scope) else other, scope)
         parts = [self.value(part, scope) for part in node.parts]
-        if node.kind in ("tuple", "array"):
-            return tuple(parts)
-        if node.kind == "call" and not node.text.endswith("::from_bits"):
-            return self.call(node.text, *parts)
         if node.kind == "cast":
             return self.precision.real(parts[0])
-        mask = (1 << self.precision.width) - 1
-        operation = _OPERATIONS.get((node.kind, node.text.split("::")[-1], len(parts)))
+        operation = _OPERATIONS.get((node.text, len(parts)))
         if operation is None:
-            raise _refuse(f"{node.kind} {node.text}")
-        with np.errstate(all="ignore"):
-            value = operation(self, *parts)
-        return value & mask if type(value) is int else value
+            raise _refuse(f"the constant expression {node.text}")
+        value = operation(self, *parts)
+        return value & ((1 << self.precision.width) - 1) if type(value) is int else value
 
 
-_OPERATIONS: dict[tuple[str, str, int], Callable[..., Any]] = {
-    ("binary", "+", 2): lambda _, a, b: a + b,
-    ("binary", "-", 2): lambda _, a, b: a - b,
-    ("binary", "*", 2): lambda _, a, b: a * b,
-    ("binary", "/", 2): lambda _, a, b: a / b,
-    ("binary", "<", 2): lambda _, a, b: bool(a < b),
-    ("binary", ">", 2): lambda _, a, b: bool(a > b),
-    ("binary", "<=", 2): lambda _, a, b: bool(a <= b),
-    ("binary", ">=", 2): lambda _, a, b: bool(a >= b),
-    ("binary", "==", 2): lambda _, a, b: bool(a == b),
-    ("binary", "!=", 2): lambda _, a, b: bool(a != b),
-    ("binary", "&&", 2): lambda _, a, b: a and b,
-    ("binary", "||", 2): lambda _, a, b: a or b,
-    ("binary", "&", 2): lambda _, a, b: a & b,
-    ("binary", "|", 2): lambda _, a, b: a | b,
-    ("binary", "^", 2): lambda _, a, b: a ^ b,
-    ("binary", "<<", 2): lambda _, a, b: a << b,
-    ("binary", ">>", 2): lambda _, a, b: a >> b,
-    ("unary", "-", 1): lambda _, a: -a,
-    ("unary", "!", 1): lambda _, a: not a,
-    ("call", "from_bits", 1): lambda self, a: self.from_bits(a),
-    ("method", "to_bits", 1): lambda self, a: self.to_bits(a),
-    ("method", "wrapping_add", 2): lambda _, a, b: a + b,
-    ("method", "wrapping_sub", 2): lambda _, a, b: a - b,
-    ("method", "abs", 1): lambda _, a: np.abs(a),
-    ("method", "copysign", 2): lambda _, a, b: np.copysign(a, b),
-    ("method", "is_nan", 1): lambda _, a: bool(np.isnan(a)),
+_OPERATIONS: dict[tuple[str, int], Callable[..., Any]] = {
+    ("+", 2): lambda _, a, b: a + b,
+    ("-", 2): lambda _, a, b: a - b,
+    ("*", 2): lambda _, a, b: a * b,
+    ("/", 2): lambda _, a, b: a / b,
+    ("<<", 2): lambda _, a, b: a << b,
+    (">>", 2): lambda _, a, b: a >> b,
+    ("-", 1): lambda _, a: -a,
+    ("to_bits", 1): lambda self, a: self.to_bits(a),
 }
 
 
@@ -644,10 +680,12 @@ def _read(source: str, precision: str) -> Elementary:
     else:
         raise _refuse(f"a file without the module {chosen.module}")
     body = macros["elementary"].expand(call[3 : _end(call, 2)])
-    items = list(_Parser(body, macros).items())
+    scope = _Scope(macros)
+    items = list(_Parser(body, scope).items())
     return Elementary(
         chosen,
         {item.name: item for item in items if isinstance(item, Function)},
         {item.name: item for item in items if isinstance(item, Const)},
         {name: macro for name, macro in macros.items() if name != "elementary"},
+        scope.uses,
     )

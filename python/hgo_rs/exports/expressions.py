@@ -15,7 +15,18 @@ import numpy as np
 from hgo_rs.exports.elementary import PRECISIONS, Precision
 from hgo_rs.exports.table import FUNCTIONS, Graph, Term
 
-__all__ = ["KEYWORDS", "PLAIN", "RUST", "C", "Dialect", "Names", "Written", "number", "written"]
+__all__ = [
+    "C_WORDS",
+    "KEYWORDS",
+    "PLAIN",
+    "RUST",
+    "C",
+    "Dialect",
+    "Names",
+    "Written",
+    "number",
+    "written",
+]
 
 SUM, PRODUCT, SIGN, ATOM = 1, 2, 3, 4
 """How tightly an expression holds together."""
@@ -43,6 +54,7 @@ class Dialect:
     choice: str
     """condition, yes, no."""
     finite: str
+    both: str
     infinity: str
     nan: str
     absolute: Mapping[str, str]
@@ -62,6 +74,7 @@ C = Dialect(
     function="{prefix}_{name}",
     choice="{} ? {} : {}",
     finite="isfinite({0})",
+    both="&&",
     infinity="INFINITY",
     nan="NAN",
     absolute={"double": "fabs", "single": "fabsf"},
@@ -73,6 +86,7 @@ RUST = Dialect(
     function="{name}",
     choice="if {} {{ {} }} else {{ {} }}",
     finite="{1}::is_finite({0})",
+    both="&&",
     infinity="{}::INFINITY",
     nan="{}::NAN",
     absolute={"double": "f64::abs", "single": "f32::abs"},
@@ -84,6 +98,7 @@ PLAIN = Dialect(
     function="{name}",
     choice="{1} if {0} else {2}",
     finite="finite({0})",
+    both="and",
     infinity="inf",
     nan="nan",
     absolute={"double": "abs", "single": "abs"},
@@ -92,11 +107,15 @@ PLAIN = Dialect(
 )
 """Equations in a comment."""
 
-_WORDS = """
+_C = """
 auto break case char const continue default do double else enum extern float for goto if inline int
 long register restrict return short signed sizeof static struct switch typedef union unsigned void
 volatile while asm bool true false main
+"""
+C_WORDS = frozenset(_C.split())
+"""Words of C."""
 
+_WORDS = """
 as async await crate dyn fn impl in let loop match mod move mut pub ref self super trait type unsafe
 use where yield abstract become box final macro override priv try typeof unsized virtual gen str
 f32 f64 i32 u8 u32 u64 u128 usize
@@ -104,7 +123,7 @@ f32 f64 i32 u8 u32 u64 u128 usize
 state next t dt real status min max sign sqrt sqrtf abs fabs fabsf isfinite sin cos tan atan atan2
 exp ln powf pow tanh log copysign copysignf memcpy errno assert NAN INFINITY
 """
-KEYWORDS = frozenset(_WORDS.split())
+KEYWORDS = C_WORDS | frozenset(_WORDS.split())
 """What no name may be: words of C, of Rust, and of the programs themselves."""
 
 
@@ -173,7 +192,7 @@ class _Writer:
         steps: list[tuple[str, str]] = []
         for index, (term, uses) in enumerate(zip(self.graph.terms, self.graph.uses(), strict=True)):
             text, holds = self.term(term)
-            leaf = term.kind in ("input", "constant")
+            leaf = term.kind in ("input", "constant", "present")
             folded = uses == 1 and len(text) <= WIDEST and term.kind != "innovation"
             if not leaf and (index in self.wishes or not folded):
                 name = self.names.new(self.wishes.get(index) or self.wish(term))
@@ -214,6 +233,9 @@ class _Writer:
         if kind == "select":
             chosen = [self.held(part, SUM) for part in parts[1:]]
             return dialect.choice.format(self.truth(parts[0]), *chosen), 0
+        if kind == "present":
+            each = (dialect.finite.format(self.text[p][0], self.precision.rust) for p in parts)
+            return f" {dialect.both} ".join(each), 0
         if kind == "innovation":
             zero = dialect.literal(0.0, self.precision)
             apart = f"{self.held(parts[0], SUM)} - {self.held(parts[1], PRODUCT)}"
@@ -248,6 +270,8 @@ class _Writer:
     def truth(self, index: int) -> str:
         """A condition: the comparison itself where it is written here."""
         term, text = self.graph.terms[index], self.text[index][0]
+        if term.kind == "present":
+            return text
         if term.kind in _COMPARED and not re.fullmatch(r"\w+", text):
             return self.condition(term)
         return f"{self.held(index, SUM)} != {self.dialect.literal(0.0, self.precision)}"

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hgo_rs import __version__
+from hgo_rs import __version__, _core
 from hgo_rs.errors import HgoError, check
 from hgo_rs.exports.elementary import PRECISIONS, Precision
 from hgo_rs.exports.expressions import PLAIN, Dialect, Names, Written, written
-from hgo_rs.exports.table import Graph, evaluate, graph
+from hgo_rs.exports.table import Graph, graph
 from hgo_rs.observers import Observer
 
 __all__ = ["STATUS", "Field", "Program", "Row", "field_names", "order", "program", "wrapped"]
@@ -91,53 +91,57 @@ class Program:
 
 def program(
     observer: Observer,
-    table: Mapping[str, Any],
     *,
     name: str,
     precision: str,
     dt: float | None = None,
     log: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike] | None = None,
 ) -> Program:
-    """An observer and the table of its step as a program.
+    """An observer as a program, its step traced by the core.
 
     Parameters
     ----------
     log : (t, y, u), optional
-        Samples for the test vector, (N,), (N, n_y), (N, n_u). Default: 100 made up.
+        Samples for the test vector, (N,), (N, n_y), (N, n_u). Default: 101 made up.
     dt : float, optional
         Sampling period, for the comment and the made-up samples [s].
     """
+    if _model(observer.spec).get("table", {}) is None:
+        raise HgoError(
+            "the model is made of Python callables that could not be compiled: an export must be of"
+            " operations; write its equations as expressions"
+        )
+    single = precision == "single"
+    step = _core.trace_step(observer.spec, single)
+    missing = _core.trace_step(observer.spec, single, missing=True)
+    m = len(observer.memory)
     names = Names()
     words = field_names(observer, names)
-    m = len(observer.memory)
     meanings = [meaning for _, meaning in _memory_words(observer)]
     memory = tuple(map(Field, words[0], meanings, map(float, observer.memory)))
     values = [value for _, value in _parameters(observer.spec)]
-    fields = tuple(
+    parameters = tuple(
         Field(word, "parameter", value) for word, value in zip(words[3], values, strict=True)
     )
-    expected = 2 + m + observer.n_y + observer.n_u + len(fields)
-    if len(table["inputs"]) != expected or len(table["outputs"]) != m:
-        raise HgoError(
-            f"table: {len(table['inputs'])} inputs and {len(table['outputs'])} outputs, but this "
-            f"observer's step has {expected} and {m}: trace it with _core.trace(observer.spec)"
-        )
-    period = dt if dt is not None else _period(observer)
-    rows = _vector(observer, table, [f.value for f in fields], precision, log, period)
-    # registers, whatever the table calls them
-    plain = {**table, "inputs": [str(i) for i in range(expected)]}
+    samples = range(2 + m, 2 + m + observer.n_y)
     return Program(
         name,
         PRECISIONS[precision],
         memory,
-        fields,
+        parameters,
         words[1],
         words[2],
         names,
-        graph(plain, precision),
-        tuple(plain["inputs"]),
+        # behind the memory, a step's table tells the innovation
+        graph(
+            {**step, "outputs": step["outputs"][:m]},
+            precision,
+            missing={**missing, "outputs": missing["outputs"][:m]},
+            samples=samples,
+        ),
+        tuple(step["inputs"]),
         _description(observer, precision, dt),
-        rows,
+        _vector(observer, (step, missing), values, precision, log, dt or _period(observer)),
     )
 
 
@@ -234,13 +238,13 @@ def _period(observer: Observer) -> float:
 
 def _vector(
     observer: Observer,
-    table: Mapping[str, Any],
+    tables: tuple[dict[str, Any], dict[str, Any]],
     parameters: list[float],
     precision: str,
     log: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike] | None,
     period: float,
 ) -> tuple[Row, ...]:
-    """The core's own steps over a log; in single precision those of its table."""
+    """The core's own steps over a log: in single precision those of its tables."""
     real = PRECISIONS[precision].real
     t, y, u = _made_up(observer, period) if log is None else _given(observer, log)
     rows = []
@@ -248,26 +252,18 @@ def _vector(
     for k in range(len(t) - 1):
         at, dt = float(real(t[k])), float(real(t[k + 1] - t[k]))
         sample, control = y[k].astype(real).astype(float), u[k].astype(real).astype(float)
+        status = 0 if np.isfinite(sample).all() else 1
         if precision == "double":
-            moved, status = observer._core.step(memory, sample, control, at, dt)
+            moved = observer._core.step(memory, sample, control, at, dt)[0]
         else:
-            given = [at, dt, *memory, *sample, *control, *parameters]
-            moved = np.array(evaluate(table, given, precision), dtype=float)
-            status = 0 if np.isfinite(sample).all() else 1
+            given = [[at, dt, *memory, *sample, *control, *parameters]]
+            moved = _core.evaluate_table(tables[status], given, single=True)[0][: len(memory)]
         if np.isfinite(moved).all():
-            memory = moved
+            memory = np.asarray(moved)
         else:
             status = 2
-        rows.append(
-            Row(
-                at,
-                dt,
-                tuple(sample.tolist()),
-                tuple(control.tolist()),
-                status,
-                tuple(memory.tolist()),
-            )
-        )
+        taken, told, after = (tuple(values.tolist()) for values in (sample, control, memory))
+        rows.append(Row(at, dt, taken, told, status, after))
     return tuple(rows)
 
 
@@ -336,22 +332,19 @@ def _shown(value: Any) -> str:
 
 
 def _equations(spec: Mapping[str, Any]) -> list[str]:
-    """An own model's equations, from its table."""
+    """An own model's equations, from its table; its inputs are called x[0], u[0] and so on."""
     model = _model(spec)
     if model.get("kind") != "own":
         return []
     table, own = model["table"], model["names"]
     outputs = table.get("output_names") or [f"f{i + 1}" for i in range(len(table["outputs"]))]
-    n, n_u = model["n"], model["n_u"]
-    given = list(table["inputs"])
-    known = dict(zip(given, given, strict=True))
-    if model["form"] in ("phase", "triangular"):
-        words = ["t", *own["states"], *own["inputs"], *own["parameters"]]
-        if len(words) == len(given) == 1 + n + n_u + len(own["parameters"]):
-            known = dict(zip(given, words, strict=True))
+    known = {f"u[{i}]": word for i, word in enumerate(own["inputs"])}
+    for i, word in enumerate(own["states"]):
+        known |= {f"x[{i}]": word, f"z[{i - model['n']}]": word}
+    given = {word: known.get(word, word) for word in table["inputs"]}
     names = Names()
-    names.taken = set(known.values()) | set(outputs)
-    text = written(graph(table, "double"), known, outputs, Names(), PLAIN, "double")
+    names.taken = set(given.values())
+    text = written(graph(table, "double"), given, outputs, names, PLAIN, "double")
     lines = [f"{name} = {value}" for name, value in text.steps]
     named = {name for name, _ in text.steps}
     lines += [

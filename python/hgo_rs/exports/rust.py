@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 
 from hgo_rs.exports.elementary import Elementary
@@ -221,8 +222,15 @@ def _elementary(program: Program, wanted: list[str]) -> list[str]:
     known = Elementary.read(program.precision.name)
     consts, functions = known.needed(wanted)
     out = ["// Elementary functions: the source of hgo_rs itself.\n"]
-    text = "\n".join(function.source for function in functions)
-    out += [macro.source + "\n" for name, macro in known.macros.items() if f"{name}!" in text]
+    text = "\n".join(item.source for item in (*functions, *consts))
+    used = [path for name, path in known.uses.items() if re.search(rf"\b{name}\b", text)]
+    out += ["".join(f"use {path};\n" for path in used)] if used else []
+    macros: list[str] = []
+    for name, macro in reversed(known.macros.items()):
+        if f"{name}!" in text:
+            macros.insert(0, macro.source + "\n")
+            text += macro.source
+    out += macros
     out += [const.source + "\n" for const in consts]
     for function in functions:
         doc = _doc(function.comment, "///") + "\n" if function.comment else ""

@@ -1,4 +1,4 @@
-"""Tables: straight-line programs, as the core traces them, and their values.
+"""Tables: straight-line programs, as the core traces them.
 
 A table is a dict of inputs (names), constants, ops (a word and the registers it works on) and
 outputs (registers). Registers are the inputs, then the constants, then the results of the ops.
@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.errors import HgoError
-from hgo_rs.exports.elementary import PRECISIONS, Elementary
+from hgo_rs.exports.elementary import PRECISIONS
 
-__all__ = ["FUNCTIONS", "Graph", "Term", "evaluate", "graph"]
+__all__ = ["FUNCTIONS", "Graph", "Term", "graph"]
 
 FUNCTIONS = {
     **{name: name for name in ("sin", "cos", "tan", "atan", "atan2", "exp", "tanh")},
@@ -35,7 +35,9 @@ _OPERANDS = {
 
 @dataclass(frozen=True)
 class Term:
-    """One value: kind "input" (`name`), "constant" (`value`) or an op on earlier terms."""
+    """One value: kind "input" (`name`), "constant" (`value`), "present" (the samples are there) or
+    an op on earlier terms.
+    """
 
     kind: str
     parts: tuple[int, ...] = ()
@@ -61,54 +63,84 @@ class Graph:
         return counts
 
 
-def graph(table: Mapping[str, Any], precision: str) -> Graph:
+def graph(
+    table: Mapping[str, Any],
+    precision: str,
+    *,
+    missing: Mapping[str, Any] | None = None,
+    samples: Sequence[int] = (),
+) -> Graph:
     """A table without what is not used, what is there twice, and what changes no bit.
 
-    x * 1, x / 1, x + (-0) and x - 0 are x, bit for bit.
+    x * 1, x / 1, x + (-0) and x - 0 are x, bit for bit. With `missing`, the outputs are that
+    table's where one of the inputs number `samples` is not finite.
 
     Raises
     ------
     HgoError
         An op that is not known; an operand that is not an earlier register.
     """
-    real = PRECISIONS[precision].real
-    terms: list[Term] = []
-    place: dict[tuple[Any, ...], int] = {}
+    pool = _Pool(precision)
+    outputs = pool.add(table)
+    if missing is not None:
+        inputs = tuple(pool.term(Term("input", name=table["inputs"][i])) for i in samples)
+        present = pool.term(Term("present", inputs))
+        pairs = zip(outputs, pool.add(missing), strict=True)
+        outputs = [
+            used if used == held else pool.term(Term("select", (present, used, held)))
+            for used, held in pairs
+        ]
+    return _live(Graph(pool.terms, outputs))
 
-    def term(new: Term) -> int:
+
+class _Pool:
+    """Terms, each once."""
+
+    def __init__(self, precision: str) -> None:
+        self.real = PRECISIONS[precision].real
+        self.terms: list[Term] = []
+        self.place: dict[tuple[Any, ...], int] = {}
+
+    def term(self, new: Term) -> int:
         # 0 and -0 are two constants, and NaN is one
         same = (new.kind, new.parts, new.name, float(new.value).hex())
-        if same not in place:
-            place[same] = len(terms)
-            terms.append(new)
-        return place[same]
+        if same not in self.place:
+            self.place[same] = len(self.terms)
+            self.terms.append(new)
+        return self.place[same]
 
-    registers = [term(Term("input", name=name)) for name in table["inputs"]]
-    registers += [term(Term("constant", value=float(real(c)))) for c in table["constants"]]
-
-    def is_constant(index: int, value: float) -> bool:
-        found = terms[index]
+    def is_constant(self, index: int, value: float) -> bool:
+        found = self.terms[index]
         same_sign = np.signbit(found.value) == np.signbit(value)
         return bool(found.kind == "constant" and found.value == value and same_sign)
 
-    for number, (op, *operands) in enumerate(table["ops"]):
-        if _OPERANDS.get(op) != len(operands):
-            raise HgoError(f"table: op {number} is {op!r} on {len(operands)} registers: not known")
-        if not all(0 <= register < len(registers) for register in operands):
-            raise HgoError(f"table: op {number} uses a register that is not an earlier one")
-        parts = tuple(registers[register] for register in operands)
+    def add(self, table: Mapping[str, Any]) -> list[int]:
+        """The outputs of a table."""
+        constants = [float(self.real(value)) for value in table["constants"]]
+        registers = [self.term(Term("input", name=name)) for name in table["inputs"]]
+        registers += [self.term(Term("constant", value=value)) for value in constants]
+        for number, (op, *operands) in enumerate(table["ops"]):
+            if _OPERANDS.get(op) != len(operands):
+                told = f"op {number} is {op!r} on {len(operands)} registers: not known"
+                raise HgoError(f"table: {told}")
+            if not all(0 <= register < len(registers) for register in operands):
+                raise HgoError(f"table: op {number} uses a register that is not an earlier one")
+            registers.append(self.op(op, tuple(registers[register] for register in operands)))
+        return [registers[output] for output in table["outputs"]]
+
+    def op(self, op: str, parts: tuple[int, ...]) -> int:
         a, b = parts[0], parts[-1]
-        if (op in ("mul", "div") and is_constant(b, 1.0)) or (op == "sub" and is_constant(b, 0.0)):
-            registers.append(a)
-        elif op == "mul" and is_constant(a, 1.0):
-            registers.append(b)
-        elif op == "add" and is_constant(b, -0.0):
-            registers.append(a)
-        elif op == "add" and is_constant(a, -0.0):
-            registers.append(b)
-        else:
-            registers.append(term(Term(op, parts)))
-    return _live(Graph(terms, [registers[output] for output in table["outputs"]]))
+        if op in ("mul", "div") and self.is_constant(b, 1.0):
+            return a
+        if op == "sub" and self.is_constant(b, 0.0):
+            return a
+        if op == "add" and self.is_constant(b, -0.0):
+            return a
+        if op == "mul" and self.is_constant(a, 1.0):
+            return b
+        if op == "add" and self.is_constant(a, -0.0):
+            return b
+        return self.term(Term(op, parts))
 
 
 def _live(whole: Graph) -> Graph:
@@ -124,52 +156,3 @@ def _live(whole: Graph) -> Graph:
         for t in (whole.terms[index] for index in kept)
     ]
     return Graph(terms, [moved[output] for output in whole.outputs])
-
-
-def evaluate(
-    table: Mapping[str, Any], inputs: Sequence[float], precision: str = "double"
-) -> list[Any]:
-    """The outputs of a table, each operation rounded once, with the core's elementary functions.
-
-    Parameters
-    ----------
-    inputs : sequence of float
-        Values of the table's inputs, in order.
-    precision : "double" or "single"
-        Inputs, constants and every operation are of this precision.
-    """
-    elementary = Elementary.read(precision)
-    real = PRECISIONS[precision].real
-    registers = [real(value) for value in (*inputs, *table["constants"])]
-    with np.errstate(all="ignore"):
-        for op, *operands in table["ops"]:
-            values = [registers[register] for register in operands]
-            if op in FUNCTIONS:
-                registers.append(elementary.call(FUNCTIONS[op], *values))
-            else:
-                registers.append(real(_OPERATIONS[op](*values)))
-    return [registers[output] for output in table["outputs"]]
-
-
-def _sign(x: Any) -> Any:
-    return x * 0 if x == 0 else x if np.isnan(x) else np.copysign(1.0, x)
-
-
-_OPERATIONS: dict[str, Any] = {
-    "neg": lambda a: -a,
-    "abs": np.abs,
-    "sign": _sign,
-    "sqrt": np.sqrt,
-    "add": lambda a, b: a + b,
-    "sub": lambda a, b: a - b,
-    "mul": lambda a, b: a * b,
-    "div": lambda a, b: a / b,
-    "copysign": np.copysign,
-    "min": lambda a, b: b if b < a else a,
-    "max": lambda a, b: b if b > a else a,
-    "lt": lambda a, b: a < b,
-    "le": lambda a, b: a <= b,
-    "eq": lambda a, b: a == b,
-    "select": lambda c, a, b: a if c != 0 else b,
-    "innovation": lambda y, x: y - x if np.isfinite(y) else 0.0,
-}
