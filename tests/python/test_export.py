@@ -311,7 +311,7 @@ def all_functions(precision: str) -> Program:
     for i in range(1, len(calls)):
         ops.append(["add", first + len(ops) - (1 if i > 1 else len(calls)), first + i])
     table = {**table, "ops": ops, "outputs": [first + len(ops) - 1, 3]}
-    return bare(table, np.zeros((1, 4)), precision)
+    return bare(table, np.zeros((0, 4)), precision)
 
 
 @pytest.fixture(scope="module")

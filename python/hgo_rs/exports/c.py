@@ -157,9 +157,10 @@ def _step(program: Program, text: Written) -> str:
     arguments = dict(zip(program.inputs[:2], ("t", "dt"), strict=True))
     arguments |= {key: word for key, word in places.items() if word in program.controls}
     lines += [f"    (void){word};" for key, word in arguments.items() if key not in text.inputs]
+    alone = len(set(text.outputs)) == 1
     finite = " && ".join(f"isfinite({value})" for value in dict.fromkeys(text.outputs))
     lines += [
-        wrapped("    if (!(", f"{finite})) {{"),
+        wrapped("    if (!", f"{finite if alone else f'({finite})'}) {{"),
         f"        return {program.name.upper()}_UNDEFINED;",
         "    }",
     ]

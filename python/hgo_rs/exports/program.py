@@ -150,13 +150,11 @@ def field_names(
 ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
     """Identifiers of memory, samples, inputs and parameters: the user's words where they fit."""
     names = Names() if names is None else names
-    own = _own_names(observer.spec)
     samples = ["y"] if observer.n_y == 1 else _numbered("y", observer.n_y)
-    controls = own.get("inputs") or (["u"] if observer.n_u == 1 else _numbered("u", observer.n_u))
     return (
         tuple(names.new(word) for word, _ in _memory_words(observer)),
         tuple(map(names.new, samples)),
-        tuple(map(names.new, controls)),
+        tuple(map(names.new, _controls(observer))),
         tuple(names.new(word) for word, _ in _parameters(observer.spec)),
     )
 
@@ -219,10 +217,18 @@ def _memory_words(observer: Observer) -> list[tuple[str, str]]:
         words += [(f"last_{word}", "last sample") for word in _numbered("y", n_y)]
         words += [(f"held_{word}", "input since then") for word in _numbered("u", n_u)]
         words += [("elapsed", "time since that sample, s"), ("period", "its step, s")]
-    if len(observer.memory) == len(words) + 1:
+    if observer._gain_index() == len(words):
         words.append(("r", "gain"))
-    rest = len(observer.memory) - len(words)
-    return words + [(f"z{len(words) + i + 1}", "auxiliary state") for i in range(rest)]
+    if observer._core.is_current and kind != "reduced-order":
+        words.append(("period", "length of the step that the next sample ends, s"))
+        words += [(f"held_{word}", f"{word} over that step") for word in _controls(observer)]
+    rest = range(len(words), len(observer.memory))
+    return words + [(f"z{i + 1}", "auxiliary state") for i in rest]
+
+
+def _controls(observer: Observer) -> list[str]:
+    own = _own_names(observer.spec).get("inputs")
+    return list(own or (["u"] if observer.n_u == 1 else _numbered("u", observer.n_u)))
 
 
 def _period(observer: Observer) -> float:

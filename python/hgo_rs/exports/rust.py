@@ -103,7 +103,7 @@ def _doc(text: str, mark: str) -> str:
 def _library(program: Program, text: Written) -> str:
     real = program.precision.rust
     fields = "\n".join(
-        f"    /// {field.meaning.capitalize()}.\n    pub {field.name}: {real},"
+        f"    /// {field.meaning[0].upper()}{field.meaning[1:]}.\n    pub {field.name}: {real},"
         for field in (*program.memory, *program.parameters)
     )
     values = "\n".join(
@@ -176,9 +176,10 @@ def _step(program: Program, text: Written) -> str:
         lines.append(wrapped("        let Self { ", f"{', '.join(stored)}, .. }} = *self;"))
     lines += [f"        let _ = {word};" for word in idle]
     lines += [wrapped(f"        let {name} = ", f"{value};") for name, value in text.steps]
+    alone = len(set(text.outputs)) == 1
     finite = " && ".join(f"{real}::is_finite({value})" for value in dict.fromkeys(text.outputs))
     lines += [
-        wrapped("        if !(", f"{finite}) {{"),
+        wrapped("        if !", f"{finite if alone else f'({finite})'} {{"),
         "            return Status::Undefined;",
         "        }",
     ]
