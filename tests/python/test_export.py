@@ -410,25 +410,30 @@ def test_only_functions_that_are_used_are_printed() -> None:
 # --- on a chip ------------------------------------------------------------------------------------
 
 
+def on_the_chip(folder: Path, name: str) -> str:
+    """What the demonstration prints on QEMU's Cortex-M4F."""
+    board, program = example.HERE, folder / f"{name}.elf"
+    flags = ("-O2", *example.CHIP)
+    # board.c is not strict C
+    run("arm-none-eabi-gcc", *flags, "-c", board / "board.c", "-o", folder / "board.o")
+    parts = [folder / file for file in ("board.o", "main.c", f"{name}.c")]
+    linked = ("-T", board / "board.ld", "--specs=rdimon.specs", "-nostartfiles")
+    run("arm-none-eabi-gcc", *STRICT, *flags, *linked, *parts, "-lm", "-o", program)
+    return example.run_on_board(program)
+
+
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_a_cortex_m4f_gives_the_same_bits(tmp_path: Path, precision: str) -> None:
     lacking = toolchain.missing(("qemu-system-arm", "arm-none-eabi-gcc"), ())
     if lacking:
         pytest.skip(f"not installed: {', '.join(lacking)}")
+    pendulum().export(to="c", out=tmp_path, name="arm", precision=precision)
+    assert says_ok(on_the_chip(tmp_path, "arm"), 100)
     rng = np.random.default_rng(7)
     rows = rng.standard_normal((40, 4)) * [1.0, 0.1, 2.0, 3.0]
     rows[20, 2] = np.nan
     put(tmp_path, c_files(bare(random_table(rng, 100), rows, precision)))
-    board = example.HERE
-    command = ["arm-none-eabi-gcc", *STRICT, "-O2", *example.CHIP, "-T", board / "board.ld"]
-    program = tmp_path / "maze.elf"
-    parts = [tmp_path / "main.c", tmp_path / "maze.c", "-lm"]
-    # board.c speaks GNU C
-    run("arm-none-eabi-gcc", "-std=c11", "-O2", *example.CHIP, "-c", board / "board.c",
-        "-o", tmp_path / "board.o")  # fmt: skip
-    run(*command, "--specs=rdimon.specs", "-nostartfiles", tmp_path / "board.o", *parts,
-        "-Wl,--gc-sections", "-o", program)  # fmt: skip
-    assert says_ok(example.run_on_board(program), 40)
+    assert says_ok(on_the_chip(tmp_path, "maze"), 40)
 
 
 # --- names, refusals ------------------------------------------------------------------------------
@@ -464,6 +469,30 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
         export(observer, to="c", out=blocked)
     with pytest.raises(HgoError, match="reduced-order"):
         hgo_rs.ReducedOrderObserver(0.5).export(to="c", out=tmp_path)
+
+
+def test_the_command_writes_what_the_file_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("hgo_rs.config")
+    from hgo_rs.cli import main
+
+    config = tmp_path / "my-axis.toml"
+    config.write_text(
+        'format = 1\nobserver = "standard"\norder = 2\ngain = 20.0\n[log]\ndt = 0.001\n'
+    )
+    with pytest.raises(SystemExit) as ended:
+        main(["export", str(config), "--to", "c", "--out", str(tmp_path / "c")])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.endswith(
+        "my_axis.h, my_axis.c, my_axis_vector.h, main.c, Makefile\n"
+    )
+    assert "sampling: 0.001 s" in (tmp_path / "c" / "my_axis.h").read_text()
+    assert says_ok(in_c(tmp_path / "c", "my_axis"), 100)
+    with pytest.raises(SystemExit) as ended:
+        main(["export", str(config), "--to", "c", "--out", str(config)])
+    assert ended.value.code == 2
+    assert "cannot be written" in capsys.readouterr().err
 
 
 # --- python-control -------------------------------------------------------------------------------
