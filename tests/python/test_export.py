@@ -148,6 +148,16 @@ def test_the_vector_is_what_run_gives(tmp_path: Path) -> None:
     assert [row.status for row in described.vector] == [0, 0, 1, 0, 0]
 
 
+def test_the_single_vector_is_what_the_core_runs_in_single_precision() -> None:
+    observer = pendulum()
+    t = np.cumsum(np.full(40, 0.0125)).astype(np.float32).astype(float)
+    y, u = np.sin(t), 0.2 * np.cos(t)
+    y[7] = np.nan
+    described = program(observer, name="p", precision="single", log=(t, y, u))
+    memory = _core.run_single(observer.spec, t.tolist(), y[:, None], u[:, None], [0.0, 0.0])
+    assert [row.memory for row in described.vector] == [tuple(map(float, m)) for m in memory[1:]]
+
+
 def test_a_source_is_readable() -> None:
     text = sources(pendulum(), to="c", name="arm", dt=0.01)
     header, source = text["arm.h"], text["arm.c"]
@@ -417,7 +427,13 @@ def on_the_chip(folder: Path, name: str) -> str:
     # board.c is not strict C
     run("arm-none-eabi-gcc", *flags, "-c", board / "board.c", "-o", folder / "board.o")
     parts = [folder / file for file in ("board.o", "main.c", f"{name}.c")]
-    linked = ("-T", board / "board.ld", "--specs=rdimon.specs", "-nostartfiles")
+    linked = (
+        "-T",
+        board / "board.ld",
+        "--specs=rdimon.specs",
+        "-nostartfiles",
+        "-Wl,--gc-sections",
+    )
     run("arm-none-eabi-gcc", *STRICT, *flags, *linked, *parts, "-lm", "-o", program)
     return example.run_on_board(program)
 

@@ -260,7 +260,7 @@ def _vector(
         sample, control = y[k].astype(real).astype(float), u[k].astype(real).astype(float)
         status = 0 if np.isfinite(sample).all() else 1
         if precision == "double":
-            moved = observer._core.step(memory, sample, control, at, dt)[0]
+            moved, status = observer._core.step(memory, sample, control, at, dt)
         else:
             given = [[at, dt, *memory, *sample, *control, *parameters]]
             moved = _core.evaluate_table(tables[status], given, single=True)[0][: len(memory)]
