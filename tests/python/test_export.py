@@ -256,14 +256,14 @@ def bare(table: dict[str, Any], rows: np.ndarray, precision: str) -> Program:
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_random_programs_have_the_same_bits_everywhere(tmp_path: Path, precision: str) -> None:
     rng = np.random.default_rng(5)
-    for seed in range(4):
-        table = random_table(rng, 30 + 25 * seed)
+    for size in (40, 110):
+        table = random_table(rng, size)
         rows = rng.standard_normal((60, 4)) * [1.0, 0.1, 2.0, 3.0]
         rows[10:13, 2] = np.nan
         program = bare(table, rows, precision)
         put(tmp_path, c_files(program))
         assert says_ok(in_c(tmp_path, "maze", FLAGS["gnu11 -O3 native"]), 60)
-        if seed in (0, 3):
+        if size > 100:
             put(tmp_path, rust_files(program))
             assert says_ok(in_rust(tmp_path, "maze"), 60)
 

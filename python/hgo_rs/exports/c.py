@@ -130,9 +130,9 @@ def _list(what: str, words: tuple[str, ...]) -> str:
 
 
 def _source(program: Program, text: Written) -> str:
-    name = program.name
-    parts = [_comment(f"{name}: see {name}.h."), f'#include "{name}.h"\n', _includes()]
-    parts += [GUARD, *_helpers(program, text)]
+    name, helpers = program.name, _helpers(program, text)
+    parts = [_comment(f"{name}: see {name}.h."), f'#include "{name}.h"\n', _includes(helpers)]
+    parts += [GUARD, *helpers]
     values = [
         f"    state->{f.name} = {C.literal(f.value, program.precision)};"
         for f in (*program.memory, *program.parameters)
@@ -142,8 +142,11 @@ def _source(program: Program, text: Written) -> str:
     return "\n".join(parts)
 
 
-def _includes() -> str:
-    return "#include <float.h>\n#include <math.h>\n#include <stdint.h>\n#include <string.h>\n"
+def _includes(helpers: list[str]) -> str:
+    words = ["float", "math"]
+    if any("memcpy" in helper for helper in helpers):
+        words += ["stdint", "string"]
+    return "".join(f"#include <{word}.h>\n" for word in words)
 
 
 def _step(program: Program, text: Written) -> str:

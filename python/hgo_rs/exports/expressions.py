@@ -183,8 +183,10 @@ class _Writer:
         precision: Precision,
         prefix: str,
     ) -> None:
-        self.graph, self.inputs, self.wishes, self.names = graph, inputs, wishes, names
+        self.graph, self.inputs, self.names = graph, inputs, names
         self.dialect, self.precision, self.prefix = dialect, precision, prefix
+        self.ends = set(graph.outputs)
+        self.wishes = {**self.rates(), **wishes}
         self.text: list[tuple[str, int]] = []
         self.functions: list[str] = []
 
@@ -194,7 +196,7 @@ class _Writer:
             text, holds = self.term(term)
             leaf = term.kind in ("input", "constant", "present")
             folded = uses == 1 and len(text) <= WIDEST and term.kind != "innovation"
-            if not leaf and (index in self.wishes or not folded):
+            if not leaf and (index in self.ends or not folded):
                 name = self.names.new(self.wishes.get(index) or self.wish(term))
                 steps.append((name, text))
                 text, holds = name, ATOM
@@ -203,6 +205,25 @@ class _Writer:
         used = {term.name for term in self.graph.terms if term.kind == "input"}
         return Written(steps, outputs, self.functions, used)
 
+    def rates(self) -> dict[int, str]:
+        """Names for h, the rate and x + h rate, of which the stages of a scheme are made."""
+        wishes: dict[int, str] = {}
+        lengths: set[int] = set()
+        terms = self.graph.terms
+        for index, term in enumerate(terms):
+            whole = [part for part in term.parts if terms[part].kind != "constant"]
+            if term.kind == "input" and self.inputs[term.name] == "dt":
+                lengths.add(index)
+            elif term.kind in _INFIX and whole and lengths.issuperset(whole):
+                lengths.add(index)
+                wishes[index] = "h"
+            elif term.kind == "add" and terms[term.parts[0]].kind == "input":
+                moved = terms[term.parts[1]]
+                if moved.kind == "mul" and moved.parts[0] in lengths:
+                    word = self.inputs[terms[term.parts[0]].name]
+                    wishes |= {index: f"{word}_stage", moved.parts[1]: f"{word}_rate"}
+        return {i: wish for i, wish in wishes.items() if terms[i].kind != "innovation"}
+
     def wish(self, term: Term) -> str:
         """A name that says what it is, for the simplest; `a`, `a_2`, ... for the others."""
         if term.kind == "innovation":
@@ -210,6 +231,10 @@ class _Writer:
         words = [self.text[part][0] for part in term.parts]
         if term.kind in FUNCTIONS and all(re.fullmatch(r"\w+", word) for word in words):
             return "_".join((term.kind, *words))
+        if term.kind == "min" and words[0].startswith(f"{self.function('max')}("):
+            inner = self.graph.terms[self.graph.terms[term.parts[0]].parts[0]]
+            if inner.kind == "input":
+                return f"limited_{self.inputs[inner.name]}"
         if term.kind == "mul" and words[0] == words[1] and re.fullmatch(r"[A-Za-z]\w*", words[0]):
             return f"{words[0]}_squared"
         return "a"

@@ -306,13 +306,14 @@ def _description(observer: Observer, precision: str, dt: float | None) -> str:
     for key, value in spec.items():
         if key not in ("kind", "n", "model", "timing"):
             lines.append(f"{key}: {_shown(value)}")
+        if key == "k":
+            roots = np.sort_complex(np.roots([1.0, *value]))
+            lines.append(f"poles at gain 1: {', '.join(map(_pole, roots))}")
     model = _model(spec)
     if model:
-        told = {k: v for k, v in model.items() if k not in ("table", "names", "n", "n_u")}
-        lines.append(f"model: {_shown(told)}")
-    if "k" in spec:
-        roots = np.sort_complex(np.roots([1.0, *spec["k"]]))
-        lines.append(f"poles at gain 1: {', '.join(map(_pole, roots))}")
+        hidden = ("table", "names", "n", "n_u", "parameters")
+        lines.append(f"model: {_shown({k: v for k, v in model.items() if k not in hidden})}")
+        lines += [f"{name} = {value!r}" for name, value in _parameters(spec)]
     current = observer._core.is_current
     lines.append(
         "timing: current, the estimate after a step is that at its sample"
