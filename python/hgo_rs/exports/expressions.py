@@ -256,7 +256,9 @@ class _Writer:
             one, zero = (dialect.literal(v, self.precision) for v in (1.0, 0.0))
             return dialect.choice.format(self.condition(term), one, zero), 0
         if kind == "select":
-            chosen = [self.held(part, SUM) for part in parts[1:]]
+            # in Rust each stands in braces
+            rank = 0 if dialect is RUST else SUM
+            chosen = [self.held(part, rank) for part in parts[1:]]
             return dialect.choice.format(self.truth(parts[0]), *chosen), 0
         if kind == "present":
             each = (dialect.finite.format(self.text[p][0], self.precision.rust) for p in parts)

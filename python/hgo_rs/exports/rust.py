@@ -68,7 +68,7 @@ fn sqrt(x: real) -> real {
     const MANTISSA: i32 = <digits>;
     const BIAS: i32 = <bias>;
     if !(x > 0.0 && x.is_finite()) {
-        return if x == 0.0 || x > 0.0 { x } else { real::NAN };
+        return if x >= 0.0 { x } else { real::NAN };
     }
     // a subnormal number is lifted by an even power of 2
     let subnormal = x < real::MIN_POSITIVE;
