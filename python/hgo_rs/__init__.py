@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from hgo_rs.config import Config, ConfigError, load
     from hgo_rs.errors import DesignError, HgoError
     from hgo_rs.estimation import estimate
+    from hgo_rs.exports import export
     from hgo_rs.gains import (
         AdaptiveGain,
         ConstantGain,
@@ -98,6 +99,7 @@ __all__ = [
     "VanDerPol",
     "__version__",
     "estimate",
+    "export",
     "filtered_noise",
     "gap_bound",
     "load",
@@ -109,6 +111,7 @@ _MODULES = (
     "config",
     "errors",
     "estimation",
+    "exports",
     "gains",
     "gaps",
     "models",

@@ -6,6 +6,7 @@ import numpy.typing as npt
 from typing_extensions import Self, disjoint_base
 
 __all__ = [
+    "ELEMENTARY",
     "Observer",
     "Online",
     "coefficients_from_poles",
@@ -22,6 +23,8 @@ __all__ = [
 
 _Array = npt.NDArray[np.float64]
 _Pairs = list[tuple[float, float]]
+
+ELEMENTARY: str
 
 @final
 class Observer:

@@ -696,5 +696,32 @@ def _state_names(law: Observer, output: str) -> list[str] | None:
     return names
 
 
+# --- export ----------------------------------------------------------------------------------
+
+
+@command.command("export", short_help="Write an observer as C or Rust source.")
+@click.argument("config", type=click.Path(path_type=Path))
+@click.option("--to", type=click.Choice(["c", "rust"]), required=True, help="C99 or no_std Rust.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--name", help="Name of files and functions; by default the file's.")
+@click.option("--precision", type=click.Choice(["double", "single"]), default="double")
+def export_command(config: Path, to: str, out: Path, name: str | None, precision: str) -> int:
+    """Write the observer of CONFIG, an observer.toml, as source code that needs nothing else.
+
+    Its steps have the bits of this package's; a test vector and a program that runs it are beside
+    it.
+    """
+    from hgo_rs.config import load
+    from hgo_rs.exports import export
+
+    told = load(config)
+    name = name if name is not None else config.stem.lower().replace("-", "_")
+    files = export(
+        told.observer(), to=to, out=out, name=name, precision=precision, dt=told.log.get("dt")
+    )
+    click.echo(f"written to {out}: {', '.join(str(file.relative_to(out)) for file in files)}")
+    return 0
+
+
 if __name__ == "__main__":
     main()

@@ -371,6 +371,20 @@ class Observer(_core.Online):
         """The largest stable step of this law under its discretisation, computed."""
         return step_limit(self.spec)
 
+    def export(self, *, to: str, out: str | Path, **options: Any) -> list[Path]:
+        """Write this observer as source code, see `hgo_rs.export`."""
+        from hgo_rs.exports import export
+
+        return export(self, to=to, out=out, **options)
+
+    def to_control(self, dt: float, *, name: str = "observer") -> Any:
+        """This law as a discrete-time system of the package `control`: see
+        `hgo_rs.exports.control.to_control`.
+        """
+        from hgo_rs.exports.control import to_control
+
+        return to_control(self, dt, name=name)
+
     def _check_dt(self, dt: float, allow_unstable: bool) -> None:
         check_step(self.spec, dt, allow_unstable=allow_unstable)
 
