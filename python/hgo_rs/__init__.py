@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from hgo_rs.results import Gap, RunResult, SimulationResult
     from hgo_rs.simulation import simulate
     from hgo_rs.studies import StudyError, StudyInterrupted, StudyProgress, StudyResult, study
+    from hgo_rs.tuning import TradeOff, Tuning, tune
 
 __version__ = "0.1.0"
 
@@ -84,6 +85,8 @@ __all__ = [
     "StudyInterrupted",
     "StudyProgress",
     "StudyResult",
+    "TradeOff",
+    "Tuning",
     "UniformNoise",
     "Unknown",
     "VanDerPol",
@@ -91,9 +94,20 @@ __all__ = [
     "filtered_noise",
     "simulate",
     "study",
+    "tune",
 ]
 
-_MODULES = ("errors", "gains", "models", "noise", "observers", "results", "simulation", "studies")
+_MODULES = (
+    "errors",
+    "gains",
+    "models",
+    "noise",
+    "observers",
+    "results",
+    "simulation",
+    "studies",
+    "tuning",
+)
 
 
 def __getattr__(name: str) -> Any:
