@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from hgo_rs.results import Gap, RunResult, SimulationResult
     from hgo_rs.simulation import simulate
     from hgo_rs.studies import StudyError, StudyInterrupted, StudyProgress, StudyResult, study
+    from hgo_rs.tuning import TradeOff, Tuning, tune
 
 __version__ = "0.1.0"
 
@@ -94,6 +95,8 @@ __all__ = [
     "StudyProgress",
     "StudyResult",
     "System",
+    "TradeOff",
+    "Tuning",
     "UniformNoise",
     "Unknown",
     "VanDerPol",
@@ -105,6 +108,7 @@ __all__ = [
     "load",
     "simulate",
     "study",
+    "tune",
 ]
 
 _MODULES = (
@@ -121,6 +125,7 @@ _MODULES = (
     "results",
     "simulation",
     "studies",
+    "tuning",
 )
 
 

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from hgo_rs import _core
 from hgo_rs.design.discretisation import StepLimit, check_step, step_limit
+from hgo_rs.design.response import bandwidth, noise_gain, peaking, settling
 from hgo_rs.errors import (
     DesignError,
     HgoError,
@@ -384,6 +385,53 @@ class Observer(_core.Online):
         from hgo_rs.exports.control import to_control
 
         return to_control(self, dt, name=name)
+    def bandwidth(self, dt: float | None = None, *, gain: float | None = None) -> Array:
+        """Cutoff of each estimate [rad/s], (n,): -3 dB against the ideal derivative of y.
+
+        Parameters
+        ----------
+        dt : float, optional
+            Step [s]: the observer as it runs, by its method and timing. Default: the law in
+            continuous time.
+        gain : float, optional
+            Where to freeze a gain that moves [1/s]. Default: where it stands.
+
+        Raises
+        ------
+        HgoError
+            A step that is not stable; a law of several chains. See `hgo_rs.design.bandwidth`.
+        """
+        return bandwidth(self.spec, dt, gain=self._frozen(gain))
+
+    def noise_gain(self, dt: float | None = None, *, gain: float | None = None) -> Array:
+        """Variance of each estimate per unit variance of white measurement noise, (n,).
+
+        Unit of entry i: s^(-2(i-1)). Exact, from a Lyapunov equation, the known part of the model
+        left out. Without `dt` per unit spectral density, the limit of noise_gain(dt)/dt.
+        Parameters and errors as in `bandwidth`; see `hgo_rs.design.noise_gain`.
+        """
+        return noise_gain(self.spec, dt, gain=self._frozen(gain))
+
+    def peaking(self, dt: float | None = None, *, gain: float | None = None) -> Array:
+        """Largest error of each estimate over time for x_hat_1 wrong by 1 at the start, (n,).
+
+        Unit of entry i: s^(-(i-1)); it grows as ell^(i-1).
+        Parameters and errors as in `bandwidth`; see `hgo_rs.design.peaking`.
+        """
+        return peaking(self.spec, dt, gain=self._frozen(gain))
+
+    def settling(
+        self, dt: float | None = None, *, within: float = 0.02, gain: float | None = None
+    ) -> Array:
+        """Time [s] after which the error of `peaking` stays below `within` of its peak, (n,).
+
+        Parameters and errors as in `bandwidth`; see `hgo_rs.design.settling`.
+        """
+        return settling(self.spec, dt, within=within, gain=self._frozen(gain))
+
+    def _frozen(self, gain: float | None) -> float | None:
+        """The gain at which the law is looked at: the one that acts, if it moves."""
+        return self.gain if gain is None and self._gain_index() is not None else gain
 
     def _check_dt(self, dt: float, allow_unstable: bool) -> None:
         check_step(self.spec, dt, allow_unstable=allow_unstable)
