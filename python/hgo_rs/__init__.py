@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from hgo_rs.observers import (
         LowPowerObserver,
         ModifiedObserver,
+        MultiOutputObserver,
         Observer,
         PeakingFreeObserver,
         ReducedOrderObserver,
@@ -73,6 +74,7 @@ __all__ = [
     "LowPowerObserver",
     "Model",
     "ModifiedObserver",
+    "MultiOutputObserver",
     "Noise",
     "NormalNoise",
     "Observer",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,9 +30,13 @@ from hgo_rs.gains import AdaptiveGain, ConstantGain, DeadZoneGain
 from hgo_rs.models import Ship, System, Unknown, VanDerPol
 from hgo_rs.results import RunResult
 
+if TYPE_CHECKING:
+    from hgo_rs.own import Model
+
 __all__ = [
     "LowPowerObserver",
     "ModifiedObserver",
+    "MultiOutputObserver",
     "Observer",
     "PeakingFreeObserver",
     "ReducedOrderObserver",
@@ -82,14 +86,14 @@ class Observer(_core.Online):
     memory : (m,) ndarray
         Where it stands: x_hat first, then auxiliary states, then the gain r where it moves; with
         current timing then the period and the inputs before the sample. A step makes a new one.
-    model : Model or None
+    model : System or None
         What it knows of the system; None: nothing, or what its class takes by default.
     allow_unstable : bool
         Let `step` and `run` use a step beyond the stability limit.
     """
 
     def __init__(
-        self, spec: dict[str, Any], *, model: Model | None = None, allow_unstable: bool = False
+        self, spec: dict[str, Any], *, model: System | None = None, allow_unstable: bool = False
     ) -> None:
         self.spec = spec
         self.model = model
@@ -98,11 +102,7 @@ class Observer(_core.Online):
         self.n_y: int = self._core.n_y
         self.n_u: int = self._core.n_u
         self.timing: str = TIMINGS[self._core.is_current]
-        law = spec.get("gain")
-        ell = law["ell"] if isinstance(law, dict) and "ell" in law else 1.0
-        with np.errstate(over="ignore"):  # start-up peaks reach ell^(n-1), Astolfi et al.
-            lift = float(np.power(max(1.0, ell), self.n))
-        super().__init__(self._core, lift, bool(allow_unstable))
+        super().__init__(self._core, _lift(spec), bool(allow_unstable))
 
     def __getstate__(self) -> tuple[dict[str, Any], bool, Array, float]:
         """All that a copy needs, or a pickle."""
@@ -385,6 +385,7 @@ class Observer(_core.Online):
         from hgo_rs.exports.control import to_control
 
         return to_control(self, dt, name=name)
+
     def bandwidth(self, dt: float | None = None, *, gain: float | None = None) -> Array:
         """Cutoff of each estimate [rad/s], (n,): -3 dB against the ideal derivative of y.
 
@@ -773,23 +774,23 @@ class SampledDataObserver(Observer):
 
     Parameters
     ----------
-    model : VanDerPol
+    model : VanDerPol, or a Model of sampled-data form
     gain : "derived" or "printed"
-        l1 = (5 + mu) T, which gives the error matrix the constant spectrum {-2, -3}; or the
-        paper's (5 - mu) T. mu = epsilon (1 - y^2).
+        Of VanDerPol: l1 = (5 + mu) T, which gives the error matrix the constant spectrum {-2, -3};
+        or the paper's (5 - mu) T. mu = epsilon (1 - y^2).
     """
 
     def __init__(
         self,
-        model: VanDerPol | None = None,
+        model: VanDerPol | Model | None = None,
         *,
         gain: str = "derived",
         allow_unstable: bool = False,
     ) -> None:
         known = VanDerPol() if model is None else model
-        check(
-            isinstance(known, VanDerPol), "model", model, "a VanDerPol", "leave it out, or give one"
-        )
+        fits = isinstance(known, VanDerPol) or getattr(known, "form", None) == "sampled"
+        remedy = "leave it out, or write Model(states=..., f=[...], K_T=[...])"
+        check(fits, "model", model, "a VanDerPol, or a Model of sampled-data form", remedy)
         choice = check_choice("gain", gain, ("derived", "printed"))
         spec = {"kind": "sampled-data", "model": known.spec, "gain": choice}
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
@@ -828,7 +829,67 @@ class ReducedOrderObserver(Observer):
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
 
+class MultiOutputObserver(Observer):
+    """An observer for each output of a model of several chains, which share their states.
+
+    Each observer estimates the chain of its output, x_c1' = x_c2, ..., x_cn' = phi_c(t, x, u), with
+    phi_c over the states of all chains; those of the other chains stand at their estimates at the
+    beginning of the step. A sample that is missing in one output is predicted over in that output.
+
+    Parameters
+    ----------
+    observers : sequence of StandardObserver, LowPowerObserver or PeakingFreeObserver
+        One for each output, made without a model: structure, gain, discretisation, timing. All of
+        the same timing.
+    model : Model
+        Of the form of chains: `Model(states=..., orders=[n_1, n_2, ...], phi=[phi_1, phi_2, ...])`.
+    allow_unstable : bool
+        As in `StandardObserver`.
+
+    The memory holds the estimates of all chains, one chain after the other, then the rest of each
+    observer's memory. `run` takes y of shape (N, number of chains).
+
+    Raises
+    ------
+    HgoError
+        Observers that do not fit the chains; another form of model.
+    """
+
+    def __init__(
+        self, observers: Sequence[Observer], *, model: Model, allow_unstable: bool = False
+    ) -> None:
+        chains = getattr(model, "orders", ())
+        remedy = "write Model(states=..., orders=[...], phi=[...])"
+        check(bool(chains), "model", model, "a Model of chains", remedy)
+        given = tuple(observer.n for observer in observers)
+        remedy = "give one observer for each chain, in order"
+        check(given == chains, "orders of the observers", given, f"{chains}", remedy)
+        specs = []
+        for observer in observers:
+            free = observer.model is None and observer.spec["kind"] in _CHAIN_KINDS
+            remedy = "a StandardObserver, LowPowerObserver or PeakingFreeObserver without a model"
+            check(free, "observers", observer, remedy, "the model of all chains is given once")
+            specs.append({k: v for k, v in observer.spec.items() if k != "model"})
+        same = len({observer.timing for observer in observers}) == 1
+        timings = [observer.timing for observer in observers]
+        check(same, "timing of the observers", timings, "the same", "give all the same timing=")
+        spec = {"kind": "chains", "observers": specs, "model": model.spec}
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
+
+
+_CHAIN_KINDS = ("standard", "low-power", "peaking-free")
+
 # --- checks -----------------------------------------------------------------------------------
+
+
+def _lift(spec: dict[str, Any]) -> float:
+    """By how much estimates may exceed the samples before a run counts as diverged: start-up peaks
+    reach ell^(n-1), Astolfi et al."""
+    law, n = spec.get("gain"), spec.get("n", 1)
+    ell = law["ell"] if isinstance(law, dict) and "ell" in law else 1.0
+    with np.errstate(over="ignore"):
+        lifts = [float(np.power(max(1.0, ell), n)), *map(_lift, spec.get("observers", ()))]
+    return max(lifts)
 
 
 def _order(n: Any, least: int = 1) -> int:

@@ -111,7 +111,8 @@ def simulate(
     Parameters
     ----------
     plant : System
-        A plant of `hgo_rs.models`, of the observer's order.
+        A plant of `hgo_rs.models`, of the observer's order; or a `Plant`, of which the observer
+        estimates the first n states.
     observer : Observer
     x0 : (nx,) or (runs, nx)
         Initial state of the plant.
@@ -128,7 +129,7 @@ def simulate(
         equation by the observer's method.
     plant_method, substeps
         One of `PLANT_METHODS` (default: rk4; with process noise taylor-1.5, milstein where it is
-        multiplicative); equal substeps of the plant in each step.
+        multiplicative, euler-maruyama for a `Plant`); equal substeps of the plant in each step.
     noise : Noise, optional
         Measurement noise.
     runs : int
@@ -219,7 +220,7 @@ def plan(
     runs = check_integer(runs, "runs", least=1, most=_LARGEST)
     every = check_integer(every, "every", least=0, most=_LONGEST)
 
-    nx, m = 6 if isinstance(plant, Ship) else observer.n, len(observer.memory)
+    nx, m = 6 if isinstance(plant, Ship) else plant.order or observer.n, len(observer.memory)
     x0 = _start(x0, "x0", nx, runs)
     start = observer.initial_memory() if memory0 is None else _start(memory0, "memory0", m, runs)
     observer._check_start(start)
@@ -322,9 +323,15 @@ def result_of(out: dict[str, Any], experiment: Experiment) -> SimulationResult:
 
 def _plant_method(plant: System) -> str:
     """The scheme of highest order for the plant."""
+    if _is_own(plant) and plant.spec["noisy"]:
+        return "euler-maruyama"
     if isinstance(plant, VanDerPol) and plant.sigma != 0.0:
         return "milstein" if plant.multiplicative else "taylor-1.5"
     return "rk4"
+
+
+def _is_own(plant: System) -> bool:
+    return plant.spec["kind"] == "own-plant"
 
 
 def _check_fit(plant: System, observer: Observer) -> int:
@@ -337,8 +344,10 @@ def _check_fit(plant: System, observer: Observer) -> int:
     order, n_y = (3, 3) if ship else (plant.order, 1)
     remedy = "it is what an observer knows of a plant"
     check(order is not None, "plant", plant, "a system that moves by itself", remedy)
-    allowed = f"{order} for the plant {plant!r}"
-    check(observer.n == order, "n of the observer", observer.n, allowed, "choose another")
+    own = _is_own(plant)  # of its states the first n are estimated
+    allowed = f"{'at most ' if own else ''}{order} for the plant {plant!r}"
+    fits = observer.n == order or (own and order is not None and observer.n <= order)
+    check(fits, "n of the observer", observer.n, allowed, "choose another")
     allowed = f"{n_y} for the plant {plant!r}"
     check(observer.n_y == n_y, "n_y of the observer", observer.n_y, allowed, "choose another")
     return n_y

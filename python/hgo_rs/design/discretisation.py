@@ -90,7 +90,9 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
       the noise-free limit cycle ceases to contract (+- 0.01 s).  ``parts`` holds the frozen bound
       too: the smallest limit over all constant mu with |y| <= 2.1.  It is neither necessary nor
       sufficient, and asks too much of the printed gain.
+      A model of the user's own: no limit is known, its K_T may depend on T at will.
     - reduced-order (Katayama, A5): T < 2 epsilon/max h_bar, exact.
+    - chains: the least of the chains' own; ``parts`` are in s there.
     """
     kind = choice(observer, "kind", tuple(_LIMITS))
     return _LIMITS[kind](observer)
@@ -205,11 +207,19 @@ def _sampled_data(observer: Mapping[str, Any]) -> StepLimit:
     if "gain" in observer:
         gain = choice(observer, "gain", ("derived", "printed"))
     model = member(observer, "model")
-    choice(model, "kind", ("van-der-pol",))
+    if choice(model, "kind", ("van-der-pol", "own")) == "own":
+        return StepLimit("recursion", math.inf, math.inf, {})  # K_T may depend on T at will
     epsilon = _checks.number(model.get("epsilon", 0.8), "model.epsilon")
     parts = dict(_van_der_pol_limits(epsilon, gain))
     dt = parts["along the cycle"]
     return StepLimit("recursion", dt, dt, parts)
+
+
+def _chains(observer: Mapping[str, Any]) -> StepLimit:
+    limits = [step_limit(chain) for chain in member(observer, "observers")]
+    parts = {f"output {i + 1}": limit.dt for i, limit in enumerate(limits)}
+    least = min(limits, key=lambda limit: limit.dt)
+    return StepLimit(least.method, least.dt, least.c, parts)
 
 
 @lru_cache(maxsize=16)
@@ -299,4 +309,5 @@ _LIMITS: dict[str, Callable[[Mapping[str, Any]], StepLimit]] = {
     "modified": _collection,
     "sampled-data": _sampled_data,
     "reduced-order": _reduced_order,
+    "chains": _chains,
 }
