@@ -11,6 +11,7 @@ __all__ = [
     "Online",
     "coefficients_from_poles",
     "coupled_paths",
+    "evaluate_table",
     "filtered",
     "is_hurwitz",
     "low_power_coefficients",
@@ -18,7 +19,9 @@ __all__ = [
     "low_power_polynomial",
     "mean_covariance",
     "random",
+    "run_single",
     "simulate",
+    "trace_step",
 ]
 
 _Array = npt.NDArray[np.float64]
@@ -91,3 +94,17 @@ def random(
     kind: Literal["bits"], count: int, seed: int, run: int = 0, channel: int = 0
 ) -> npt.NDArray[np.uint64]: ...
 def filtered(values: npt.ArrayLike, sections: npt.ArrayLike) -> _Array: ...
+
+def trace_step(
+    spec: Mapping[str, Any], single: bool = False, missing: bool = False
+) -> dict[str, Any]: ...
+def evaluate_table(
+    table: Mapping[str, Any], inputs: npt.ArrayLike, single: bool = False
+) -> list[list[float]]: ...
+def run_single(
+    spec: Mapping[str, Any],
+    t: npt.ArrayLike,
+    y: npt.ArrayLike,
+    u: npt.ArrayLike,
+    memory0: npt.ArrayLike,
+) -> list[list[float]]: ...

@@ -111,6 +111,7 @@ class RunResult:
             None if self.gain is None else self.gain[rows],
             self.y[rows],
             self.memory[rows],
+            self.timing,
         )
         if "_run_of" in self.__dict__:
             observer, u = self.__dict__["_run_of"]

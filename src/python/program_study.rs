@@ -74,7 +74,7 @@ impl OwnPlant {
     }
 }
 
-const DOUBLE: Setting = Setting { single: false, present: true };
+const DOUBLE: Setting = Setting { single: false, present: true, answer: None };
 
 /// An own plant behind the trait of all plants: over traced numbers, its table is taken in.
 #[derive(Clone, Copy)]

@@ -19,16 +19,18 @@ use crate::Scalar;
 use crate::dispatch_order;
 use crate::injection::{Injected, Placed};
 use crate::memory::Memory;
-use crate::model::{Model, PhaseVariable, SampledModel, last};
+use crate::model::{Model, PhaseVariable, SampledModel, StrictFeedback, last};
 use crate::models::Correction;
 use crate::observer::{ContinuousLaw, Current, Discretised, Observer, Status, Timing};
 use crate::observers::{
-    LowPower, ModifiedObserver, RepelledCollection, SampledDataObserver, StandardObserver,
+    LowPower, ModifiedObserver, ReducedOrderObserver, RepelledCollection, SampledDataObserver,
+    StandardObserver,
 };
 use crate::program::{REGISTERS, Registers};
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::cmp::Ordering;
 
 /// Known inputs that a model may have.
 const MAX_INPUTS: usize = 8;
@@ -42,11 +44,13 @@ pub struct OwnModel {
     parameters: Vec<f64>,
     /// Orders of the chains, one for each output.
     orders: Vec<usize>,
+    /// Unmeasured states of the strict-feedback form.
+    n_z: usize,
 }
 
 impl OwnModel {
     fn read(spec: &Spec<'_>) -> PyResult<Self> {
-        spec.only(&["kind", "form", "n", "n_u", "table", "parameters", "names", "orders"])?;
+        spec.only(&["kind", "form", "n", "n_u", "table", "parameters", "names", "orders", "n_z"])?;
         let (form, n, n_u) = (spec.text("form")?, spec.count("n")?, spec.count("n_u")?);
         let table = Table::read(&spec.sub("table")?)?;
         let parameters = spec.numbers("parameters")?.values;
@@ -67,7 +71,9 @@ impl OwnModel {
                 format!("orders = {orders:?} is not allowed: they must add up to n = {n}");
             return Err(refused(&message));
         }
+        let n_z = if form == "strict-feedback" { spec.count("n_z")? } else { 0 };
         let (given, made) = match form.as_str() {
+            "strict-feedback" => (1 + n + n_z + n_u, n + n * n_z + n_z),
             "chains" => (1 + n + n_u, orders.len()),
             "phase" => (1 + n + n_u, 1),
             "triangular" => (1 + n + n_u, n),
@@ -76,7 +82,7 @@ impl OwnModel {
                 return Err(spec.unknown(
                     "form",
                     other,
-                    &["phase", "triangular", "chains", "sampled"],
+                    &["phase", "triangular", "chains", "sampled", "strict-feedback"],
                 ));
             }
         };
@@ -89,7 +95,7 @@ impl OwnModel {
                 table.outputs.len()
             )));
         }
-        Ok(Self { form, n, n_u, table, parameters, orders })
+        Ok(Self { form, n, n_u, table, parameters, orders, n_z })
     }
 
     /// Names of the parameters: the last inputs of the table.
@@ -194,6 +200,42 @@ impl<const N: usize> SampledModel<Traced, N, MAX_INPUTS> for OwnSampled {
     }
 }
 
+/// A model of the reduced-order observer.
+#[derive(Clone, Copy)]
+struct OwnStrictFeedback {
+    function: usize,
+    n_u: usize,
+}
+
+impl OwnStrictFeedback {
+    /// f₁, g and f₂; of f₁ and g only x is known.
+    fn call(&self, x: &[Traced], z: &[Traced], u: &[Traced]) -> Vec<Traced> {
+        call(self.function, &[&[Traced::ZERO], x, z, &u[..self.n_u]].concat())
+    }
+}
+
+impl<const NX: usize, const NZ: usize> StrictFeedback<Traced, NX, NZ, MAX_INPUTS>
+    for OwnStrictFeedback
+{
+    fn f1(&self, x: &SVector<Traced, NX>) -> SVector<Traced, NX> {
+        let made = self.call(x.as_slice(), &[Traced::ZERO; NZ], &[Traced::ZERO; MAX_INPUTS]);
+        SVector::from_fn(|i, _| made[i])
+    }
+    fn g(&self, x: &SVector<Traced, NX>) -> SMatrix<Traced, NX, NZ> {
+        let made = self.call(x.as_slice(), &[Traced::ZERO; NZ], &[Traced::ZERO; MAX_INPUTS]);
+        SMatrix::from_fn(|i, j| made[NX + i * NZ + j])
+    }
+    fn f2(
+        &self,
+        x: &SVector<Traced, NX>,
+        z: &SVector<Traced, NZ>,
+        u: &SVector<Traced, MAX_INPUTS>,
+    ) -> SVector<Traced, NZ> {
+        let made = self.call(x.as_slice(), z.as_slice(), u.as_slice());
+        SVector::from_fn(|i, _| made[NX + NX * NZ + i])
+    }
+}
+
 /// What a step is made of.
 struct Shape {
     n: usize,
@@ -211,6 +253,9 @@ pub struct Tables {
     step: Table,
     /// The same where the sample is missing, if that is another law.
     missing: Option<Table>,
+    /// The same with and without a sample, for a law that has not started: the entry of its memory of
+    /// this index is 0.
+    unstarted: Option<(usize, [Table; 2])>,
     /// Whether much of a step depends on its length alone: a law whose eigenvalues are placed.
     placed: bool,
     /// A continuous law: (t, z, y, u, parameters) → ż, and z → z within the set that it lives in.
@@ -265,7 +310,7 @@ impl<'py> Given<'py, '_> {
                 (model.order(), Known::Paper(model))
             }
             Self::Own(own) => {
-                if own.form == "sampled" || own.form == "chains" {
+                if own.form != "phase" && own.form != "triangular" {
                     return Err(refused(&format!(
                         "a model of form {:?} does not fit this observer: it needs the phase-variable \
                          or the triangular form",
@@ -301,16 +346,16 @@ fn flat<M: Memory<Traced>>(memory: &M) -> Vec<Traced> {
     values
 }
 
-/// Entries of an observer's memory: inputs that it holds only as far as the model has them.
-fn kept<O: Observer<Traced, Input: Memory<Traced>>>(n_u: usize) -> usize {
-    let held = if O::TIMING == Timing::Current { O::Input::LEN - n_u } else { 0 };
-    O::State::LEN - held
+/// Entries of an observer's memory; if it ends with inputs that are held, as many as the model has.
+fn kept<O: Observer<Traced, Input: Memory<Traced>>>(n_u: usize, holds: bool) -> usize {
+    O::State::LEN - if holds { O::Input::LEN - n_u } else { 0 }
 }
 
 /// The table of one step of the observer that `build` makes within the trace.
 fn step_table<O>(
     setting: Setting,
     n_u: usize,
+    holds: bool,
     build: impl FnOnce() -> PyResult<O>,
 ) -> PyResult<Table>
 where
@@ -318,13 +363,13 @@ where
 {
     trace(setting, || {
         let (t, dt) = (input("t"), input("dt"));
-        let mut z = O::State::read(&inputs("z", kept::<O>(n_u)));
+        let mut z = O::State::read(&inputs("z", kept::<O>(n_u, holds)));
         let y = O::Measurement::read(&inputs("y", O::Measurement::LEN));
         let u = O::Input::read(&inputs("u", n_u));
         let observer = build()?;
         let innovation = flat(&observer.innovation(t, &z, &y));
         observer.step(&mut z, &y, &u, t, dt);
-        let z = &flat(&z)[..kept::<O>(n_u)];
+        let z = &flat(&z)[..kept::<O>(n_u, holds)];
         Ok([named("z", z), named("innovation", &innovation)].concat())
     })
 }
@@ -340,10 +385,11 @@ where
     O: Observer<Traced, Input: Memory<Traced>>,
 {
     let n_u = given.n_u()?;
-    let step = step_table(Setting { single, present: true }, n_u, &build)?;
-    let shape = shape::<O>(n_u, &build)?;
+    let holds = O::TIMING == Timing::Current;
+    let step = step_table(Setting::usual(single), n_u, holds, &build)?;
+    let shape = shape::<O>(n_u, holds, &build)?;
     let parameters = given.parameters().to_vec();
-    Ok(Tables { shape, step, missing: None, placed, law, parameters })
+    Ok(Tables { shape, step, missing: None, unstarted: None, placed, law, parameters })
 }
 
 /// Tables of a continuous law whose eigenvalues cannot be placed.
@@ -360,7 +406,7 @@ where
     if manner.timing == Timing::Current {
         return tables(given, single, (false, None), || Ok(Current { law: build()?, scheme }));
     }
-    let (setting, n_u) = (Setting { single, present: true }, given.n_u()?);
+    let (setting, n_u) = (Setting::usual(single), given.n_u()?);
     let rate = trace(setting, || {
         let t = input("t");
         let z = L::State::read(&inputs("z", L::State::LEN));
@@ -401,16 +447,16 @@ where
     }
 }
 
-fn shape<O>(n_u: usize, build: impl FnOnce() -> PyResult<O>) -> PyResult<Shape>
+fn shape<O>(n_u: usize, holds: bool, build: impl FnOnce() -> PyResult<O>) -> PyResult<Shape>
 where
     O: Observer<Traced, Input: Memory<Traced>>,
 {
     let mut initial = Vec::new();
-    trace(Setting { single: false, present: true }, || {
+    trace(Setting::usual(false), || {
         initial = flat(&build()?.initial()).into_iter().map(Scalar::to_f64).collect();
         Ok(Vec::new())
     })?;
-    let memory = kept::<O>(n_u);
+    let memory = kept::<O>(n_u, holds);
     initial.truncate(memory);
     Ok(Shape {
         n: O::ESTIMATED,
@@ -521,11 +567,13 @@ where
     O::Input: Memory<Traced>,
 {
     let n_u = given.n_u()?;
-    let step = |present| step_table(Setting { single, present }, n_u, &build);
+    let step =
+        |present| step_table(Setting { present, ..Setting::usual(single) }, n_u, false, &build);
     Ok(Tables {
-        shape: shape(n_u, &build)?,
+        shape: shape(n_u, false, &build)?,
         step: step(true)?,
         missing: Some(step(false)?),
+        unstarted: None,
         placed: false,
         law: None,
         parameters: given.parameters().to_vec(),
@@ -547,6 +595,39 @@ fn own_sampled<const N: usize>(
         let function = trace::function(own.table.clone(), parameters);
         let model = OwnSampled { function, n: own.n, n_u: own.n_u };
         Ok(SampledDataObserver::<_, N, MAX_INPUTS> { model })
+    })
+}
+
+fn reduced_order<const NX: usize, const NZ: usize>(
+    spec: &Spec<'_>,
+    given: &Given<'_, '_>,
+    own: &OwnModel,
+    single: bool,
+) -> PyResult<Tables> {
+    type Reduced<const NX: usize, const NZ: usize> =
+        ReducedOrderObserver<Traced, OwnStrictFeedback, NX, NZ, MAX_INPUTS>;
+    let (h_bar, epsilon) = (spec.vector::<NZ>("h_bar", NZ)?, spec.f64("epsilon")?);
+    let n_u = own.n_u;
+    let build = || -> PyResult<Reduced<NX, NZ>> {
+        let parameters = own.names().iter().map(|name| input(name)).collect();
+        let model =
+            OwnStrictFeedback { function: trace::function(own.table.clone(), parameters), n_u };
+        let h_bar = h_bar.map(Traced::from_f64);
+        Ok(ReducedOrderObserver::new(h_bar, Traced::from_f64(epsilon), model)?)
+    };
+    let step = |started, present| {
+        let answer = Some(if started { Ordering::Greater } else { Ordering::Equal });
+        step_table(Setting { single, present, answer }, n_u, false, build)
+    };
+    let shape = shape::<Reduced<NX, NZ>>(n_u, false, build)?;
+    Ok(Tables {
+        shape,
+        step: step(true, true)?,
+        missing: Some(step(true, false)?),
+        unstarted: Some((NZ + NX + MAX_INPUTS, [step(false, true)?, step(false, false)?])),
+        placed: false,
+        law: None,
+        parameters: given.parameters().to_vec(),
     })
 }
 
@@ -595,7 +676,7 @@ impl Tables {
         for (of, place) in chains.iter().zip(&place) {
             place.iter().zip(&of.shape.initial).for_each(|(place, value)| initial[*place] = *value);
         }
-        let step = trace(Setting { single, present: true }, || {
+        let step = trace(Setting::usual(single), || {
             let (t, dt) = (input("t"), input("dt"));
             let (z, y) = (inputs("z", rest), inputs("y", chains.len()));
             let u = inputs("u", own.n_u);
@@ -614,7 +695,15 @@ impl Tables {
         let (n, n_y, n_u, memory) = (own.n, chains.len(), own.n_u, rest);
         let shape = Shape { n, n_y, n_u, memory, current, initial };
         let placed = chains.iter().any(|of| of.placed);
-        Ok(Self { shape, step, missing: None, placed, law: None, parameters: own.parameters })
+        Ok(Self {
+            shape,
+            step,
+            missing: None,
+            unstarted: None,
+            placed,
+            law: None,
+            parameters: own.parameters,
+        })
     }
 
     fn of(spec: &Spec<'_>, given: Given<'_, '_>, single: bool) -> PyResult<Self> {
@@ -635,9 +724,27 @@ impl Tables {
             });
         }
         if kind == "reduced-order" {
-            return Err(refused(
-                "the reduced-order observer decides on its samples: it has no table",
-            ));
+            spec.only(&["kind", "model", "h_bar", "epsilon"])?;
+            let Given::Own(own) = &given else {
+                return Err(refused("the ship's observer decides on its samples: it has no table"));
+            };
+            if own.form != "strict-feedback" {
+                return Err(refused("the reduced-order observer needs a strict-feedback model"));
+            }
+            macro_rules! sizes {
+                ($(($x:literal, $z:literal)),+) => {
+                    match (own.n, own.n_z) {
+                        $(($x, $z) => reduced_order::<$x, $z>(spec, &given, own, single),)+
+                        (n_x, n_z) => Err(refused(&format!(
+                            "{n_x} measured and {n_z} unmeasured states are not allowed: the \
+                             reduced-order observer takes 1 to 4, and no more unmeasured than measured"
+                        ))),
+                    }
+                };
+            }
+            return sizes! {
+                (1, 1), (2, 1), (2, 2), (3, 1), (3, 2), (3, 3), (4, 1), (4, 2), (4, 3), (4, 4)
+            };
         }
         let n = spec.count("n")?;
         match kind.as_str() {
@@ -695,6 +802,8 @@ pub struct Programmed {
     telling: Step,
     /// The same (both) for a missing sample, if that is another law.
     missing: Option<Step>,
+    /// The same for a law that has not started.
+    unstarted: Option<(usize, [Step; 2])>,
 }
 
 /// An observer with a model of the user's own.
@@ -704,7 +813,13 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
     let step = tables.program(&tables.step.with_outputs(0..memory))?;
     let telling = tables.program(&tables.step)?;
     let missing = tables.missing.as_ref().map(|table| tables.program(table)).transpose()?;
-    Ok(Box::new(Programmed { tables, step, telling, missing }))
+    let unstarted = match &tables.unstarted {
+        None => None,
+        Some((index, [with, without])) => {
+            Some((*index, [tables.program(with)?, tables.program(without)?]))
+        }
+    };
+    Ok(Box::new(Programmed { tables, step, telling, missing, unstarted }))
 }
 
 impl Tables {
@@ -748,7 +863,7 @@ impl Tables {
     /// The table of steps of one length that follow one of the same length.
     pub fn for_steps_of(&self, dt: f64) -> PyResult<Table> {
         let period = self.period().map(|period| MEMORY + period);
-        trace(Setting { single: false, present: true }, || {
+        trace(Setting::usual(false), || {
             let mut given: Vec<Traced> = self.step.inputs.iter().map(|name| input(name)).collect();
             given[1] = Traced::from_f64(dt);
             if let Some(period) = period {
@@ -821,7 +936,12 @@ impl Step {
 
 impl Programmed {
     /// The step for such a sample.
-    fn choose(&self, present: bool, told: bool) -> &Step {
+    fn choose(&self, memory: &[f64], present: bool, told: bool) -> &Step {
+        if let Some((index, [with, without])) = &self.unstarted
+            && memory.get(*index) == Some(&0.0)
+        {
+            return if present { with } else { without };
+        }
         match &self.missing {
             Some(missing) if !present => missing,
             _ if told => &self.telling,
@@ -852,7 +972,7 @@ fn status(moved: bool, present: bool) -> Status {
 impl Recursion for Programmed {
     fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
         let present = y.iter().all(|y| y.is_finite());
-        let step = self.choose(present, false);
+        let step = self.choose(memory, present, false);
         let (mut r, place) = (step.at_rest, MEMORY..MEMORY + memory.len());
         r.0[place.clone()].copy_from_slice(memory);
         let moved = step.advance(&mut r, memory.len(), (t, dt), y.iter().chain(u).copied());
@@ -866,7 +986,7 @@ impl Recursion for Programmed {
         let (m, told) = (memory.len(), !innovation.is_empty());
         let place = MEMORY..MEMORY + m;
         let prepared = self.prepared(dt, told);
-        let mut step = self.choose(true, told);
+        let mut step = self.choose(memory, true, told);
         let mut r = step.at_rest;
         r.0[place.clone()].copy_from_slice(memory);
         let mut largest = [0.0_f64; REGISTERS];
@@ -879,7 +999,7 @@ impl Recursion for Programmed {
             let present = sample.iter().all(|y| y.is_finite());
             let wanted = match &prepared {
                 Some(prepared) if self.tables.is_period(&r.0[place.clone()], dt[k]) => prepared,
-                _ => self.choose(present, told),
+                _ => self.choose(&r.0[place.clone()], present, told),
             };
             if !std::ptr::eq(wanted, step) {
                 let mut fresh = wanted.at_rest;

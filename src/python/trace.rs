@@ -44,6 +44,8 @@ struct Trace {
     single: bool,
     /// Whether samples are taken to be there.
     present: bool,
+    /// What is answered to questions about values that are not known.
+    answer: Option<Ordering>,
     undecided: bool,
 }
 
@@ -112,11 +114,22 @@ fn with<R>(f: impl FnOnce(&mut Trace) -> R) -> R {
     TRACE.with(|trace| f(&mut trace.borrow_mut()))
 }
 
-/// A precision, and whether samples are there.
+/// How to trace.
 #[derive(Clone, Copy, Debug)]
 pub struct Setting {
+    /// In single precision.
     pub single: bool,
+    /// Whether samples are there.
     pub present: bool,
+    /// What is answered to every comparison of values that are not known; `None`: it cannot be.
+    pub answer: Option<Ordering>,
+}
+
+impl Setting {
+    /// Samples are there, and nothing is decided.
+    pub fn usual(single: bool) -> Self {
+        Self { single, present: true, answer: None }
+    }
 }
 
 /// Trace `law`, which names its inputs and gives its outputs with their names.
@@ -125,7 +138,8 @@ pub fn trace(
     law: impl FnOnce() -> PyResult<Vec<(String, Traced)>>,
 ) -> PyResult<Table> {
     with(|trace| {
-        *trace = Trace { single: setting.single, present: setting.present, ..Trace::default() };
+        let Setting { single, present, answer } = setting;
+        *trace = Trace { single, present, answer, ..Trace::default() };
         // in the order of the constants of `Scalar`
         for node in [ZERO, ONE, NEG_ZERO] {
             trace.node(node);
@@ -233,8 +247,8 @@ fn decide(a: Traced, b: Traced) -> Option<Ordering> {
     with(|trace| match (trace.value(a.0), trace.value(b.0)) {
         (Some(a), Some(b)) => a.partial_cmp(&b),
         _ => {
-            trace.undecided = true;
-            None
+            trace.undecided |= trace.answer.is_none();
+            trace.answer
         }
     })
 }
@@ -309,7 +323,12 @@ impl Scalar for Traced {
         with(|trace| trace.value(self.0)).unwrap_or(f64::NAN)
     }
     fn is_finite(self) -> bool {
-        with(|trace| trace.value(self.0).map_or(trace.present, f64::is_finite))
+        // of the inputs only samples are asked; a result that is not finite is found when it is there
+        with(|trace| match trace.nodes.get(self.0 as usize) {
+            Some(Node::Constant(bits)) => f64::from_bits(*bits).is_finite(),
+            Some(Node::Input(_)) => trace.present,
+            _ => true,
+        })
     }
     recorded! {
         abs() Abs; sqrt() Sqrt; sin() Sin; cos() Cos; tan() Tan; atan() Atan; exp() Exp; ln() Ln;

@@ -619,7 +619,7 @@ class OwnSampledDataObserver(Law):
         self.n = self.memory_len = model.n
         self.n_u = model.n_u
 
-    def residual(self, memory: Array, y: Array) -> Array:
+    def residual(self, memory: Array, y: Array, t: float) -> Array:
         """y - h(x_hat)."""
         return y - self.model.sampled(memory, None, y, 0.0, 1.0)[2]
 
