@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -70,6 +70,7 @@ TIMINGS = ("predictor", "current")
 
 _TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
 _MARK = "mark a missing sample as NaN"
+_UNDEFINED = 2  # status of a step at which the model has no value
 
 
 class Observer(_core.Online):
@@ -97,7 +98,14 @@ class Observer(_core.Online):
     ) -> None:
         self.spec = spec
         self.model = model
-        self._core = _core.Observer(spec)
+        self._interpreted = getattr(model, "compiled", True) is False
+        if self._interpreted:
+            from hgo_rs.own.callables import stand_in
+
+            self._core = _core.Observer(stand_in(spec, cast("Model", model)))
+            self.__dict__["step"] = self._interpreted_step  # in the place of the compiled method
+        else:
+            self._core = _core.Observer(spec)
         self.n: int = self._core.n
         self.n_y: int = self._core.n_y
         self.n_u: int = self._core.n_u
@@ -106,12 +114,14 @@ class Observer(_core.Online):
 
     def __getstate__(self) -> tuple[dict[str, Any], bool, Array, float]:
         """All that a copy needs, or a pickle."""
-        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
+        own = {
+            name: value for name, value in self.__dict__.items() if name not in ("_core", "step")
+        }
         return own, self.allow_unstable, self.memory.copy(), self._time
 
     def __setstate__(self, state: tuple[dict[str, Any], bool, Array, float]) -> None:
         own, allow_unstable, memory, time = state
-        Observer.__init__(self, own["spec"], allow_unstable=allow_unstable)
+        Observer.__init__(self, own["spec"], model=own["model"], allow_unstable=allow_unstable)
         self.__dict__.update(own)
         self.memory, self._time = memory, time
 
@@ -170,7 +180,9 @@ class Observer(_core.Online):
             return self
         check("timing" in self.spec, "timing", timing, repr(self.timing), "this law has no other")
         other = object.__new__(type(self))
-        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
+        own = {
+            name: value for name, value in self.__dict__.items() if name not in ("_core", "step")
+        }
         other.__dict__.update(own)
         Observer.__init__(other, self.spec | {"timing": timing}, allow_unstable=self.allow_unstable)
         return other
@@ -329,8 +341,14 @@ class Observer(_core.Online):
         told = _inputs(u, len(samples), self.n_u)
         start = self._start(x_hat0, r0, memory0)
         self._check_start(start)
-        filters = self._core.is_current
-        track = self._core.run(clock, samples, told, start, innovation=filters)
+        # elsewhere the innovation is y - x_hat_1, which is computed when it is asked for
+        own_sampled = self.spec["kind"] == "sampled-data" and self.spec["model"]["kind"] == "own"
+        tells = self._core.is_current or self.spec["kind"] == "chains" or own_sampled
+        slowdown = 1.0
+        if self._interpreted:
+            track, slowdown = self._interpreted_run(clock, samples, told, start)
+        else:
+            track = self._core.run(clock, samples, told, start, innovation=tells)
         if not track["sound"]:
             _check_samples(track["y"], self.n_y)
             _check_times(clock)
@@ -364,9 +382,66 @@ class Observer(_core.Online):
             memory=memory,
             timing=self.timing,
         )
+        result.__dict__["slowdown"] = slowdown
         if track["missing"].any():  # for the error to expect after the gaps
             result.__dict__["_run_of"] = (self, told.copy())
         return result
+
+    # A model that is not compiled runs in the NumPy reference; what is asked of it stays the same.
+
+    def _reference(self) -> Any:
+        from hgo_rs import reference
+        from hgo_rs.own.callables import interpreted_spec
+
+        return reference.Observer(interpreted_spec(self.spec, self.model))
+
+    def _interpreted_step(
+        self, y: npt.ArrayLike, u: npt.ArrayLike | None = None, *, dt: float, out: Any = None
+    ) -> Array:
+        length, sample, told = self._checked_dt(dt), self._checked_sample(y), self._checked_input(u)
+        if self._time == 0.0:
+            self._check_start(self.memory)
+        moved, status = self._reference().step(self.memory, sample, told, self._time, length)
+        if status == _UNDEFINED or (status == 0 and not np.all(np.isfinite(moved))):
+            raise self._no_value(sample.tolist())
+        self.memory, self._time = moved, self._time + length
+        if out is None:
+            return self.x_hat
+        if not (isinstance(out, np.ndarray) and out.shape == (self.n,) and out.flags.writeable):
+            raise self._no_place(out)
+        out[:] = moved[: self.n]
+        return out
+
+    def _interpreted_run(
+        self, clock: float | Array, samples: Array, told: Array, start: Array
+    ) -> tuple[dict[str, Any], float]:
+        """The track as the core gives it, and how much longer it took than with a compiled model."""
+        from hgo_rs.own.callables import clocked, warn_slow
+
+        _check_samples(samples, self.n_y)
+        _check_times(clock)
+        _check_inputs(told)
+        count = len(samples)
+        t = np.arange(count) * clock if isinstance(clock, float) else clock
+        track, interpreted = clocked(lambda: self._reference().run(t, samples, told, start))
+        _, compiled = clocked(lambda: self._core.run(clock, samples, told, start))
+        slowdown = warn_slow(
+            cast("Model", self.model), compiled / count, interpreted / count, "run"
+        )
+        steps, present = np.diff(t), ~np.all(np.isnan(samples), axis=1)
+        correcting = np.where(present[1:] if self._core.is_current else present[:-1], steps, 0.0)
+        k = int(np.argmax(correcting)) if count > 1 else 0
+        undefined = np.flatnonzero(track["status"] == _UNDEFINED)
+        seen = samples[np.isfinite(samples)]
+        return {
+            **track,
+            "y": samples.copy(),
+            "sound": True,
+            "longest_step": (k, float(correcting[k]) if count > 1 else 0.0),
+            "undefined": int(undefined[0]) if undefined.size else None,
+            "largest_sample": float(np.max(np.abs(seen), initial=0.0)),
+            "largest": float(np.max(np.abs(track["memory"]))),
+        }, slowdown
 
     def step_limit(self) -> StepLimit:
         """The largest stable step of this law under its discretisation, computed."""

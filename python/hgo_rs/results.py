@@ -60,6 +60,9 @@ class RunResult:
         The whole memory.
     timing : "predictor" or "current"
         Whether row k uses samples up to k - 1, or up to k.
+    slowdown : float
+        How many times longer the run took than with a compiled model of the same size: 1 for every
+        compiled model, more for a Python callable that could not be compiled.
     """
 
     time: Array
@@ -87,6 +90,8 @@ class RunResult:
         if innovation is not None:
             made.__dict__["innovation"] = innovation
         return made
+
+    slowdown = 1.0
 
     if not TYPE_CHECKING:
 
@@ -116,6 +121,7 @@ class RunResult:
         if "_run_of" in self.__dict__:
             observer, u = self.__dict__["_run_of"]
             part.__dict__["_run_of"] = (observer, u[rows])
+        part.__dict__["slowdown"] = self.slowdown
         return part
 
     @property

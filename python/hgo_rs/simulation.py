@@ -159,6 +159,8 @@ def simulate(
     given = locals()
     backend = check_choice("backend", given.pop("backend"), BACKENDS)
     experiment = plan(**given)
+    if any(getattr(system, "compiled", True) is False for system in (plant, observer.model)):
+        backend = "numpy"  # Python callables: `run` says how slow they are
     kept = runs * experiment.numbers
     remedy = f"as it is the result would hold {kept:.3g} numbers; fewer runs or a larger every"
     check(kept <= _LARGEST, "runs", runs, f"such that {_LARGEST:.3g} numbers do", remedy)
@@ -234,8 +236,8 @@ def plan(
     check(listed, "windows", windows, "pairs (from, to)", "give a list of them")
     seed = int(rng.integers(2**63)) if isinstance(rng, np.random.Generator) else rng
     spec: dict[str, Any] = {
-        "plant": plant.spec,
-        "observer": observer.spec,
+        "plant": _runnable(plant.spec, plant),
+        "observer": _runnable(observer.spec, observer.model),
         "mode": mode,
         "steps": steps,
         "schedule": clock.spec,
@@ -328,6 +330,15 @@ def _plant_method(plant: System) -> str:
     if isinstance(plant, VanDerPol) and plant.sigma != 0.0:
         return "milstein" if plant.multiplicative else "taylor-1.5"
     return "rk4"
+
+
+def _runnable(spec: dict[str, Any], system: System | None) -> dict[str, Any]:
+    """The spec, with Python callables where its system is not compiled."""
+    if getattr(system, "compiled", True):
+        return spec
+    from hgo_rs.own.callables import interpreted_spec
+
+    return interpreted_spec(spec, system)
 
 
 def _is_own(plant: System) -> bool:

@@ -213,3 +213,58 @@ def test_two_outputs_share_their_states() -> None:
         rate = [v1 + 40 * k1 * e[0], phi[0] + 1600 * k2 * e[0]]
         rate += [v2 + 40 * k1 * e[1], phi[1] + 1600 * k2 * e[1]]
         x = x + dt * np.array(rate)
+
+
+def test_a_callable_that_cannot_be_compiled_runs_and_says_how_slow_it_is() -> None:
+    def phi(t: float, x: np.ndarray, u: np.ndarray) -> float:
+        return -1.0 if x[0] > 0.2 else 0.5 * float(x[1]) + float(u[0])
+
+    called = hgo.Model(states=["q", "v"], inputs=["u"], phi=phi)
+    same = hgo.Model(states=["q", "v"], inputs=["u"], phi="piecewise(-1, q > 0.2, 0.5*v + u)")
+    assert not called.compiled
+    t, y = record(400)
+    u = np.cos(t)
+    for timing in ("predictor", "current"):
+        slow = hgo.StandardObserver(2, 30.0, model=called, timing=timing)
+        fast = hgo.StandardObserver(2, 30.0, model=same, timing=timing)
+        with pytest.warns(UserWarning, match="times slower"):
+            result = slow.run(t, y, u)
+        expected = fast.run(t, y, u)
+        assert result.slowdown > 5.0 and expected.slowdown == 1.0
+        assert np.allclose(result.x_hat, expected.x_hat, rtol=1e-11, atol=1e-13)
+        for k in range(5):
+            at = {"dt": float(t[k + 1] - t[k])}
+            assert np.allclose(slow.step(y[k], u[k], **at), fast.step(y[k], u[k], **at))
+    plant = hgo.Plant(states=["q", "v"], drift=lambda t, x: [x[1], -1.0 if x[0] > 0 else 1.0])
+    assert not plant.compiled
+    outcome = hgo.simulate(
+        plant, hgo.StandardObserver(2, 20.0), x0=[0.5, 0.0], dt=1e-3, steps=200, runs=2
+    )
+    written = hgo.Plant(states=["q", "v"], drift=["v", "piecewise(-1, q > 0, 1)"])
+    again = hgo.simulate(
+        written, hgo.StandardObserver(2, 20.0), x0=[0.5, 0.0], dt=1e-3, steps=200, runs=2
+    )
+    assert np.allclose(outcome.final_x, again.final_x, rtol=1e-12)
+
+
+def test_the_reduced_order_observer_with_a_model_of_ones_own() -> None:
+    # x' = (1 + x^2/10) z, z' = -z + u: NumPy, written out from Katayama (8)
+    model = hgo.Model(states=["x", "z"], inputs=["u"], f1=["0"], g=[["1 + x*x/10"]], f2=["-z + u"])
+    observer = hgo.ReducedOrderObserver(0.05, h_bar=[0.5], model=model)
+    rng = np.random.default_rng(6)
+    y, u, dt, h = np.cumsum(rng.random(300)) * 1e-2, rng.random(300), 0.01, 0.5 / 0.05
+    y[40:43] = np.nan
+    estimates, z, last, elapsed = [], 0.0, None, 0.0
+    for k in range(300):
+        if last is not None:
+            if np.isnan(y[k]):
+                z = z + dt * (-z + u[k - 1])
+                elapsed += dt
+            else:
+                psi = (y[k] - last) / elapsed / (1 + last * last / 10)
+                z = z + dt * (h * (psi - z) + (-psi + u[k - 1]))
+        if not np.isnan(y[k]):
+            last, elapsed = y[k], dt
+        estimates.append(z)
+    result = observer.run(dt, y, u)
+    assert np.allclose(result.x_hat[:, 0], estimates, rtol=1e-12)

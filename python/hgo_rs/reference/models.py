@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from typing import Any
+
 import numpy as np
 
 from .error import Array, Spec, choice, fail, integer, known, member, number, vector
@@ -404,18 +406,17 @@ class OwnPlant(Plant):
         return y
 
 
-def _table(spec: Spec, where: str) -> tuple[Table, Array]:
-    """The table of a spec, and the values of the parameters, its last inputs."""
+def _table(spec: Spec, where: str) -> tuple[Any, Array]:
+    """The table of a spec, or what is called like one, and the parameters: its last inputs."""
     table = member(spec, "table", where)
     if table is None:
         raise fail(f"{where}.table", None, "a table", "a Python callable cannot be run here")
     parameters = spec.get("parameters", ())
-    return Table(table, f"{where}.table"), vector(
-        parameters, f"{where}.parameters", len(parameters)
-    )
+    called = table if callable(table) else Table(table, f"{where}.table")
+    return called, vector(parameters, f"{where}.parameters", len(parameters))
 
 
-def _fits(table: Table, inputs: int, outputs: int, where: str) -> None:
+def _fits(table: Any, inputs: int, outputs: int, where: str) -> None:
     sizes = (table.inputs, len(table.outputs))
     if sizes != (inputs, outputs):
         allowed = f"({inputs}, {outputs}) for this form"
