@@ -17,6 +17,7 @@ mod spec;
 mod study;
 mod systems;
 mod table;
+mod tabled;
 mod trace;
 
 use pyo3::prelude::*;

@@ -7,21 +7,21 @@ use super::design::order_refused;
 use super::errors::refused;
 use super::interrupt::StopFlag;
 use super::observers::{
-    AnyGain, AnyMethod, AnyObserver, AnySaturation, Manner, MovingGain, NOT_PLACED, Recursion,
+    AnyGain, AnyMethod, AnyObserver, AnySaturation, Manner, MovingGain, Recursion,
 };
 use super::record::Block;
 use super::spec::Spec;
 use super::study::{Plan, StudyResult};
 use super::systems::{AnyModel, read_van_der_pol};
 use super::table::{Compiled, Table};
+use super::tabled::{LawTables, flat};
 use super::trace::{self, Setting, Traced, call, input, inputs, named, trace};
 use crate::Scalar;
 use crate::dispatch_order;
-use crate::injection::{Injected, Placed};
 use crate::memory::Memory;
 use crate::model::{Model, PhaseVariable, SampledModel, StrictFeedback, last};
 use crate::models::Correction;
-use crate::observer::{ContinuousLaw, Current, Discretised, Observer, Status, Timing};
+use crate::observer::{Observer, Status, Timing};
 use crate::observers::{
     LowPower, ModifiedObserver, ReducedOrderObserver, RepelledCollection, SampledDataObserver,
     StandardObserver,
@@ -33,7 +33,7 @@ use pyo3::types::PyDict;
 use std::cmp::Ordering;
 
 /// Known inputs that a model may have.
-const MAX_INPUTS: usize = 8;
+pub const MAX_INPUTS: usize = 8;
 
 /// A model as it was given.
 pub struct OwnModel {
@@ -340,22 +340,10 @@ impl<'py> Given<'py, '_> {
     }
 }
 
-fn flat<M: Memory<Traced>>(memory: &M) -> Vec<Traced> {
-    let mut values = vec![Traced::ZERO; M::LEN];
-    memory.write(&mut values);
-    values
-}
-
-/// Entries of an observer's memory; if it ends with inputs that are held, as many as the model has.
-fn kept<O: Observer<Traced, Input: Memory<Traced>>>(n_u: usize, holds: bool) -> usize {
-    O::State::LEN - if holds { O::Input::LEN - n_u } else { 0 }
-}
-
 /// The table of one step of the observer that `build` makes within the trace.
 fn step_table<O>(
     setting: Setting,
     n_u: usize,
-    holds: bool,
     build: impl FnOnce() -> PyResult<O>,
 ) -> PyResult<Table>
 where
@@ -363,91 +351,44 @@ where
 {
     trace(setting, || {
         let (t, dt) = (input("t"), input("dt"));
-        let mut z = O::State::read(&inputs("z", kept::<O>(n_u, holds)));
+        let mut z = O::State::read(&inputs("z", O::State::LEN));
         let y = O::Measurement::read(&inputs("y", O::Measurement::LEN));
         let u = O::Input::read(&inputs("u", n_u));
         let observer = build()?;
         let innovation = flat(&observer.innovation(t, &z, &y));
         observer.step(&mut z, &y, &u, t, dt);
-        let z = &flat(&z)[..kept::<O>(n_u, holds)];
-        Ok([named("z", z), named("innovation", &innovation)].concat())
+        Ok([named("z", &flat(&z)), named("innovation", &innovation)].concat())
     })
 }
 
-/// Tables of an observer; `law` if it is a continuous one that may move together with its plant.
-fn tables<O>(
-    given: &Given<'_, '_>,
-    single: bool,
-    (placed, law): (bool, Option<(Table, Table)>),
-    build: impl Fn() -> PyResult<O>,
-) -> PyResult<Tables>
-where
-    O: Observer<Traced, Input: Memory<Traced>>,
-{
-    let n_u = given.n_u()?;
-    let holds = O::TIMING == Timing::Current;
-    let step = step_table(Setting::usual(single), n_u, holds, &build)?;
-    let shape = shape::<O>(n_u, holds, &build)?;
-    let parameters = given.parameters().to_vec();
-    Ok(Tables { shape, step, missing: None, unstarted: None, placed, law, parameters })
-}
-
-/// Tables of a continuous law whose eigenvalues cannot be placed.
-fn known<L>(
-    given: &Given<'_, '_>,
-    single: bool,
-    manner: Manner,
-    build: impl Fn() -> PyResult<L>,
-) -> PyResult<Tables>
-where
-    L: ContinuousLaw<Traced, Input: Memory<Traced>>,
-{
-    let AnyMethod::Known(scheme) = manner.method else { return Err(refused(NOT_PLACED)) };
-    if manner.timing == Timing::Current {
-        return tables(given, single, (false, None), || Ok(Current { law: build()?, scheme }));
-    }
-    let (setting, n_u) = (Setting::usual(single), given.n_u()?);
-    let rate = trace(setting, || {
-        let t = input("t");
-        let z = L::State::read(&inputs("z", L::State::LEN));
-        let y = input("y[0]");
-        let u = L::Input::read(&inputs("u", n_u));
-        let law = build()?;
-        Ok(named("z", &flat(&law.rate(t, &z, &law.innovation(&z, y), &u))))
-    })?;
-    let admissible = trace(setting, || {
-        let z = L::State::read(&inputs("z", L::State::LEN));
-        Ok(named("z", &flat(&build()?.admissible(z))))
-    })?;
-    let law = Some((rate, admissible));
-    tables(given, single, (false, law), || Ok(Discretised { law: build()?, scheme }))
-}
-
-/// Tables of a continuous law.
-fn continuous<L>(
-    given: &Given<'_, '_>,
-    single: bool,
-    manner: Manner,
-    build: impl Fn() -> PyResult<L>,
-) -> PyResult<Tables>
-where
-    L: Injected<Traced, Input: Memory<Traced>>,
-{
-    let AnyMethod::Placed(at) = manner.method else { return known(given, single, manner, build) };
-    let placed = |law: &L| Placed::<Traced, _, _>::new(law, at);
-    match manner.timing {
-        Timing::Predictor => tables(given, single, (true, None), || {
-            let law = build()?;
-            Ok(Discretised { scheme: placed(&law), law })
-        }),
-        Timing::Current => tables(given, single, (true, None), || {
-            let law = build()?;
-            Ok(Current { scheme: placed(&law), law })
-        }),
+impl Tables {
+    /// Of a continuous law.
+    fn continuous(
+        given: &Given<'_, '_>,
+        setting: Setting,
+        manner: Manner,
+        law: &LawTables,
+    ) -> PyResult<Self> {
+        let current = manner.timing == Timing::Current;
+        let memory = law.memory(manner.timing);
+        let mut initial = law.initial.clone();
+        initial.resize(memory, 0.0);
+        let placed = matches!(manner.method, AnyMethod::Placed(_));
+        let together = !current && !placed;
+        Ok(Self {
+            shape: Shape { n: law.n, n_y: 1, n_u: given.n_u()?, memory, current, initial },
+            step: law.step(setting, manner)?,
+            missing: None,
+            unstarted: None,
+            placed,
+            law: if together { Some(law.together(setting)?) } else { None },
+            parameters: given.parameters().to_vec(),
+        })
     }
 }
 
-fn shape<O>(n_u: usize, holds: bool, build: impl FnOnce() -> PyResult<O>) -> PyResult<Shape>
+/// What a recursion of its own is made of.
+fn shape<O>(n_u: usize, build: impl FnOnce() -> PyResult<O>) -> PyResult<Shape>
 where
     O: Observer<Traced, Input: Memory<Traced>>,
 {
@@ -456,16 +397,9 @@ where
         initial = flat(&build()?.initial()).into_iter().map(Scalar::to_f64).collect();
         Ok(Vec::new())
     })?;
-    let memory = kept::<O>(n_u, holds);
-    initial.truncate(memory);
-    Ok(Shape {
-        n: O::ESTIMATED,
-        n_y: O::Measurement::LEN,
-        n_u,
-        memory,
-        current: O::TIMING == Timing::Current,
-        initial,
-    })
+    let (n, n_y, memory) = (O::ESTIMATED, O::Measurement::LEN, O::State::LEN);
+    let current = O::TIMING == Timing::Current;
+    Ok(Shape { n, n_y, n_u, memory, current, initial })
 }
 
 fn standard<const N: usize>(
@@ -475,10 +409,10 @@ fn standard<const N: usize>(
 ) -> PyResult<Tables> {
     spec.only(&["kind", "n", "k", "gain", "model", "method", "timing"])?;
     let (k, manner) = (spec.vector::<N>("k", N)?, Manner::read(spec)?);
-    let gain = spec.sub("gain")?;
+    let (gain, setting) = (spec.sub("gain")?, Setting::usual(single));
     macro_rules! law {
         ($gain:pat => $made:expr) => {
-            continuous(given, single, manner, || {
+            LawTables::any(setting, manner, given.n_u()?, || {
                 let model = given.install(N)?;
                 let $gain = AnyGain::read(&gain)? else { return Err(refused("another gain law")) };
                 let k = k.map(Traced::from_f64);
@@ -486,11 +420,12 @@ fn standard<const N: usize>(
             })
         };
     }
-    if gain.text("law")? == "constant" {
+    let law = if gain.text("law")? == "constant" {
         law!(AnyGain::Constant(gain) => gain)
     } else {
         law!(AnyGain::Moving(gain) => gain)
-    }
+    };
+    Tables::continuous(given, setting, manner, &law?)
 }
 
 fn low_power<const N: usize>(
@@ -508,10 +443,10 @@ fn low_power<const N: usize>(
         ));
     }
     let (alpha, beta) = (spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?);
-    let gain = spec.sub("gain")?;
+    let (gain, setting) = (spec.sub("gain")?, Setting::usual(single));
     macro_rules! law {
         ($gain:pat => $made:expr) => {
-            continuous(given, single, manner, || {
+            LawTables::any(setting, manner, given.n_u()?, || {
                 let model = given.install(N)?;
                 let saturation = AnySaturation::<N, Traced>::read(spec, saturated)?;
                 let $gain = AnyGain::read(&gain)? else { return Err(refused("another gain law")) };
@@ -522,11 +457,12 @@ fn low_power<const N: usize>(
             })
         };
     }
-    if gain.text("law")? == "constant" {
+    let law = if gain.text("law")? == "constant" {
         law!(AnyGain::Constant(gain) => gain)
     } else {
         law!(AnyGain::Moving(gain) => gain)
-    }
+    };
+    Tables::continuous(given, setting, manner, &law?)
 }
 
 fn collection<const C: usize>(
@@ -539,6 +475,7 @@ fn collection<const C: usize>(
     spec.only(&["kind", "n", "k", "k_bar", "copies", "gain", "model", "method", "timing"])?;
     let (k, k_bar) = (spec.vector::<N>("k", N)?, spec.vector::<N>("k_bar", N)?);
     let (gain, manner) = (spec.sub("gain")?, Manner::read(spec)?);
+    let setting = Setting::usual(single);
     let copies = || {
         let model = given.install(N)?;
         let AnyGain::Moving(MovingGain::Adaptive(gain)) = AnyGain::read(&gain)? else {
@@ -549,11 +486,14 @@ fn collection<const C: usize>(
         let [k, k_bar] = [k, k_bar].map(|k| k.map(Traced::from_f64));
         Ok(RepelledCollection::<Traced, _, N, C, MAX_INPUTS>::new(k, k_bar, gain, model)?)
     };
-    if modified {
-        known(given, single, manner, || Ok(ModifiedObserver { collection: copies()? }))
+    let n_u = given.n_u()?;
+    let law = if modified {
+        let modified = || Ok(ModifiedObserver { collection: copies()? });
+        LawTables::known(setting, manner, n_u, modified)?
     } else {
-        known(given, single, manner, copies)
-    }
+        LawTables::known(setting, manner, n_u, copies)?
+    };
+    Tables::continuous(given, setting, manner, &law)
 }
 
 /// Tables of a sampled-data observer that `build` makes.
@@ -567,10 +507,9 @@ where
     O::Input: Memory<Traced>,
 {
     let n_u = given.n_u()?;
-    let step =
-        |present| step_table(Setting { present, ..Setting::usual(single) }, n_u, false, &build);
+    let step = |present| step_table(Setting { present, ..Setting::usual(single) }, n_u, &build);
     Ok(Tables {
-        shape: shape(n_u, false, &build)?,
+        shape: shape(n_u, &build)?,
         step: step(true)?,
         missing: Some(step(false)?),
         unstarted: None,
@@ -617,9 +556,9 @@ fn reduced_order<const NX: usize, const NZ: usize>(
     };
     let step = |started, present| {
         let answer = Some(if started { Ordering::Greater } else { Ordering::Equal });
-        step_table(Setting { single, present, answer }, n_u, false, build)
+        step_table(Setting { single, present, answer }, n_u, build)
     };
-    let shape = shape::<Reduced<NX, NZ>>(n_u, false, build)?;
+    let shape = shape::<Reduced<NX, NZ>>(n_u, build)?;
     Ok(Tables {
         shape,
         step: step(true, true)?,

@@ -98,6 +98,9 @@ impl Trace {
             Operation::Subtract if is(b, ZERO) => return a,
             Operation::Multiply | Operation::Divide if is(b, ONE) => return a,
             Operation::Multiply if is(a, ONE) => return b,
+            Operation::Innovation if values[0].is_some_and(|y| !y.is_finite()) => {
+                return self.node(ZERO);
+            }
             Operation::Select if values[0] == Some(0.0) => return c,
             Operation::Select if values[0].is_some() || b == c => return b,
             _ => {}
