@@ -329,9 +329,9 @@ def test_a_figure_that_fails_keeps_the_rows(fakes):
 
 
 def test_processes_give_the_same_rows():
-    chosen = [scenarios.find("lee-stability"), scenarios.find("astolfi-design")]
-    alone = list(reproduce.run(chosen, backend="numpy", figures=False))
-    shared = list(reproduce.run(chosen, backend="numpy", jobs=2, figures=False))
+    chosen = [scenarios.find("katayama-fig1"), scenarios.find("astolfi-limits")]
+    alone = list(reproduce.run(chosen, figures=False))
+    shared = list(reproduce.run(chosen, jobs=2, figures=False))
     assert {r.id: r.rows for r in alone} == {r.id: r.rows for r in shared}
     assert all(r.ok for r in alone)
 
