@@ -27,6 +27,8 @@ __all__ = ["StepLimit", "check_step", "step_limit"]
 _METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine")
 _PLACED = ("zoh", "bilinear")
 _ORDERS = {"euler": 1, "rk4": 4, "bogacki-shampine": 3}
+_CURRENT = ", current timing"
+_ROUNDED = 200.0
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,8 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
     - euler, rk4, bogacki-shampine: the stability polynomial at each eigenvalue (measurement held
       over the step, innovation recomputed at each stage).  rk4-innovation-held: e_1 is one number
       for the whole step, the low-power law's inner e_2, e_3, ... follow the stages.
+    - zoh: none. bilinear: |lambda| dt < 200, where rounding takes over.
+    - timing "current": prediction by the method, then I - c K C.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with
       mu = epsilon (1 - y^2) moves with y; the limit is where the product of these matrices along
       the noise-free limit cycle ceases to contract (+- 0.01 s).  ``parts`` holds the frozen bound
@@ -94,8 +98,6 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
     - reduced-order (Katayama, A5): T < 2 epsilon/max h_bar, exact.
     """
     kind = _choice(observer, "kind", tuple(_LIMITS))
-    if observer.get("method") in _PLACED:  # the eigenvalues are placed within the unit circle
-        return StepLimit(observer["method"], math.inf, math.inf, {})
     return _LIMITS[kind](observer)
 
 
@@ -105,12 +107,16 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
 def _standard(observer: Mapping[str, Any]) -> StepLimit:
     method = _method(observer)
     k = _checks.vector(_member(observer, "k"), "k")
+    if method in _PLACED:
+        return _placed(observer, method, companion(k))
     return _limit(observer, method, {"linear": _chain_limit(method, tuple(k.tolist()))})
 
 
 def _collection(observer: Mapping[str, Any]) -> StepLimit:
     method = _method(observer)
     k = _checks.vector(_member(observer, "k"), "k")
+    remedy = "choose another: eigenvalues are placed for single laws"
+    check(method not in _PLACED, "method", method, "a method of rates", remedy, DesignError)
     k_bar = _checks.vector(_member(observer, "k_bar"), "k_bar", k.size)
     copies = check_integer(_member(observer, "copies"), "copies", least=1, error=DesignError)
     parts = {"linear": _chain_limit(method, tuple(k.tolist()))}
@@ -124,16 +130,27 @@ def _low_power(observer: Mapping[str, Any]) -> StepLimit:
     method = _method(observer)
     alpha = _checks.vector(_member(observer, "alpha"), "alpha")
     beta = _checks.vector(_member(observer, "beta"), "beta", alpha.size - 1)
+    if method in _PLACED:
+        return _placed(observer, method, low_power_matrix(alpha, beta))
     coefficients = tuple(alpha.tolist()), tuple(beta.tolist())
     parts = {"linear": _low_power_limit(method, *coefficients)}
     if observer["kind"] == "peaking-free":
+        # only the first block has a sample: the innovations of the others follow the stages
+        inner = method.removesuffix(_CURRENT)
+        inner = "rk4" if inner == "rk4-innovation-held" else inner
         for i in range(alpha.size - 1):
-            measured = method if i == 0 or method != "rk4-innovation-held" else "rk4"
+            measured = method if i == 0 else inner
             # a block is the chain x' = eta + alpha e, eta' = beta e of order 2
             parts[f"block {i + 1}"] = _chain_limit(measured, (coefficients[0][i], beta[i].item()))
-        last = "rk4" if method == "rk4-innovation-held" else method
-        parts[f"block {alpha.size}"] = _chain_limit(last, (coefficients[0][-1],))
+        parts[f"block {alpha.size}"] = _chain_limit(inner, (coefficients[0][-1],))
     return _limit(observer, method, parts)
+
+
+def _placed(observer: Mapping[str, Any], method: str, closed: Array) -> StepLimit:
+    """No limit, but where rounding sets one: eigenvalues that the bilinear rule gathers at -1."""
+    fastest = float(np.max(np.abs(np.linalg.eigvals(closed))))
+    limit = math.inf if method == "zoh" else _ROUNDED / fastest
+    return _limit(observer, method, {"placed": limit})
 
 
 def _limit(observer: Mapping[str, Any], method: str, parts: dict[str, float]) -> StepLimit:
@@ -176,7 +193,22 @@ def _critical(method: str, closed: Array, injection: Array, links: Array) -> flo
     which state lifts which in staggered Euler.
     """
     eigenvalues = np.linalg.eigvals(closed)
-    if method in _ORDERS:
+    if method.endswith(_CURRENT):
+        free, rule = closed + injection, method.removesuffix(_CURRENT)
+
+        def radius(c: Array) -> Array:
+            # predict without a sample, then correct: (I - c K C) times the step of the free part
+            eye, c = np.eye(len(closed)), c[:, None, None]
+            if rule == "staggered-euler":
+                step = eye + np.linalg.solve(eye - c * links, c * free)
+            else:
+                step = term = np.broadcast_to(eye, (c.size, *free.shape))
+                for j in range(1, _ORDERS.get(rule, 4) + 1):
+                    term = (c / j) * (term @ free)
+                    step = step + term
+            return _spectral_radius((eye - c * injection) @ step)
+
+    elif method in _ORDERS:
         powers = np.arange(_ORDERS[method] + 1)
         taylor = 1.0 / np.array([math.factorial(j) for j in powers])
 
@@ -356,4 +388,7 @@ def _choice(spec: Mapping[str, Any], key: str, allowed: tuple[str, ...]) -> str:
 
 
 def _method(observer: Mapping[str, Any]) -> str:
-    return _choice(observer, "method", _METHODS) if "method" in observer else "euler"
+    known = (*_METHODS, *_PLACED)
+    method = _choice(observer, "method", known) if "method" in observer else "euler"
+    current = observer.get("timing") == "current" and method not in _PLACED
+    return method + _CURRENT if current else method
