@@ -126,6 +126,16 @@ def test_it_is_stable_at_any_step(method, timing, c):
         assert np.all(np.abs(quiet.x_hat[-1]) <= 1e-6 * np.abs(quiet.x_hat).max(axis=0))
 
 
+@pytest.mark.parametrize(("n", "c"), [(2, 0.1), (2, 1.0), (2, 100.0), (4, 0.5), (6, 0.5)])
+def test_uneven_steps_are_stable_where_the_page_says_so(n, c):
+    rng = np.random.default_rng(n)
+    t = np.cumsum(c / ELL * rng.uniform(0.2, 1.8, size=2000))
+    y = np.zeros(2000)
+    y[1000:1010] = np.nan
+    run = StandardObserver(n, ELL, method="zoh", timing="current").run(t, y, x_hat0=np.ones(n))
+    assert np.abs(run.x_hat[-1]).max() < 1e-12 * np.abs(run.x_hat).max()
+
+
 @pytest.mark.parametrize("timing", TIMINGS)
 @pytest.mark.parametrize("method", METHODS)
 def test_which_samples_a_row_uses(method, timing):
