@@ -20,6 +20,7 @@
 //! As T goes to 0, δᵢ goes to λᵢ, dᵢ to kᵢℓⁱ and Kᵢ to T kᵢℓⁱ: forward Euler.
 
 use crate::Scalar;
+use crate::error::{DesignError, require};
 use crate::observer::{ContinuousLaw, Scheme};
 use crate::polynomial::{roots, times_root};
 use nalgebra::SVector;
@@ -36,6 +37,16 @@ pub enum Placement {
 }
 
 impl Placement {
+    /// Refuse an order above `most` under the bilinear rule, which takes all eigenvalues to −1 as ℓT grows:
+    /// there, rounding moves a bundle of them out of the unit circle.
+    pub(crate) fn hold<const N: usize>(self, most: usize) -> Result<(), DesignError> {
+        let allowed = "method bilinear gathers the eigenvalues at -1 for long steps, where rounding \
+                       moves those of high orders out of the unit circle: at most 6 (standard) or 4 \
+                       (low-power, peaking-free); choose method zoh";
+        let holds = self == Self::Exact || N <= most;
+        require("n", N as f64, holds, allowed).map(|_| ())
+    }
+
     /// z − 1 for hλ = a + ib.
     #[inline(always)]
     pub fn shift<T: Scalar>(self, (a, b): (T, T)) -> (T, T) {
@@ -180,7 +191,10 @@ pub trait Injected<T: Scalar>: ContinuousLaw<T> {
     /// Whether the gains depend on the length of a step alone.
     const CONSTANT: bool;
     /// Its poles (at r = 1).
-    fn poles(&self) -> Self::Poles;
+    ///
+    /// # Errors
+    /// An order for which rounding would undo the placement.
+    fn poles(&self, at: Placement) -> Result<Self::Poles, DesignError>;
     /// The gains of the correction that ends a step of length dt.
     fn gains(&self, at: Placement, poles: &Self::Poles, z: &Self::State, dt: T) -> Self::Gains;
     /// The memory after a step without a sample.
@@ -204,11 +218,14 @@ pub struct Placed<T, P, K> {
 impl<T: Scalar, P: Copy, K: Copy> Placed<T, P, K> {
     /// For this law. Gains are computed at every step unless the observer is
     /// [prepared](crate::Observer::prepared) for the usual length of one.
-    pub fn new<L>(law: &L, placement: Placement) -> Self
+    ///
+    /// # Errors
+    /// An order for which rounding would undo the placement.
+    pub fn new<L>(law: &L, placement: Placement) -> Result<Self, DesignError>
     where
         L: Injected<T, Poles = P, Gains = K>,
     {
-        Self { placement, poles: law.poles(), prepared: None }
+        Ok(Self { placement, poles: law.poles(placement)?, prepared: None })
     }
 }
 

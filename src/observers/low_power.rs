@@ -311,7 +311,8 @@ where
     const CONSTANT: bool = G::Memory::LEN == 0;
 
     /// The roots of Pₙ₋₁; the last one of each half is not used.
-    fn poles(&self) -> Self::Poles {
+    fn poles(&self, at: Placement) -> Result<Self::Poles, DesignError> {
+        at.hold::<N>(4)?;
         let (mut trailing, mut found) = ([[0.0; N]; 2], [[(0.0, 0.0); N]; 2]);
         let alpha: [f64; N] = core::array::from_fn(|i| self.alpha[i].to_f64());
         let beta: [f64; N] = core::array::from_fn(|i| self.beta[i].to_f64());
@@ -324,7 +325,7 @@ where
             low_power_inner_polynomial(inner, &beta, trailing);
             roots(trailing, found);
         }
-        found.map(Poles::from)
+        Ok(found.map(Poles::from))
     }
 
     fn gains(&self, at: Placement, poles: &Self::Poles, z: &Self::State, dt: T) -> Self::Gains {

@@ -164,8 +164,9 @@ where
     type Gains = SVector<T, N>;
     const CONSTANT: bool = G::Memory::LEN == 0;
 
-    fn poles(&self) -> Poles<T, N> {
-        Poles::of(&self.k)
+    fn poles(&self, at: Placement) -> Result<Poles<T, N>, DesignError> {
+        at.hold::<N>(6)?;
+        Ok(Poles::of(&self.k))
     }
 
     #[inline]

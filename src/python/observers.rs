@@ -207,18 +207,18 @@ impl Manner {
         self,
         law: L,
         free: impl FnOnce(Discretisation) -> Box<dyn Recursion>,
-    ) -> Box<dyn Halves>
+    ) -> PyResult<Box<dyn Halves>>
     where
         L: Injected<f64, Input: Memory<f64>> + Send + Sync + 'static,
         L::Poles: Send + Sync,
         L::Gains: Send + Sync,
     {
-        match self.method {
+        Ok(match self.method {
             AnyMethod::Known(scheme) => Box::new(Known { free: free(scheme), law }),
             AnyMethod::Placed(placement) => {
-                Box::new(Discretised { law, scheme: Placed::new(&law, placement) })
+                Box::new(Discretised { law, scheme: Placed::new(&law, placement)? })
             }
-        }
+        })
     }
 }
 
@@ -365,12 +365,12 @@ fn standard<const N: usize>(
                 AnyModel::Input(known) => recursion(law.typed::<_, _, 1>(gain, known), scheme),
                 _ => recursion(law, scheme),
             };
-            boxed!(N, law, manner, model, whole, manner.halves(law, whole))
+            boxed!(N, law, manner, model, whole, manner.halves(law, whole)?)
         }
         AnyGain::Moving(gain) => {
             let law = StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?;
             let whole = |scheme| recursion(law, scheme);
-            boxed!(N, law, manner, model, whole, manner.halves(law, whole))
+            boxed!(N, law, manner, model, whole, manner.halves(law, whole)?)
         }
     }
 }
@@ -402,12 +402,12 @@ fn low_power<const N: usize>(
                 }
                 _ => recursion(law, scheme),
             };
-            boxed!(N, law, manner, model, whole, manner.halves(law, whole))
+            boxed!(N, law, manner, model, whole, manner.halves(law, whole)?)
         }
         AnyGain::Moving(gain) => {
             let law = LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
             let whole = |scheme| recursion(law, scheme);
-            boxed!(N, law, manner, model, whole, manner.halves(law, whole))
+            boxed!(N, law, manner, model, whole, manner.halves(law, whole)?)
         }
     }
 }

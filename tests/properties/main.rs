@@ -11,6 +11,7 @@ mod gains;
 mod laws;
 mod memories;
 mod metrics;
+mod placement;
 mod polynomials;
 mod samples;
 mod saturations;

@@ -176,7 +176,7 @@ impl<T: Scalar> Visitor<T> for Extremes {
                         assert!(!adaptive || r_is_sound, "{law}, {scheme}: r = {last:?}");
                         self.steps += 1;
                     }
-                    observer.innovation(0.0, &z, &O::Measurement::fill(|| y));
+                    observer.innovation(T::ZERO, &z, &O::Measurement::fill(|| y));
                 }
             }
         }

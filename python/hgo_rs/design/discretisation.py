@@ -25,6 +25,8 @@ from .discrete import CORRECTING, Continuous, blocks, chain, choice, member, met
 
 __all__ = ["StepLimit", "check_step", "step_limit"]
 
+_ROUNDED = 200.0
+
 
 @dataclass(frozen=True)
 class StepLimit:
@@ -84,7 +86,8 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
       over the step, innovation recomputed at each stage).  rk4-innovation-held: e_1 is one number
       for the whole step, the low-power law's inner e_2, e_3, ... follow the stages.
       Timing "current" steps by another matrix, and has limits of its own.
-    - zoh, bilinear: none, the step may be as long as it likes (peaking-free: saturations at rest).
+    - zoh: none, the step may be as long as it likes. bilinear: |lambda| dt < 200, where rounding
+      takes over.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with
       mu = epsilon (1 - y^2) moves with y; the limit is where the product of these matrices along
       the noise-free limit cycle ceases to contract (+- 0.01 s).  ``parts`` holds the frozen bound
@@ -111,6 +114,8 @@ def _standard(observer: Mapping[str, Any]) -> StepLimit:
 
 def _collection(observer: Mapping[str, Any]) -> StepLimit:
     rule = method(observer)
+    remedy = "choose another: eigenvalues are placed for single laws"
+    check(rule not in CORRECTING, "method", rule, "a method of rates", remedy, DesignError)
     k = _checks.vector(member(observer, "k"), "k")
     k_bar = _checks.vector(member(observer, "k_bar"), "k_bar", k.size)
     copies = check_integer(member(observer, "copies"), "copies", least=1, error=DesignError)
@@ -128,14 +133,13 @@ def _low_power(observer: Mapping[str, Any]) -> StepLimit:
     coefficients = tuple(alpha.tolist()), tuple(beta.tolist())
     parts = {"linear": _low_power_limit((rule, now), *coefficients)}
     if observer["kind"] == "peaking-free" and rule not in CORRECTING:
+        inner = ("rk4" if rule == "rk4-innovation-held" else rule, "predictor")
         for i in range(alpha.size - 1):
-            measured = rule if i == 0 or rule != "rk4-innovation-held" else "rk4"
+            # only the first block has a sample: the innovations of the others follow the stages
+            when = (rule, now) if i == 0 else inner
             # a block is the chain x' = eta + alpha e, eta' = beta e of order 2
-            parts[f"block {i + 1}"] = _chain_limit(
-                (measured, now), (coefficients[0][i], beta[i].item())
-            )
-        last = "rk4" if rule == "rk4-innovation-held" else rule
-        parts[f"block {alpha.size}"] = _chain_limit((last, now), (coefficients[0][-1],))
+            parts[f"block {i + 1}"] = _chain_limit(when, (coefficients[0][i], beta[i].item()))
+        parts[f"block {alpha.size}"] = _chain_limit(inner, (coefficients[0][-1],))
     return _limit(observer, rule, parts)
 
 
@@ -167,8 +171,10 @@ def _low_power_limit(
 
 def _critical(law: Continuous, rule: str, now: str) -> float:
     """The first c > 0 at which the step's spectral radius exceeds 1; infinite if none does."""
-    if rule in CORRECTING:
-        return math.inf  # |exp(c lambda)| < 1 and |(1 + c lambda/2)/(1 - c lambda/2)| < 1
+    if rule == "zoh":
+        return math.inf  # |exp(c lambda)| < 1
+    if rule == "bilinear":  # |(1 + c lambda/2)/(1 - c lambda/2)| < 1, until rounding gathers them at -1
+        return _ROUNDED / float(np.max(np.abs(np.linalg.eigvals(law.a))))
 
     def radius(c: Array) -> Array:
         steps = step(law, rule, now, c)[0]

@@ -1,0 +1,93 @@
+"""Accuracy and cost of every discretisation and timing (picture of docs/discretisation.md).
+
+Usage: python examples/discretisation.py [FILE]    default: discretisation.png
+"""
+
+from __future__ import annotations
+
+import sys
+from time import perf_counter
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import hgo_rs as hgo
+from hgo_rs.observers import METHODS, TIMINGS
+from hgo_rs.plotting import new_figure, save, style
+
+ORDER, DT, COUNT = 3, 1e-3, 12_000
+OMEGA, NOISE = 5.0, 1e-4  # rad/s; standard deviation
+STEPS = np.geomspace(0.01, 10.0, 31)  # c = ell dt
+
+
+def errors(method: str, timing: str) -> tuple[np.ndarray, np.ndarray]:
+    """RMS error of the first derivative over c: of a sine without noise, and of noise alone."""
+    t = np.arange(COUNT) * DT
+    late = t > 2.0
+    noise = NOISE * np.random.default_rng(1).normal(size=COUNT)
+    out = np.full((2, STEPS.size), np.nan)
+    for i, c in enumerate(STEPS):
+        law = hgo.StandardObserver(ORDER, c / DT, method=method, timing=timing, allow_unstable=True)
+        if law.step_limit().dt <= DT:
+            break
+        for j, (y, truth) in enumerate(
+            ((np.sin(OMEGA * t), OMEGA * np.cos(OMEGA * t)), (noise, np.zeros(COUNT)))
+        ):
+            error = law.run(DT, y).x_hat[late, 1] - truth[late]
+            out[j, i] = np.sqrt(np.mean(error**2))
+    return out[0], out[1]
+
+
+def cost(method: str, timing: str) -> float:
+    """Nanoseconds a sample in a record, the least of several runs."""
+    law = hgo.StandardObserver(ORDER, 50.0, method=method, timing=timing)
+    y = np.random.default_rng(0).normal(size=50_000)
+    law.run(DT, y)
+    times = []
+    for _ in range(7):
+        start = perf_counter()
+        law.run(DT, y)
+        times.append(perf_counter() - start)
+    return 1e9 * min(times) / y.size
+
+
+def draw(figure: Figure) -> dict[tuple[str, str], float]:
+    """Left: lag. Middle: noise. Right: cost. Returns the costs."""
+    lag, noise, costs = figure.subplots(1, 3, width_ratios=(1, 1, 0.9))
+    measured = {}
+    for i, method in enumerate(METHODS):
+        for timing in TIMINGS:
+            line = {"color": f"C{i}", "lw": 1.4, "ls": "-" if timing == "current" else ":"}
+            signal, passed = errors(method, timing)
+            label = method if timing == "current" else None
+            lag.loglog(STEPS, signal, label=label, **line)
+            noise.loglog(STEPS, passed, **line)
+            measured[method, timing] = cost(method, timing)
+    y = np.arange(len(METHODS))
+    for k, timing in enumerate(TIMINGS):
+        width = [measured[method, timing] for method in METHODS]
+        costs.barh(
+            y + 0.2 - 0.4 * k,
+            width,
+            0.38,
+            color=[f"C{i}" for i in y],
+            alpha=0.45 if timing == "predictor" else 1.0,
+            label=timing,
+        )
+    costs.set(yticks=y, yticklabels=METHODS, xlabel="ns a sample")
+    costs.invert_yaxis()
+    costs.set_title("cost (pale: predictor)")
+    lag.set(xlabel="c = ℓT", ylabel="RMS error of the derivative", ylim=(1e-4, 1e1))
+    lag.set_title("of a sine (ωT = 0.005), no noise")
+    noise.set(xlabel="c = ℓT")
+    noise.set_title(f"of noise alone (std {NOISE:g})")
+    lag.legend(fontsize="x-small", title="solid: current, dotted: predictor")
+    return measured
+
+
+if __name__ == "__main__":
+    with style():
+        picture = new_figure((11.0, 3.8))
+        for (name, when), ns in draw(picture).items():
+            print(f"{name:20s} {when:10s} {ns:6.1f} ns a sample")
+        save(picture, sys.argv[1] if len(sys.argv) > 1 else "discretisation.png")
