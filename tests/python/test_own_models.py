@@ -119,11 +119,11 @@ def test_a_system_in_a_few_lines():
             "t x[0] x[1] x[2] z[0] z[1] z[2] u[0] u[1] m",
             "f1[0] f1[1] f1[2] g[0] g[1] g[2] g[3] g[4] g[5] g[6] g[7] g[8] f2[0] f2[1] f2[2]",
         ),
-        (Plant(states=["a"], drift=["-a"]), "t x[0]", "drift[0] h"),
+        (Plant(states=["a"], drift=["-a"]), "t x[0]", "drift[0] output"),
         (
             Plant(states=["a", "b"], drift=["b", "-a"], diffusion=[0, 1], output="a + b"),
             "t x[0] x[1]",
-            "drift[0] drift[1] diffusion[0] diffusion[1] h",
+            "drift[0] drift[1] diffusion[0] diffusion[1] output",
         ),
     ],
 )
@@ -337,7 +337,7 @@ def test_chains_of_several_outputs():
         ({"orders": [2, 0]}, r"orders\[1\] = 0"),
         ({"orders": 5}, "a list of integers"),
         ({"orders": [5]}, "phi has 2 expressions: must have 1"),
-        ({"phi": None, "f": [0] * 5}, "given with phi alone"),
+        ({"phi": None, "f": [0] * 5}, "a model of f, orders: must be one of the five forms"),
     ):
         with pytest.raises(HgoError, match=says):
             Model(**{**model.as_arguments(), **changes})

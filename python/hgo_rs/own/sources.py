@@ -7,6 +7,7 @@ numbers than the callable itself, it stays a callable.
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -91,10 +92,19 @@ class Group:
 
     name: str
     arguments: Arguments
-    size: int
+    shape: tuple[int, ...]
     nodes: tuple[Node, ...] | None
     calls: tuple[Callable[..., Any], ...] = ()
     reason: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of entries."""
+        return math.prod(self.shape)
+
+    def labels(self, name: str) -> tuple[str, ...]:
+        """What to call each entry: the name itself where there is no index."""
+        return tuple(f"{name}[{i}]" for i in range(self.size)) if self.shape else (name,)
 
     def call(self, parameters: Mapping[str, float]) -> Callable[..., Array]:
         """A Python function of the arguments that gives the (size,) array."""
@@ -126,9 +136,11 @@ class Group:
         return called
 
 
-def read_group(name: str, source: Any, arguments: Arguments, names: Names, shape: Any) -> Group:
+def read_group(
+    name: str, source: Any, arguments: Arguments, names: Names, shape: tuple[int, ...]
+) -> Group:
     """The right-hand side ``name`` of ``shape`` = (), (n,) or (rows, columns)."""
-    size = int(np.prod(shape, dtype=int))
+    size = math.prod(shape)
     entries = _entries(name, source, shape, size)
     found: list[Node] = []
     reason = ""
@@ -144,12 +156,12 @@ def read_group(name: str, source: Any, arguments: Arguments, names: Names, shape
         else:
             found.append(_expression(label, entry, arguments, names))
     if not reason:
-        return Group(name, arguments, size, tuple(found))
+        return Group(name, arguments, shape, tuple(found))
     calls = tuple(_as_call(entry, name, arguments, names) for entry in entries)
-    return Group(name, arguments, size, None, calls, reason)
+    return Group(name, arguments, shape, None, calls, reason)
 
 
-def _entries(name: str, source: Any, shape: Any, size: int) -> list[Any]:
+def _entries(name: str, source: Any, shape: tuple[int, ...], size: int) -> list[Any]:
     """The entries, row by row; one callable may stand for all."""
     if callable(source) and not is_sympy(source):
         return [source]
