@@ -466,6 +466,12 @@ def test_relative_degrees():
     assert [model.relative_degree(name) for name in ("u", "w")] == [3, 2]
     assert model.relative_degree() == 2
     assert ship().relative_degree("thrust") == 2
+    deep = [f"x{i}" for i in range(12)]
+    f = [f"cos({'*'.join(deep[: i + 1])})/(1 + {deep[i]}**2)" for i in range(11)]
+    assert Model(states=deep, inputs=["u"], f=[*f, "u"]).relative_degree("u") == 12
+    # two ways to the output that cancel
+    sides = {"f": ["b + c", "u", "b - u"], "K_T": [0, 0, 0]}
+    assert Model(states=["a", "b", "c"], inputs=["u"], **sides).relative_degree("u") == 3
     hidden = Model(states=["a", "b"], inputs=["u"], phi="u - u + a")
     assert hidden.relative_degree("u") is None
     with pytest.raises(HgoError, match="unknown input x"):
