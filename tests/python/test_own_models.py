@@ -525,11 +525,14 @@ def test_a_callable_with_a_branch_stays_a_callable():
             use()
 
 
+def sine(t, x, u):
+    return math.sin(x[1])
+
+
 def test_one_callable_beside_expressions():
-    model = Model(
-        states=["a", "b"], f=["2*a", lambda t, x, u: math.sin(x[1])], parameters={"k": 1.0}
-    )
+    model = Model(states=["a", "b"], f=["2*k*a", sine], parameters={"k": 1.0})
     assert not model.compiled
+    assert pickle.loads(pickle.dumps(model)) == model
     np.testing.assert_allclose(model.callables["f"](0.0, [1.0, 0.5], []), [2.0, math.sin(0.5)])
     sampled = Model(**{**VDP, "f": lambda t, x, u: [x[1], math.sin(x[0])]})
     values = sampled.callables
@@ -591,6 +594,8 @@ WRONG = {
     "length": ({"phi": None, "f": ["q"]}, "f has 1 expressions: must have 2"),
     "no list": ({"phi": None, "f": "q"}, "must be 2 expressions; give a list"),
     "callable of two": ({"phi": lambda t, x: x[0]}, r"must take \(t, x, u\), or \(t, x, u, p\)"),
+    "callable with a limit": ({"phi": lambda t, x, u: x[0] ** 99}, "phi: the exponent 99"),
+    "callable that divides by 0": ({"phi": lambda t, x, u: x[0] / 0.0}, "phi: division by zero"),
     "callable that fails": ({"phi": lambda t, x, u: x[7]}, "phi failed with IndexError"),
     "callable of too many": (
         {"phi": lambda t, x, u: [1.0, 2.0]},

@@ -146,7 +146,7 @@ def read_group(
     reason = ""
     for i, entry in enumerate(entries):
         label = name if len(entries) == 1 else f"{name}[{i}]"
-        if callable(entry) and not isinstance(entry, (Node, Symbolic)) and not is_sympy(entry):
+        if _is_callable(entry):
             wanted = size if len(entries) == 1 else 1
             traced = _trace(label, entry, arguments, names, wanted)
             if isinstance(traced, str):
@@ -157,13 +157,35 @@ def read_group(
             found.append(_expression(label, entry, arguments, names))
     if not reason:
         return Group(name, arguments, shape, tuple(found))
-    calls = tuple(_as_call(entry, name, arguments, names) for entry in entries)
+    calls = tuple(
+        entry
+        if _is_callable(entry)
+        else _Evaluated(_expression(f"{name}[{i}]", entry, arguments, names), arguments)
+        for i, entry in enumerate(entries)
+    )
     return Group(name, arguments, shape, None, calls, reason)
+
+
+def _is_callable(source: Any) -> bool:
+    """Whether it is to be called: SymPy's symbols can be called, too, but are expressions."""
+    return callable(source) and not is_sympy(source)
+
+
+@dataclass(frozen=True)
+class _Evaluated:
+    """An expression beside callables, as a callable of the same arguments and the parameters."""
+
+    node: Node
+    arguments: Arguments
+
+    def __call__(self, *given: Any) -> float:
+        *values, parameters = given
+        return float(evaluate([self.node], {**self.arguments.values(values), **parameters})[0])
 
 
 def _entries(name: str, source: Any, shape: tuple[int, ...], size: int) -> list[Any]:
     """The entries, row by row; one callable may stand for all."""
-    if callable(source) and not is_sympy(source):
+    if _is_callable(source):
         return [source]
     if shape == ():
         if isinstance(source, (list, tuple)) and len(source) == 1:
@@ -214,20 +236,6 @@ def _checked(label: str, node: Node, known: set[str]) -> Node:
     return node
 
 
-def _as_call(entry: Any, name: str, arguments: Arguments, names: Names) -> Callable[..., Any]:
-    """Any entry as a callable (t, x, u, p)."""
-    if callable(entry) and not isinstance(entry, (Node, Symbolic)) and not is_sympy(entry):
-        call: Callable[..., Any] = entry
-        return call
-    node = _expression(name, entry, arguments, names)
-
-    def evaluated(*given: Any) -> float:
-        *values, p = given
-        return float(evaluate([node], {**arguments.values(values), **p})[0])
-
-    return evaluated
-
-
 def _takes_parameters(call: Callable[..., Any], arguments: Arguments, label: str) -> bool:
     """Whether the callable wants the parameters after its other arguments."""
     count = len(arguments.groups)
@@ -261,8 +269,8 @@ def _trace(
             given = call(*arguments.symbolic(), *([p] if with_p else []))
     except UntraceableError as error:
         reason = str(error)
-    except HgoError:
-        raise
+    except ExpressionError as error:
+        raise error.of(label) from None
     except Exception as error:  # whatever a callable does with symbols
         reason = f"{type(error).__name__}: {error}"
     else:
