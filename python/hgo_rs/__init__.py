@@ -50,7 +50,7 @@ if TYPE_CHECKING:
         SampledDataObserver,
         StandardObserver,
     )
-    from hgo_rs.own import Model, OwnSystem, Plant
+    from hgo_rs.own import Model, Plant
     from hgo_rs.results import Gap, RunResult, SimulationResult
     from hgo_rs.simulation import simulate
     from hgo_rs.studies import StudyError, StudyInterrupted, StudyProgress, StudyResult, study
@@ -78,7 +78,6 @@ __all__ = [
     "Noise",
     "NormalNoise",
     "Observer",
-    "OwnSystem",
     "PeakingFreeObserver",
     "Plant",
     "RecordedNoise",

@@ -119,11 +119,11 @@ def test_a_system_in_a_few_lines():
             "t x[0] x[1] x[2] z[0] z[1] z[2] u[0] u[1] m",
             "f1[0] f1[1] f1[2] g[0] g[1] g[2] g[3] g[4] g[5] g[6] g[7] g[8] f2[0] f2[1] f2[2]",
         ),
-        (Plant(states=["a"], drift=["-a"]), "t x[0]", "drift[0] h"),
+        (Plant(states=["a"], drift=["-a"]), "t x[0]", "drift[0] output"),
         (
             Plant(states=["a", "b"], drift=["b", "-a"], diffusion=[0, 1], output="a + b"),
             "t x[0] x[1]",
-            "drift[0] drift[1] diffusion[0] diffusion[1] h",
+            "drift[0] drift[1] diffusion[0] diffusion[1] output",
         ),
     ],
 )
@@ -337,7 +337,7 @@ def test_chains_of_several_outputs():
         ({"orders": [2, 0]}, r"orders\[1\] = 0"),
         ({"orders": 5}, "a list of integers"),
         ({"orders": [5]}, "phi has 2 expressions: must have 1"),
-        ({"phi": None, "f": [0] * 5}, "given with phi alone"),
+        ({"phi": None, "f": [0] * 5}, "a model of f, orders: must be one of the five forms"),
     ):
         with pytest.raises(HgoError, match=says):
             Model(**{**model.as_arguments(), **changes})
@@ -466,6 +466,12 @@ def test_relative_degrees():
     assert [model.relative_degree(name) for name in ("u", "w")] == [3, 2]
     assert model.relative_degree() == 2
     assert ship().relative_degree("thrust") == 2
+    deep = [f"x{i}" for i in range(12)]
+    f = [f"cos({'*'.join(deep[: i + 1])})/(1 + {deep[i]}**2)" for i in range(11)]
+    assert Model(states=deep, inputs=["u"], f=[*f, "u"]).relative_degree("u") == 12
+    # two ways to the output that cancel
+    sides = {"f": ["b + c", "u", "b - u"], "K_T": [0, 0, 0]}
+    assert Model(states=["a", "b", "c"], inputs=["u"], **sides).relative_degree("u") == 3
     hidden = Model(states=["a", "b"], inputs=["u"], phi="u - u + a")
     assert hidden.relative_degree("u") is None
     with pytest.raises(HgoError, match="unknown input x"):
@@ -519,11 +525,14 @@ def test_a_callable_with_a_branch_stays_a_callable():
             use()
 
 
+def sine(t, x, u):
+    return math.sin(x[1])
+
+
 def test_one_callable_beside_expressions():
-    model = Model(
-        states=["a", "b"], f=["2*a", lambda t, x, u: math.sin(x[1])], parameters={"k": 1.0}
-    )
+    model = Model(states=["a", "b"], f=["2*k*a", sine], parameters={"k": 1.0})
     assert not model.compiled
+    assert pickle.loads(pickle.dumps(model)) == model
     np.testing.assert_allclose(model.callables["f"](0.0, [1.0, 0.5], []), [2.0, math.sin(0.5)])
     sampled = Model(**{**VDP, "f": lambda t, x, u: [x[1], math.sin(x[0])]})
     values = sampled.callables
@@ -585,6 +594,8 @@ WRONG = {
     "length": ({"phi": None, "f": ["q"]}, "f has 1 expressions: must have 2"),
     "no list": ({"phi": None, "f": "q"}, "must be 2 expressions; give a list"),
     "callable of two": ({"phi": lambda t, x: x[0]}, r"must take \(t, x, u\), or \(t, x, u, p\)"),
+    "callable with a limit": ({"phi": lambda t, x, u: x[0] ** 99}, "phi: the exponent 99"),
+    "callable that divides by 0": ({"phi": lambda t, x, u: x[0] / 0.0}, "phi: division by zero"),
     "callable that fails": ({"phi": lambda t, x, u: x[7]}, "phi failed with IndexError"),
     "callable of too many": (
         {"phi": lambda t, x, u: [1.0, 2.0]},

@@ -57,7 +57,7 @@ class _Writer:
     def __init__(self, symbols: Sequence[str], fixed: Sequence[str]) -> None:
         self.symbols = {name: i for i, name in enumerate(symbols)}
         self.still: set[Register] = {("input", self.symbols[name]) for name in fixed}
-        self.constants: dict[str, float] = {}  # by their bits: -0.0 is not 0.0
+        self.constants: dict[str, tuple[Register, float]] = {}  # by bits: -0.0 is not 0.0
         self.ops: dict[tuple[str, tuple[Register, ...]], Register] = {}
 
     def place(self, node: Node, places: Mapping[Node, Register]) -> Register:
@@ -79,8 +79,8 @@ class _Writer:
 
     def constant(self, value: float) -> Register:
         """A constant, once."""
-        self.constants.setdefault(value.hex(), value)
-        place = ("constant", list(self.constants).index(value.hex()))
+        new = ("constant", len(self.constants))
+        place, _ = self.constants.setdefault(value.hex(), (new, value))
         self.still.add(place)
         return place
 
@@ -112,7 +112,7 @@ class _Writer:
             numbers[place] = n + c + len(ops)
             ops.append([name, *(numbers[arg] for arg in args)])
         return {
-            "constants": list(self.constants.values()),
+            "constants": [value for _, value in self.constants.values()],
             "ops": ops,
             "outputs": [numbers[place] for place in outputs],
         }

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, check_number, explain
 from hgo_rs.expressions import nodes
-from hgo_rs.expressions.derivative import add, derivative, gradient, mul
+from hgo_rs.expressions.derivative import ZERO, add, derivative, gradient, mul
 from hgo_rs.expressions.grammar import unknown
 from hgo_rs.expressions.interval import bounds, jumps
 from hgo_rs.expressions.nodes import Node
@@ -188,18 +188,42 @@ def relative_degree(
 ) -> int | None:
     """How often ``output`` must be differentiated until the input ``name`` appears; None: never.
 
-    Up to once a state. That it appears is decided by the expression of the derivative with respect
-    to the input, and where that is not 0 by its values at some points.
+    Up to once a state. Layer by layer from the output: a state that enters the k-th derivative for
+    the first time does so with the sum, over the shortest ways to it, of the products of the
+    slopes on the way. If this sum is 0 for the input (ways that cancel), the derivatives
+    themselves are written out. Whether an expression is 0 is decided by its values at some points.
     """
+    slopes = zip(states, gradient(output, states), strict=True)
+    layer = {state: slope for state, slope in slopes if _moves(slope)}
+    seen = set(layer)
+    for count in range(1, len(states) + 1):
+        entering: dict[str, Node] = {}
+        for state, slope in layer.items():
+            rate = drift[states.index(state)]
+            for other in (*states, name):
+                part = ZERO if other in seen else derivative(rate, other)
+                if _moves(part):
+                    entering[other] = add(entering.get(other, ZERO), mul(slope, part))
+        if name in entering:
+            cancels = not _moves(entering[name])
+            return _by_derivatives(drift, output, states, name) if cancels else count
+        layer = entering
+        seen |= set(entering)
+    return None
+
+
+def _by_derivatives(
+    drift: Sequence[Node], output: Node, states: Sequence[str], name: str
+) -> int | None:
+    """The relative degree from the derivatives of the output, written out."""
     y = output
-    for count in range(len(states) + 1):
-        if _moves(derivative(y, name)):
-            return count
-        slopes = gradient(y, states)
+    for count in range(1, len(states) + 1):
         change = derivative(y, "t")
-        for slope, rate in zip(slopes, drift, strict=True):
+        for slope, rate in zip(gradient(y, states), drift, strict=True):
             change = add(change, mul(slope, rate))
         y = change
+        if _moves(derivative(y, name)):
+            return count
     return None
 
 

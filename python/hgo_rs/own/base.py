@@ -35,28 +35,27 @@ class OwnSystem(System):
     _groups: dict[str, Group]
     _table: dict[str, Any] | None
 
-    def _compile(
-        self,
-        inputs: Mapping[str, str],
-        outputs: Sequence[tuple[str, Group]],
-        list_all: bool = False,
-    ) -> None:
+    def _compile(self, inputs: Mapping[str, str], groups: Sequence[Group]) -> None:
         """Make the table of the groups, if all of them are expressions.
 
-        phi and h have no index, unless ``list_all``.
+        ``inputs``: symbol -> name of the table's input; the parameters are added.
         """
-        self._groups = {group.name: group for _, group in outputs}
+        self._groups = {group.name: group for group in groups}
         self._table = None
         if not self.compiled:
             return
-        roots: list[Node] = []
-        labels: list[str] = []
-        for label, group in outputs:
-            assert group.nodes is not None
-            roots += group.nodes
-            single = label in ("phi", "h") and not list_all
-            labels += [label] if single else [f"{label}[{i}]" for i in range(group.size)]
-        self._table = compile_table(roots, inputs, labels, fixed=tuple(self._names.parameters))
+        parameters = self._names.parameters
+        self._table = compile_table(
+            [node for group in groups for node in group.nodes or ()],
+            {**inputs, **{name: name for name in parameters}},
+            [label for group in groups for label in group.labels(group.name)],
+            fixed=tuple(parameters),
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.states)
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -265,10 +264,16 @@ class OwnSystem(System):
         return hash((type(self), self._names.all, tuple(self._names.parameters.values())))
 
 
-def written(node: Node, name: str) -> str:
-    """The text of an expression, which can be read again; HgoError where it would be too long."""
-    shown = text(node)
-    if node.size > LONGEST or len(shown) > MAX_LENGTH:
-        allowed = f"at most {MAX_LENGTH} characters when written out"
-        raise HgoError(explain(name, node, allowed, "write shared parts as states or parameters"))
-    return shown
+def written(side: Sequence[Node], name: str, shape: tuple[int, ...]) -> Any:
+    """The texts of a right-hand side, which can be read again: one, a list, or a list of rows."""
+    texts = []
+    for i, node in enumerate(side):
+        texts.append(text(node))
+        if node.size > LONGEST or len(texts[i]) > MAX_LENGTH:
+            allowed = f"at most {MAX_LENGTH} characters when written out"
+            raise HgoError(explain(f"{name}[{i}]", node, allowed, "name shared parts as states"))
+    if shape == ():
+        return texts[0]
+    if len(shape) == 2:
+        return [texts[i : i + shape[1]] for i in range(0, len(texts), shape[1])]
+    return texts

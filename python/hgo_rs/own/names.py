@@ -41,7 +41,6 @@ class Names:
         states: Sequence[str],
         inputs: Sequence[str],
         parameters: Mapping[str, float] | None,
-        reserved: Iterable[str],
     ) -> Names:
         """Checked names; HgoError for one that is reserved, doubled or no name."""
         given = {} if parameters is None else parameters
@@ -58,16 +57,25 @@ class Names:
             {name: _value(value, name) for name, value in given.items()},
         )
         _list(list(given), "parameters")
-        roles = [("states", n) for n in names.states] + [("inputs", n) for n in names.inputs]
-        roles += [("parameters", n) for n in names.parameters]
-        taken = dict.fromkeys(RESERVED, "reserved: it is a function, a constant or a word")
-        taken |= dict.fromkeys(reserved, "reserved: it has a meaning of its own")
-        for role, name in roles:
+        taken: dict[str, str] = {}
+        for role, name in names._roles():
             if name in taken:
-                allowed = "a name of its own"
-                raise HgoError(explain(role, name, allowed, f"{name} is {taken[name]}; rename it"))
-            taken[name] = f"already among the {role}"
+                remedy = f"{name} is already among the {taken[name]}; rename it"
+                raise HgoError(explain(role, name, "a name of its own", remedy))
+            taken[name] = role
+        names.leave_alone(RESERVED)
         return names
+
+    def leave_alone(self, reserved: Iterable[str]) -> None:
+        """Refuse names that have a meaning of their own."""
+        for role, name in self._roles():
+            if name in reserved:
+                remedy = f"{name} is reserved; rename it"
+                raise HgoError(explain(role, name, "a name of its own", remedy))
+
+    def _roles(self) -> list[tuple[str, str]]:
+        groups = {"states": self.states, "inputs": self.inputs, "parameters": self.parameters}
+        return [(role, name) for role, group in groups.items() for name in group]
 
     @property
     def all(self) -> tuple[str, ...]:

@@ -45,25 +45,22 @@ class Plant(OwnSystem):
         diffusion: Any = None,
         output: Any = None,
     ) -> None:
-        self._names = Names.of(states, (), parameters, ("t",))
-        names, n = self._names, len(self._names.states)
+        names = self._names = Names.of(states, (), parameters)
+        names.leave_alone(("t",))
         arguments = Arguments((("t", None), ("x", names.states)))
         h = names.states[0] if output is None else output
-        groups = [("drift", read_group("drift", drift, arguments, names, (n,)))]
+        given: dict[str, tuple[Any, tuple[int, ...]]] = {"drift": (drift, (self.n,))}
         if diffusion is not None:
-            groups += [("diffusion", read_group("diffusion", diffusion, arguments, names, (n,)))]
-        groups += [("h", read_group("output", h, arguments, names, ()))]
-        inputs = {
-            "t": "t",
-            **{name: f"x[{i}]" for i, name in enumerate(names.states)},
-            **{name: name for name in names.parameters},
-        }
-        self._compile(inputs, groups)
-
-    @property
-    def n(self) -> int:
-        """Number of states."""
-        return len(self.states)
+            given["diffusion"] = (diffusion, (self.n,))
+        given["output"] = (h, ())
+        inputs = {"t": "t", **{name: f"x[{i}]" for i, name in enumerate(names.states)}}
+        self._compile(
+            inputs,
+            [
+                read_group(name, side, arguments, names, shape)
+                for name, (side, shape) in given.items()
+            ],
+        )
 
     @property
     def order(self) -> int:
@@ -92,7 +89,7 @@ class Plant(OwnSystem):
     @property
     def known_names(self) -> tuple[str, ...]:
         """drift[0] ..."""
-        return tuple(f"drift[{i}]" for i in range(self.n))
+        return self._groups["drift"].labels("drift")
 
     @property
     def outputs(self) -> tuple[Node, ...]:
@@ -114,11 +111,11 @@ class Plant(OwnSystem):
         HgoError
             A plant that is not compiled; an expression whose text would be too long.
         """
-        shown: dict[str, Any] = {
-            name: [written(node, f"{name}[{i}]") for i, node in enumerate(side)]
+        sides = {
+            name: written(side, name, self._groups[name].shape)
             for name, side in self.equations.items()
         }
-        return {**self._arguments(), **shown, "output": shown["output"][0]}
+        return {**self._arguments(), **sides}
 
     @property
     def spec(self) -> dict[str, Any]:

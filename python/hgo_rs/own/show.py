@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from hgo_rs.expressions import nodes
+from hgo_rs.expressions.errors import ExpressionError
 from hgo_rs.expressions.nodes import Node
 from hgo_rs.expressions.printing import latex
 
@@ -41,8 +42,11 @@ def _names(system: OwnSystem) -> Iterable[str]:
 
 def _structure(system: OwnSystem) -> Iterable[str]:
     for name in system.inputs:
-        degree = system.relative_degree(name)
-        shown = "none: it does not reach the output" if degree is None else str(degree)
+        try:
+            degree = system.relative_degree(name)
+            shown = "none: it does not reach the output" if degree is None else str(degree)
+        except ExpressionError as error:
+            shown = f"not found, {error}"
         yield f"  relative degree of {name}: {shown}"
     for node in nodes.order(node for group in system.equations.values() for node in group):
         if node.op in ("sign", "atan2"):

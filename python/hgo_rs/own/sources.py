@@ -7,6 +7,7 @@ numbers than the callable itself, it stays a callable.
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -91,10 +92,19 @@ class Group:
 
     name: str
     arguments: Arguments
-    size: int
+    shape: tuple[int, ...]
     nodes: tuple[Node, ...] | None
     calls: tuple[Callable[..., Any], ...] = ()
     reason: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of entries."""
+        return math.prod(self.shape)
+
+    def labels(self, name: str) -> tuple[str, ...]:
+        """What to call each entry: the name itself where there is no index."""
+        return tuple(f"{name}[{i}]" for i in range(self.size)) if self.shape else (name,)
 
     def call(self, parameters: Mapping[str, float]) -> Callable[..., Array]:
         """A Python function of the arguments that gives the (size,) array."""
@@ -126,15 +136,17 @@ class Group:
         return called
 
 
-def read_group(name: str, source: Any, arguments: Arguments, names: Names, shape: Any) -> Group:
+def read_group(
+    name: str, source: Any, arguments: Arguments, names: Names, shape: tuple[int, ...]
+) -> Group:
     """The right-hand side ``name`` of ``shape`` = (), (n,) or (rows, columns)."""
-    size = int(np.prod(shape, dtype=int))
+    size = math.prod(shape)
     entries = _entries(name, source, shape, size)
     found: list[Node] = []
     reason = ""
     for i, entry in enumerate(entries):
         label = name if len(entries) == 1 else f"{name}[{i}]"
-        if callable(entry) and not isinstance(entry, (Node, Symbolic)) and not is_sympy(entry):
+        if _is_callable(entry):
             wanted = size if len(entries) == 1 else 1
             traced = _trace(label, entry, arguments, names, wanted)
             if isinstance(traced, str):
@@ -144,14 +156,36 @@ def read_group(name: str, source: Any, arguments: Arguments, names: Names, shape
         else:
             found.append(_expression(label, entry, arguments, names))
     if not reason:
-        return Group(name, arguments, size, tuple(found))
-    calls = tuple(_as_call(entry, name, arguments, names) for entry in entries)
-    return Group(name, arguments, size, None, calls, reason)
+        return Group(name, arguments, shape, tuple(found))
+    calls = tuple(
+        entry
+        if _is_callable(entry)
+        else _Evaluated(_expression(f"{name}[{i}]", entry, arguments, names), arguments)
+        for i, entry in enumerate(entries)
+    )
+    return Group(name, arguments, shape, None, calls, reason)
 
 
-def _entries(name: str, source: Any, shape: Any, size: int) -> list[Any]:
+def _is_callable(source: Any) -> bool:
+    """Whether it is to be called: SymPy's symbols can be called, too, but are expressions."""
+    return callable(source) and not is_sympy(source)
+
+
+@dataclass(frozen=True)
+class _Evaluated:
+    """An expression beside callables, as a callable of the same arguments and the parameters."""
+
+    node: Node
+    arguments: Arguments
+
+    def __call__(self, *given: Any) -> float:
+        *values, parameters = given
+        return float(evaluate([self.node], {**self.arguments.values(values), **parameters})[0])
+
+
+def _entries(name: str, source: Any, shape: tuple[int, ...], size: int) -> list[Any]:
     """The entries, row by row; one callable may stand for all."""
-    if callable(source) and not is_sympy(source):
+    if _is_callable(source):
         return [source]
     if shape == ():
         if isinstance(source, (list, tuple)) and len(source) == 1:
@@ -202,20 +236,6 @@ def _checked(label: str, node: Node, known: set[str]) -> Node:
     return node
 
 
-def _as_call(entry: Any, name: str, arguments: Arguments, names: Names) -> Callable[..., Any]:
-    """Any entry as a callable (t, x, u, p)."""
-    if callable(entry) and not isinstance(entry, (Node, Symbolic)) and not is_sympy(entry):
-        call: Callable[..., Any] = entry
-        return call
-    node = _expression(name, entry, arguments, names)
-
-    def evaluated(*given: Any) -> float:
-        *values, p = given
-        return float(evaluate([node], {**arguments.values(values), **p})[0])
-
-    return evaluated
-
-
 def _takes_parameters(call: Callable[..., Any], arguments: Arguments, label: str) -> bool:
     """Whether the callable wants the parameters after its other arguments."""
     count = len(arguments.groups)
@@ -249,8 +269,8 @@ def _trace(
             given = call(*arguments.symbolic(), *([p] if with_p else []))
     except UntraceableError as error:
         reason = str(error)
-    except HgoError:
-        raise
+    except ExpressionError as error:
+        raise error.of(label) from None
     except Exception as error:  # whatever a callable does with symbols
         reason = f"{type(error).__name__}: {error}"
     else:
