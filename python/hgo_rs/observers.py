@@ -72,11 +72,14 @@ class Observer(_core.Online):
         Let `step` and `run` use a step beyond the stability limit.
     """
 
+    model: Model | None = None
+
     def __init__(
         self, spec: dict[str, Any], *, model: Model | None = None, allow_unstable: bool = False
     ) -> None:
         self.spec = spec
-        self.model = model
+        if model is not None:
+            self.model = model
         self._core = _core.Observer(spec)
         self.n: int = self._core.n
         self.n_y: int = self._core.n_y
