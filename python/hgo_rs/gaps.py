@@ -14,7 +14,8 @@ does not move, that is c_i τ + c_(i+1) τ^2/2! + ... + c_n τ^(n-i+1)/(n-i+1)!.
 wherever the record is complete, by leaving samples out once more. The first part is the error that
 the estimate has anyway. x̂_i' = x̂_(i+1) + c_i makes it e_(i+1) = c_i - e_i', so it is c_i on
 average, and y - x̂_1 for the first state; both are averaged over three times the law's slowest time
-constant. With several outputs only the second part is told: the model says which state follows which.
+constant. With several outputs only the second part is told: which state follows which is for the
+model to say.
 
 `gap_error` does this around every gap of a result. `gap_bound` is the bound beforehand.
 """
