@@ -7,6 +7,7 @@ need NumPy alone, `.mat` needs SciPy, Parquet needs pyarrow (the extra `data`).
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import difflib
 import itertools
@@ -312,6 +313,8 @@ def read_chunks(
     outputs = _names(output, "output")
     inputs = [] if input is None else _names(input, "input")
     if time is not None and not isinstance(time, str):
+        if dt is not None or resets == "split":
+            raise DataError("time: several columns go without dt and resets; leave these out")
         yield _merged(path, list(time), output, input, unit)
         return
     names = {"time": time, "output": output, "input": input}
@@ -380,7 +383,8 @@ class TableWriter:
         except OSError as failure:
             raise self._refused(failure) from failure
         finally:
-            self._part.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                self._part.unlink()
 
     def _refused(self, error: OSError) -> DataError:
         return DataError(f"cannot write {self.path}: {error.strerror or error}")
@@ -390,7 +394,10 @@ class TableWriter:
             self._text = self._part.open("w", newline="", encoding="utf-8")
             csv.writer(self._text, lineterminator="\n").writerow(columns)
         cells = [
-            ["" if v != v else repr(v) for v in column.tolist()] for column in columns.values()
+            map(repr, column.tolist())
+            if column.dtype.kind != "f" or not np.isnan(column).any()
+            else ["" if v != v else repr(v) for v in column.tolist()]
+            for column in columns.values()
         ]
         self._text.writelines(map("{}\n".format, map(",".join, zip(*cells, strict=True))))
 

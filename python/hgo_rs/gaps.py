@@ -14,7 +14,8 @@ does not move, that is c_i τ + c_(i+1) τ^2/2! + ... + c_n τ^(n-i+1)/(n-i+1)!.
 wherever the record is complete, by leaving samples out once more. The first part is the error that
 the estimate has anyway. x̂_i' = x̂_(i+1) + c_i makes it e_(i+1) = c_i - e_i', so it is c_i on
 average, and y - x̂_1 for the first state; both are averaged over three times the law's slowest time
-constant.
+constant. With several outputs only the second part is told: which state follows which is for the
+model to say.
 
 `gap_error` does this around every gap of a result. `gap_bound` is the bound beforehand.
 """
@@ -164,6 +165,8 @@ class _Record:
 
     def usual(self, stop: int, channel: int) -> Array:
         """x - x̂ before a sample: the average of y - x̂_1 and of the corrections, (n,)."""
+        if self.observer.n_y > 1:
+            return np.zeros(self.observer.n)
         first = int(np.searchsorted(self.t, self.t[stop] - self.settling))
         first = max(min(first, stop - 1), self.back)
         corrections = self._corrections(first, stop, channel).sum(axis=0)

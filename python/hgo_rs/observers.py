@@ -93,11 +93,14 @@ class Observer(_core.Online):
         Let `step` and `run` use a step beyond the stability limit.
     """
 
+    model: System | None = None
+
     def __init__(
         self, spec: dict[str, Any], *, model: System | None = None, allow_unstable: bool = False
     ) -> None:
         self.spec = spec
-        self.model = model
+        if model is not None:
+            self.model = model
         self._interpreted = getattr(model, "compiled", True) is False
         if self._interpreted:
             from hgo_rs.own.callables import stand_in
@@ -121,7 +124,7 @@ class Observer(_core.Online):
 
     def __setstate__(self, state: tuple[dict[str, Any], bool, Array, float]) -> None:
         own, allow_unstable, memory, time = state
-        Observer.__init__(self, own["spec"], model=own["model"], allow_unstable=allow_unstable)
+        Observer.__init__(self, own["spec"], model=own.get("model"), allow_unstable=allow_unstable)
         self.__dict__.update(own)
         self.memory, self._time = memory, time
 

@@ -51,7 +51,7 @@ class RunResult:
     innovation : (N, n_y)
         y - y_hat before the sample was used; NaN where it was missing.
     missing : (N,) bool
-        Samples that were missing and predicted over.
+        Samples of which an output was missing; it was predicted over.
     gain : (N,) or None
         ell, or r where it moves.
     y : (N, n_y)

@@ -100,6 +100,7 @@ def test_an_observer_under_way_is_saved_where_it_stands(tmp_path):
     np.testing.assert_array_equal(back.memory, observer.memory)
 
 
+@settings(deadline=None)
 @given(st.floats(min_value=5e-324, max_value=1e150), st.floats(allow_nan=False, width=64))
 def test_numbers_come_back_to_the_last_bit(gain, x_hat):
     start = {"x_hat": [x_hat, -0.0]}
@@ -109,6 +110,7 @@ def test_numbers_come_back_to_the_last_bit(gain, x_hat):
     assert str(back["start"]["x_hat"]) == str(start["x_hat"])
 
 
+@settings(deadline=None)
 @given(st.text(), st.text())
 def test_any_text_comes_back(name, other):
     data = {"format": FORMAT, "observer": "standard", "order": 2, "gain": 1.0}
@@ -202,7 +204,7 @@ def test_files_that_cannot_be_read(tmp_path):
         Config.from_toml(COMMON).save(tmp_path / "absent" / "o.toml")
 
 
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 @given(
     st.lists(
         st.tuples(

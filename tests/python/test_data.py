@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hgo_rs import data
@@ -257,6 +257,9 @@ def test_outputs_with_times_of_their_own(tmp_path):
     np.testing.assert_array_equal(log.t, [0, 0.5, 1, 2, 3, 4])
     np.testing.assert_array_equal(log.y[:, 1], [nan, 7, nan, 8, nan, nan])
     assert "time: 2 columns for 3 outputs" in refusal_of_names(path, ["ta", "tb"], ["a", "b", "u"])
+    for options in ({"dt": 0.1}, {"resets": "split"}):
+        with pytest.raises(DataError, match="several columns go without dt and resets"):
+            read_log(path, ["ta", "tb"], ["a", "b"], **options)
     late = write(tmp_path, "ta,a,tu,u\n0,1,0.5,1\n1,2,0.7,2\n", "late.csv")
     assert "begins at 0.5 s, after the first sample at 0 s" in refusal(
         late, ["ta", "tu"], ["a"], "u"
@@ -380,6 +383,7 @@ def outcome(read):
     return np.concatenate([c.t for c in chunks]).tobytes() + y.tobytes()
 
 
+@settings(deadline=None)
 @given(
     st.lists(
         st.text(alphabet='0123456789.,-eNa"#_ ', max_size=12)

@@ -173,8 +173,8 @@ def _critical(law: Continuous, rule: str, now: str) -> float:
     """The first c > 0 at which the step's spectral radius exceeds 1; infinite if none does."""
     if rule == "zoh":
         return math.inf  # |exp(c lambda)| < 1
-    if rule == "bilinear":  # |(1 + c lambda/2)/(1 - c lambda/2)| < 1, until rounding gathers them at -1
-        return _ROUNDED / float(np.max(np.abs(np.linalg.eigvals(law.a))))
+    if rule == "bilinear":  # |(2 + c lambda)/(2 - c lambda)| < 1, until rounding makes it -1
+        return _ROUNDED / float(np.max(np.abs(np.linalg.eigvals(law.closed))))
 
     def radius(c: Array) -> Array:
         steps = step(law, rule, now, c)[0]
