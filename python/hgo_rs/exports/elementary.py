@@ -51,6 +51,8 @@ _TOKEN = re.compile(
     r"|(?P<name>[A-Za-z_]\w*)"
     r"|(?P<sign>=>|->|::|<<|>>|<=|>=|==|!=|&&|\|\||[-+*/^&|]=|\.\.|[^\s\w])"
 )
+_MARK = "#"
+"""Between a name of a macro's own and the number of the macro's call: no name has it."""
 _CLOSES = {"(": ")", "[": "]", "{": "}"}
 
 
@@ -197,13 +199,33 @@ class Macro:
     arms: list[tuple[list[Token], list[Token]]]
     source: str
 
-    def expand(self, given: Sequence[Token], *, grouped: bool = False) -> list[Token]:
-        """What a call stands for; `grouped` puts what a variable stands for in parentheses."""
+    def expand(self, given: Sequence[Token], number: int | None = None) -> list[Token]:
+        """What a call stands for.
+
+        With a number, as an expression: what a variable stands for is in parentheses, and names
+        that the body itself gives carry the number, so that they are not those of an argument.
+        """
         for pattern, body in self.arms:
             found = _match(pattern, given, 0)
             if found is not None and found[1] == len(given):
-                return _fill(body, _grouped(found[0]) if grouped else found[0])
+                if number is None:
+                    return _fill(body, found[0])
+                return _fill(_numbered(body, number), _grouped(found[0]))
         raise _refuse(f"the macro call {_text(given)[:60]!r}")
+
+
+def _numbered(body: Sequence[Token], number: int) -> list[Token]:
+    own: set[str] = set()
+    for i, token in enumerate(body):
+        if token.text == "let":
+            end = _end(body, i + 1) if body[i + 1].text == "(" else i + 1
+            own |= {word.text for word in body[i + 1 : end + 1] if word.kind == "name"}
+    out: list[Token] = []
+    for i, token in enumerate(body):
+        is_own = token.text in own and (i == 0 or body[i - 1].text != "$")
+        text = f"{token.text}{_MARK}{number}" if is_own else token.text
+        out.append(Token(text, token.kind, token.lead))
+    return out
 
 
 def _macros(tokens: Sequence[Token]) -> dict[str, Macro]:
@@ -282,7 +304,11 @@ class _Scope:
     uses: dict[str, str] = field(default_factory=dict)
     hoisted: list[Statement] = field(default_factory=list)
     """Statements of blocks inside of an expression: they go in front of it."""
-    names: dict[str, int] = field(default_factory=dict)
+    calls: int = 0
+    taken: set[str] = field(default_factory=set)
+    """Names of the function: a block's own names become others."""
+    inner: list[dict[str, Node]] = field(default_factory=list)
+    """What the names of the blocks around stand for, the innermost last."""
     closures: dict[str, tuple[list[str], Node]] = field(default_factory=dict)
 
 
@@ -374,7 +400,7 @@ class _Parser:
         results = self.types()
         end = _end(self.tokens, self.at)
         source = _text(self.tokens[start : end + 1])
-        scope = _Scope(self.scope.macros)
+        scope = _Scope(self.scope.macros, taken={name for name, _ in arguments})
         body, consts = _Parser(self.skip_group(), scope).body()
         return Function(name, arguments, results, body, consts, comment, source)
 
@@ -418,6 +444,7 @@ class _Parser:
             return []
         value = self.expression()
         self.need(";")
+        self.scope.taken.update(names)
         return [Statement("let", names, value, comment)]
 
     def pattern(self) -> tuple[str, ...]:
@@ -475,24 +502,33 @@ class _Parser:
 
     def block(self) -> Node:
         """The value of a block; its statements go in front of the one that it stands in."""
-        inner = _Parser(self.skip_group(), self.scope)
-        renamed: list[tuple[str, Node]] = []
+        inner, known = _Parser(self.skip_group(), self.scope), dict[str, Node]()
+        self.scope.inner.append(known)
         while inner.take("let"):
-            for statement in inner.let(""):
-                value = statement.value
-                for name, new in renamed:
-                    value = _replaced(value, name, new)
-                [name] = statement.names
-                count = self.scope.names[name] = self.scope.names.get(name, 0) + 1
-                new = Node("name", name if count == 1 else f"{name}_{count}")
-                self.scope.hoisted.append(Statement("let", (new.text,), value))
-                renamed.append((name, new))
+            names = inner.pattern()
+            inner.need("=")
+            value = inner.expression()
+            inner.need(";")
+            values = value.parts if value.kind == "tuple" else (value,)
+            known.update({n: self.hoist(n, v) for n, v in zip(names, values, strict=True)})
         value = inner.expression()
+        self.scope.inner.pop()
         if inner.at != len(inner.tokens):
             raise _refuse("a block with more than `let` in front of its value")
-        for name, new in renamed:
-            value = _replaced(value, name, new)
         return value
+
+    def hoist(self, name: str, value: Node) -> Node:
+        """What stands for a name of a block: a name, or a new one that gets the value."""
+        if value.kind in ("name", "number"):
+            return value
+        wish = name.split(_MARK)[0]
+        new, count = wish, 1
+        while new in self.scope.taken:
+            count += 1
+            new = f"{wish}_{count}"
+        self.scope.taken.add(new)
+        self.scope.hoisted.append(Statement("let", (new,), value))
+        return Node("name", new)
 
     def primary(self) -> Node:
         if self.peek() == "(":
@@ -526,13 +562,17 @@ class _Parser:
                     value = _replaced(value, name, argument)
                 return value
             return Node("call", "::".join(path), arguments)
+        for known in reversed(self.scope.inner):
+            if token.text in known and len(path) == 1:
+                return known[token.text]
         return Node("name" if len(path) == 1 else "path", "::".join(path))
 
     def expanded(self, name: str) -> Node:
         """The value of a macro call."""
         if name not in self.scope.macros:
             raise _refuse(f"the macro {name}!")
-        tokens = self.scope.macros[name].expand(self.skip_group(), grouped=True)
+        self.scope.calls += 1
+        tokens = self.scope.macros[name].expand(self.skip_group(), self.scope.calls)
         inner = _Parser(tokens, self.scope)
         value = inner.expression()
         if inner.at != len(inner.tokens):

@@ -111,6 +111,11 @@ def program(
             "the model is made of Python callables that could not be compiled: an export must be of"
             " operations; write its equations as expressions"
         )
+    if observer.spec["kind"] == "reduced-order":
+        raise HgoError(
+            "the reduced-order observer decides on its memory, so that its step is not one table of"
+            " operations: export another law"
+        )
     single = precision == "single"
     step = _core.trace_step(observer.spec, single)
     missing = _core.trace_step(observer.spec, single, missing=True)
@@ -250,26 +255,36 @@ def _vector(
     log: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike] | None,
     period: float,
 ) -> tuple[Row, ...]:
-    """The core's own steps over a log: in single precision those of its tables."""
+    """The core's own steps over a log: in single precision those of its tables.
+
+    Raises
+    ------
+    HgoError
+        Steps of the core that are not those of the tables.
+    """
     real = PRECISIONS[precision].real
     t, y, u = _made_up(observer, period) if log is None else _given(observer, log)
-    rows = []
+    rows: list[Row] = []
     memory = np.asarray(observer.memory, dtype=float)
+    m = len(memory)
     for k in range(len(t) - 1):
         at, dt = float(real(t[k])), float(real(t[k + 1] - t[k]))
         sample, control = y[k].astype(real).astype(float), u[k].astype(real).astype(float)
         status = 0 if np.isfinite(sample).all() else 1
+        given = [[at, dt, *memory, *sample, *control, *parameters]]
+        table = np.array(_core.evaluate_table(tables[status], given, precision == "single")[0][:m])
+        fine = bool(np.isfinite(table).all())
         if precision == "double":
-            moved, status = observer._core.step(memory, sample, control, at, dt)
-        else:
-            given = [[at, dt, *memory, *sample, *control, *parameters]]
-            moved = _core.evaluate_table(tables[status], given, single=True)[0][: len(memory)]
-        if np.isfinite(moved).all():
-            memory = np.asarray(moved)
-        else:
-            status = 2
-        taken, told, after = (tuple(values.tolist()) for values in (sample, control, memory))
-        rows.append(Row(at, dt, taken, told, status, after))
+            moved, told = observer._core.step(memory, sample, control, at, dt)
+            if fine and not np.array_equal(moved, table):
+                raise HgoError(
+                    f"step {k} of the test vector (y = {sample.tolist()}) is not that of the "
+                    "observer's table: this law cannot be exported"
+                )
+            fine = fine and told != 2
+        memory, status = (table, status) if fine else (memory, 2)
+        taken, held, after = (tuple(values.tolist()) for values in (sample, control, memory))
+        rows.append(Row(at, dt, taken, held, status, after))
     return tuple(rows)
 
 
@@ -346,8 +361,9 @@ def _equations(spec: Mapping[str, Any]) -> list[str]:
     table, own = model["table"], model["names"]
     outputs = table.get("output_names") or [f"f{i + 1}" for i in range(len(table["outputs"]))]
     known = {f"u[{i}]": word for i, word in enumerate(own["inputs"])}
+    n = model.get("n", 0)
     for i, word in enumerate(own["states"]):
-        known |= {f"x[{i}]": word, f"z[{i - model['n']}]": word}
+        known |= {f"x[{i}]": word, f"z[{i - n}]": word}
     given = {word: known.get(word, word) for word in table["inputs"]}
     names = Names()
     names.taken = set(given.values())

@@ -223,7 +223,7 @@ def _elementary(program: Program, wanted: list[str]) -> list[str]:
     known = Elementary.read(program.precision.name)
     consts, functions = known.needed(wanted)
     out = ["// Elementary functions: the source of hgo_rs itself.\n"]
-    text = "\n".join(item.source for item in (*functions, *consts))
+    text = "\n".join([*(f.source for f in functions), *(c.source for c in consts)])
     used = [path for name, path in known.uses.items() if re.search(rf"\b{name}\b", text)]
     out += ["".join(f"use {path};\n" for path in used)] if used else []
     macros: list[str] = []
