@@ -428,6 +428,10 @@ class _Candidate:
 
     def reach(self, name: str, wanted: float) -> float:
         """The least gain with this cutoff, or within this settling time."""
+        if name == "cutoff":
+            highest = math.pi / self.dt
+            remedy = "sample faster, or choose a lower one"
+            check(wanted < highest, name, wanted, f"below pi/dt = {highest:.4g} rad/s", remedy)
         figure = bandwidth if name == "cutoff" else settling
         values = self.curve.bandwidth if name == "cutoff" else -self.curve.settling
         sign = 1.0 if name == "cutoff" else -1.0

@@ -24,6 +24,7 @@ then step with the innovation 0.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -214,28 +215,27 @@ def correction(law: Continuous, rule: str, c: float) -> tuple[Array, Array]:
     observability matrix of (C Phi, Phi), p(Phi) the product of Phi - z; x_hat_n, which feeds no
     other state, keeps its own eigenvalue and is not corrected.
     """
-    from scipy.linalg import expm
-
     # In the coordinates c^power z the chain does not know c.
     lift = c**law.power
-    f = lift[:, None] * (c * law.f) / lift
-    size = len(f)
-    change = expm(np.block([[f, f], [np.zeros((size, 2 * size))]]))[:size, size:]  # Phi - 1
-
-    is_chain = np.array_equal(law.f, law.links)
-    seen = list(range(size if is_chain else law.n - 1))
-    seen += [] if is_chain else list(range(law.n, size))
+    size = len(lift)
+    is_chain = size == law.n
+    seen = [i for i in range(size) if is_chain or i != law.n - 1]
     here = np.ix_(seen, seen)
     poles = c * np.linalg.eigvals(law.closed[here])
     steps = -np.expm1(poles) if rule == "zoh" else -poles / (1.0 - 0.5 * poles)  # 1 - z
     k = np.zeros((size, 1))
     if is_chain:
+        change = chain_step(size, 1.0) - np.eye(size)
         kappa, factor = np.polynomial.Polynomial([0.0]), np.polynomial.Polynomial([1.0])
         for r, d in enumerate(np.poly(-steps).real[1:], 1):
             kappa += d * factor
             factor *= np.polynomial.Polynomial([-1.0, 1.0 / r])  # (tau - r)/r
         k[:, 0] = [kappa.deriv(i)(0.0) if i else kappa(0.0) for i in range(size)]
     else:
+        from scipy.linalg import expm
+
+        f = lift[:, None] * (c * law.f) / lift
+        change = expm(np.block([[f, f], [np.zeros((size, 2 * size))]]))[:size, size:]  # Phi - 1
         moved, rows = change[here], [change[here][0] + np.eye(len(seen))[0]]
         while len(rows) < len(seen):
             rows.append(rows[-1] + rows[-1] @ moved)
@@ -248,6 +248,12 @@ def correction(law: Continuous, rule: str, c: float) -> tuple[Array, Array]:
             placed = moved @ placed + s * placed
         k[seen, 0] = placed.real
     return (np.eye(size) + change) * (lift / lift[:, None]), k / lift[:, None]
+
+
+def chain_step(n: int, dt: float) -> Array:
+    """exp(A dt) of a chain of n integrators: dt^(j-i)/(j-i)! above the diagonal."""
+    powers = [dt**j / math.factorial(j) for j in range(n)]
+    return np.array([[powers[j - i] if j >= i else 0.0 for j in range(n)] for i in range(n)])
 
 
 # --- the laws ---------------------------------------------------------------------------------

@@ -118,7 +118,7 @@ def model_gain(
 
     Such noise w, x_n' = phi + w, stands for what the model lacks; its density has the unit
     (that of x_n)^2/s.  M P + P M' + B B' = 0; with ``dt`` P = a P a' + W, where the plant moves by
-    noise of covariance W = int_0^dt exp(A s) B B' exp(A s)' ds (Van Loan).  What a method errs by
+    noise of covariance W = int_0^dt exp(A s) B B' exp(A s)' ds.  What a method errs by
     on a moving signal is not counted ("zoh" does not).  Standard, low-power, peaking-free laws.
 
     Raises DesignError for a step that is not stable.
@@ -145,7 +145,7 @@ def _covariance_of_model(
     observer: Mapping[str, Any], dt: float | None, gain: float | None
 ) -> tuple[float, Array]:
     """Variance of x_1 - x_hat_1 before the sample is used, and of the shown errors."""
-    from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_lyapunov
+    from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
 
     law = continuous(observer, gain=gain)
     system = _system(observer, dt, gain)
@@ -158,13 +158,10 @@ def _covariance_of_model(
         return float(errors[0]), errors[:n]
     a, _, c, _ = system.scaled
     step = law.ell * system.dt
-    # The plant in the same scaled coordinates, and its noise over a step (Van Loan).
-    chain = step * np.diag(np.ones(n - 1), 1)
-    noise = np.zeros((n, n))
-    noise[-1, -1] = step
-    blocks = expm(np.block([[-chain, noise], [np.zeros((n, n)), chain.T]]))
-    moved = blocks[n:, n:].T
-    covariance = moved @ blocks[:n, n:]
+    # The plant in the same scaled coordinates moves by int exp(A s) B dw.
+    left = np.arange(n - 1, -1, -1)
+    each = step**left / np.array([math.factorial(j) for j in left])
+    covariance = step * np.outer(each, each) / (left[:, None] + left + 1.0)
     # z_i - x_j, where z_i estimates x_j; a method that moves the chain inexactly errs more.
     lift = np.zeros((size, n))
     lift[np.arange(size), law.power.astype(int)] = 1.0
