@@ -138,7 +138,7 @@ def test_the_first_values_of_many_streams_are_uniform_and_independent(moved: str
 
 
 def test_a_normal_has_full_precision() -> None:
-    """Beside sqrt(-2 ln u1) cos(2 pi u2), u1 in (0, 1] and u2 in [0, 1), to 40 digits: to four units
+    """Beside sqrt(-2 ln u1) cos(2 pi u2), u1 in (0, 1] and u2 in [0, 1), to 40 digits: to five units
     in the last place, near 0 as well.
     """
     count = 5_000
@@ -149,4 +149,4 @@ def test_a_normal_has_full_precision() -> None:
         for value, (first, second) in zip(given, zip(bits, bits, strict=True), strict=True):
             radius = mpmath.sqrt(-2 * mpmath.log((first + 1) * unit))
             off = abs(float(value) - radius * mpmath.cos(two_pi * second * unit))
-            assert off <= 4.0 * np.spacing(abs(value))
+            assert off <= 5.0 * np.spacing(abs(value))
