@@ -138,8 +138,9 @@ def test_the_first_values_of_many_streams_are_uniform_and_independent(moved: str
 
 
 def test_a_normal_has_full_precision() -> None:
-    """Beside sqrt(-2 ln u1) cos(2 pi u2), u1 in (0, 1] and u2 in [0, 1), to 40 digits: to five units
-    in the last place, near 0 as well.
+    """Beside sqrt(-2 ln u1) cos(2 pi u2), u1 in (0, 1] and u2 in [0, 1), to 40 digits.
+
+    To five units in the last place, near 0 too.
     """
     count = 5_000
     given = _core.random("normal", count, SEED, 2)
