@@ -1,5 +1,6 @@
-//! Elementary functions against the operating system's, in units in the last place.
+//! Elementary functions against the operating system's and mpmath's, in units in the last place.
 
+use super::exact::VALUES;
 use hgo_rs::Scalar;
 use hgo_rs::noise::{Channel, Stream};
 
@@ -75,6 +76,27 @@ fn all<T: Scalar>(far: f64, smallest: f64, tiny: f64) {
         let p = T::from_f64(power);
         let error = worst::<T>("powf", (1e-3, 1e3), |x| x.powf(p), |x| x.powf(p.to_f64()));
         assert!(error < 2.0 * (1.0 + power.abs() * 1e3_f64.ln()), "{error}");
+    }
+}
+
+/// Where the core is worst, beside values that are good to far more digits.
+#[test]
+fn to_a_fraction_of_the_last_place() {
+    for (name, values) in VALUES {
+        let (ours, bound): (fn(f64) -> f64, f64) = match name {
+            "exp" => (Scalar::exp, 1.1),
+            "ln" => (Scalar::ln, 1.0),
+            "sin" => (Scalar::sin, 1.6),
+            "cos" => (Scalar::cos, 1.6),
+            "atan" => (Scalar::atan, 1.6),
+            "tan" => (Scalar::tan, 3.0),
+            _ => (Scalar::tanh, 3.0),
+        };
+        for &[x, near, beyond] in values {
+            let place = near.abs().next_up() - near.abs();
+            let error = ((ours(x) - near) / place - beyond).abs();
+            assert!(error <= bound, "{name} {x}: off by {error}");
+        }
     }
 }
 

@@ -7,6 +7,7 @@ mod catalogue;
 mod designs;
 mod elementary;
 mod estimators;
+mod exact;
 mod gains;
 mod laws;
 mod memories;
