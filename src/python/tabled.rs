@@ -50,12 +50,12 @@ fn part<L>(
     setting: Setting,
     build: &impl Fn() -> PyResult<L>,
     given: &[(&str, usize)],
-    function: impl FnOnce(&L, &[Vec<Traced>]) -> Vec<Traced>,
+    function: impl FnOnce(&L, &[Vec<Traced>]) -> PyResult<Vec<Traced>>,
 ) -> PyResult<Table> {
     trace(setting, || {
         let given: Vec<Vec<Traced>> =
             given.iter().map(|(name, count)| inputs(name, *count)).collect();
-        Ok(named("made", &function(&build()?, &given)))
+        Ok(named("made", &function(&build()?, &given)?))
     })
 }
 
@@ -108,7 +108,7 @@ impl LawTables {
         let mut initial = Vec::new();
         part(setting, build, &[], |law: &L, _| {
             initial = flat(&law.initial()).into_iter().map(Scalar::to_f64).collect();
-            Vec::new()
+            Ok(Vec::new())
         })?;
         let moving = [("t", 1), ("z", len), ("e", errors), ("u", n_u)];
         Ok(Self {
@@ -118,24 +118,24 @@ impl LawTables {
             n_u,
             initial,
             innovation: part(setting, build, &[("z", len), ("y", 1)], |law: &L, of| {
-                flat(&law.innovation(&z(&of[0]), of[1][0]))
+                Ok(flat(&law.innovation(&z(&of[0]), of[1][0])))
             })?,
             rate: part(setting, build, &moving, |law: &L, of| {
                 let (e, u) = (L::Innovation::read(&of[2]), L::Input::read(&of[3]));
-                flat(&law.rate(of[0][0], &z(&of[1]), &e, &u))
+                Ok(flat(&law.rate(of[0][0], &z(&of[1]), &e, &u)))
             })?,
             injection: part(setting, build, &moving, |law: &L, of| {
                 let (e, u) = (L::Innovation::read(&of[2]), L::Input::read(&of[3]));
-                flat(&law.injection(of[0][0], &z(&of[1]), &e, &u))
+                Ok(flat(&law.injection(of[0][0], &z(&of[1]), &e, &u)))
             })?,
             stagger: part(
                 setting,
                 build,
                 &[("old", len), ("new", len), ("dt", 1)],
-                |law: &L, of| flat(&law.stagger(&z(&of[0]), z(&of[1]), of[2][0])),
+                |law: &L, of| Ok(flat(&law.stagger(&z(&of[0]), z(&of[1]), of[2][0]))),
             )?,
             admissible: part(setting, build, &[("z", len)], |law: &L, of| {
-                flat(&law.admissible(z(&of[0])))
+                Ok(flat(&law.admissible(z(&of[0]))))
             })?,
             placed: None,
         })
@@ -154,13 +154,13 @@ impl LawTables {
         let free = [("t", 1), ("z", len), ("u", n_u), ("dt", 1)];
         let flow = part(setting, build, &free, |law: &L, of| {
             let (z, u) = (L::State::read(&of[1]), L::Input::read(&of[2]));
-            flat(&law.flow(of[0][0], &z, &u, of[3][0]))
+            Ok(flat(&law.flow(of[0][0], &z, &u, of[3][0])))
         })?;
         let sampled = [("t", 1), ("z", len), ("y", 1), ("u", n_u), ("dt", 1)];
         let correct = part(setting, build, &sampled, |law: &L, of| {
             let (z, u) = (L::State::read(&of[1]), L::Input::read(&of[3]));
-            let scheme = Placed::new(law, at);
-            flat(&scheme.correct(law, of[0][0], &z, of[2][0], &u, of[4][0]))
+            let scheme = Placed::new(law, at)?;
+            Ok(flat(&scheme.correct(law, of[0][0], &z, of[2][0], &u, of[4][0])))
         })?;
         Ok((flow, correct))
     }
