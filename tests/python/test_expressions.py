@@ -589,6 +589,12 @@ def test_a_table_of_two_outputs():
         evaluate([Y], {"x": 1.0})
 
 
+def test_division_by_a_power_of_two_is_a_product():
+    table = compile_table([parse("x/4 + x/3 - x/-0.5")], {"x": "x[0]"}, ["f"])
+    assert [op for op, *_ in table["ops"]] == ["mul", "div", "add", "mul", "sub"]
+    assert table["constants"] == [0.25, 3.0, -2.0]
+
+
 def test_latex():
     assert latex(parse("omega_0**2*sin(theta1)/M")) == (
         r"\frac{\omega_{0}^{2} \, \sin\left(\theta_{1}\right)}{M}"
