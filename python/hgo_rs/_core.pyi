@@ -95,7 +95,10 @@ def random(
 ) -> npt.NDArray[np.uint64]: ...
 def filtered(values: npt.ArrayLike, sections: npt.ArrayLike) -> _Array: ...
 def trace_step(
-    spec: Mapping[str, Any], single: bool = False, missing: bool = False
+    spec: Mapping[str, Any],
+    single: bool = False,
+    missing: bool = False,
+    dt: float | None = None,
 ) -> dict[str, Any]: ...
 def evaluate_table(
     table: Mapping[str, Any], inputs: npt.ArrayLike, single: bool = False

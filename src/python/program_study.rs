@@ -74,7 +74,7 @@ impl OwnPlant {
     }
 }
 
-const DOUBLE: Setting = Setting { single: false, present: true, answer: None };
+const DOUBLE: Setting = Setting { single: false, present: true, answer: None, dt: None };
 
 /// An own plant behind the trait of all plants: over traced numbers, its table is taken in.
 #[derive(Clone, Copy)]
@@ -454,7 +454,10 @@ pub fn is_own(spec: &Spec<'_>) -> PyResult<bool> {
 
 /// Run an experiment with a plant or a model of the user's own.
 pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, PyDict>> {
-    let observer = Tables::read(&spec.sub("observer")?, false)?;
+    let of_observer = spec.sub("observer")?;
+    let schedule = spec.sub("schedule")?;
+    let dt = if schedule.text("kind")? == "fixed" { Some(schedule.f64("dt")?) } else { None };
+    let observer = Tables::read(&of_observer, false, dt)?;
     let plan = Plan::read(spec, observer.memory_len(), &[])?;
     if observer.n_y() != 1 || plan.memory_len() > Z {
         return Err(refused("an own plant or model is simulated with one output"));

@@ -31,6 +31,7 @@ use nalgebra::{SMatrix, SVector};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::cmp::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Known inputs that a model may have.
 pub const MAX_INPUTS: usize = 8;
@@ -405,11 +406,11 @@ where
 fn standard<const N: usize>(
     spec: &Spec<'_>,
     given: &Given<'_, '_>,
-    single: bool,
+    setting: Setting,
 ) -> PyResult<Tables> {
     spec.only(&["kind", "n", "k", "gain", "model", "method", "timing"])?;
     let (k, manner) = (spec.vector::<N>("k", N)?, Manner::read(spec)?);
-    let (gain, setting) = (spec.sub("gain")?, Setting::usual(single));
+    let gain = spec.sub("gain")?;
     macro_rules! law {
         ($gain:pat => $made:expr) => {
             LawTables::any(setting, manner, given.n_u()?, || {
@@ -431,7 +432,7 @@ fn standard<const N: usize>(
 fn low_power<const N: usize>(
     spec: &Spec<'_>,
     given: &Given<'_, '_>,
-    single: bool,
+    setting: Setting,
     saturated: bool,
 ) -> PyResult<Tables> {
     let manner = Manner::read(spec)?;
@@ -443,7 +444,7 @@ fn low_power<const N: usize>(
         ));
     }
     let (alpha, beta) = (spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?);
-    let (gain, setting) = (spec.sub("gain")?, Setting::usual(single));
+    let gain = spec.sub("gain")?;
     macro_rules! law {
         ($gain:pat => $made:expr) => {
             LawTables::any(setting, manner, given.n_u()?, || {
@@ -468,14 +469,13 @@ fn low_power<const N: usize>(
 fn collection<const C: usize>(
     spec: &Spec<'_>,
     given: &Given<'_, '_>,
-    single: bool,
+    setting: Setting,
     modified: bool,
 ) -> PyResult<Tables> {
     const N: usize = 2;
     spec.only(&["kind", "n", "k", "k_bar", "copies", "gain", "model", "method", "timing"])?;
     let (k, k_bar) = (spec.vector::<N>("k", N)?, spec.vector::<N>("k_bar", N)?);
     let (gain, manner) = (spec.sub("gain")?, Manner::read(spec)?);
-    let setting = Setting::usual(single);
     let copies = || {
         let model = given.install(N)?;
         let AnyGain::Moving(MovingGain::Adaptive(gain)) = AnyGain::read(&gain)? else {
@@ -499,7 +499,7 @@ fn collection<const C: usize>(
 /// Tables of a sampled-data observer that `build` makes.
 fn sampled<O>(
     given: &Given<'_, '_>,
-    single: bool,
+    setting: Setting,
     build: impl Fn() -> PyResult<O>,
 ) -> PyResult<Tables>
 where
@@ -507,7 +507,7 @@ where
     O::Input: Memory<Traced>,
 {
     let n_u = given.n_u()?;
-    let step = |present| step_table(Setting { present, ..Setting::usual(single) }, n_u, &build);
+    let step = |present| step_table(Setting { present, ..setting }, n_u, &build);
     Ok(Tables {
         shape: shape(n_u, &build)?,
         step: step(true)?,
@@ -522,14 +522,14 @@ where
 fn own_sampled<const N: usize>(
     given: &Given<'_, '_>,
     own: &OwnModel,
-    single: bool,
+    setting: Setting,
 ) -> PyResult<Tables> {
     if own.form != "sampled" {
         return Err(refused(
             "the sampled-data observer needs a model of sampled-data form: f, K_T and h",
         ));
     }
-    sampled(given, single, || {
+    sampled(given, setting, || {
         let parameters = own.names().iter().map(|name| input(name)).collect();
         let function = trace::function(own.table.clone(), parameters);
         let model = OwnSampled { function, n: own.n, n_u: own.n_u };
@@ -541,7 +541,7 @@ fn reduced_order<const NX: usize, const NZ: usize>(
     spec: &Spec<'_>,
     given: &Given<'_, '_>,
     own: &OwnModel,
-    single: bool,
+    setting: Setting,
 ) -> PyResult<Tables> {
     type Reduced<const NX: usize, const NZ: usize> =
         ReducedOrderObserver<Traced, OwnStrictFeedback, NX, NZ, MAX_INPUTS>;
@@ -556,7 +556,7 @@ fn reduced_order<const NX: usize, const NZ: usize>(
     };
     let step = |started, present| {
         let answer = Some(if started { Ordering::Greater } else { Ordering::Equal });
-        step_table(Setting { single, present, answer }, n_u, build)
+        step_table(Setting { present, answer, ..setting }, n_u, build)
     };
     let shape = shape::<Reduced<NX, NZ>>(n_u, build)?;
     Ok(Tables {
@@ -572,16 +572,19 @@ fn reduced_order<const NX: usize, const NZ: usize>(
 
 impl Tables {
     /// Of the observer that a spec describes; with `single` in single precision.
-    pub fn read(spec: &Spec<'_>, single: bool) -> PyResult<Self> {
+    ///
+    /// With `dt`, corrections that are placed are right for periods of this length only.
+    pub fn read(spec: &Spec<'_>, single: bool, dt: Option<f64>) -> PyResult<Self> {
+        let setting = Setting { dt, ..Setting::usual(single) };
         if spec.text("kind")? == "chains" {
-            return Self::of_chains(spec, single);
+            return Self::of_chains(spec, setting);
         }
-        Self::of(spec, Given::read(spec)?, single)
+        Self::of(spec, Given::read(spec)?, setting)
     }
 
     /// Of an observer of several outputs: one observer for each chain, which takes the states of the
     /// other chains as they stand at the beginning of a step.
-    fn of_chains(spec: &Spec<'_>, single: bool) -> PyResult<Self> {
+    fn of_chains(spec: &Spec<'_>, setting: Setting) -> PyResult<Self> {
         spec.only(&["kind", "observers", "model"])?;
         let own = OwnModel::read(&spec.sub("model")?)?;
         if own.form != "chains" {
@@ -598,7 +601,7 @@ impl Tables {
         let chains: Vec<Self> = specs
             .iter()
             .enumerate()
-            .map(|(chain, spec)| Self::of(spec, Given::Chain(&own, chain), single))
+            .map(|(chain, spec)| Self::of(spec, Given::Chain(&own, chain), setting))
             .collect::<PyResult<_>>()?;
         if chains.iter().any(|of| of.shape.current != chains[0].shape.current) {
             return Err(refused("the observers of a model of chains must have the same timing"));
@@ -615,7 +618,7 @@ impl Tables {
         for (of, place) in chains.iter().zip(&place) {
             place.iter().zip(&of.shape.initial).for_each(|(place, value)| initial[*place] = *value);
         }
-        let step = trace(Setting::usual(single), || {
+        let step = trace(setting, || {
             let (t, dt) = (input("t"), input("dt"));
             let (z, y) = (inputs("z", rest), inputs("y", chains.len()));
             let u = inputs("u", own.n_u);
@@ -645,19 +648,19 @@ impl Tables {
         })
     }
 
-    fn of(spec: &Spec<'_>, given: Given<'_, '_>, single: bool) -> PyResult<Self> {
+    fn of(spec: &Spec<'_>, given: Given<'_, '_>, setting: Setting) -> PyResult<Self> {
         let kind = spec.text("kind")?;
         if kind == "sampled-data" {
             spec.only(&["kind", "model", "gain"])?;
             if let Given::Own(own) = &given {
-                return dispatch_order!(own.n, N => own_sampled::<N>(&given, own, single),
+                return dispatch_order!(own.n, N => own_sampled::<N>(&given, own, setting),
                                        else Err(order_refused(own.n)));
             }
             let correction = match spec.text_or("gain", "derived")?.as_str() {
                 "printed" => Correction::Printed,
                 _ => Correction::Derived,
             };
-            return sampled(&given, single, || {
+            return sampled(&given, setting, || {
                 let model = read_van_der_pol::<Traced>(&spec.sub("model")?, correction)?;
                 Ok(SampledDataObserver::<_, 2, 0> { model })
             });
@@ -673,7 +676,7 @@ impl Tables {
             macro_rules! sizes {
                 ($(($x:literal, $z:literal)),+) => {
                     match (own.n, own.n_z) {
-                        $(($x, $z) => reduced_order::<$x, $z>(spec, &given, own, single),)+
+                        $(($x, $z) => reduced_order::<$x, $z>(spec, &given, own, setting),)+
                         (n_x, n_z) => Err(refused(&format!(
                             "{n_x} measured and {n_z} unmeasured states are not allowed: the \
                              reduced-order observer takes 1 to 4, and no more unmeasured than measured"
@@ -688,21 +691,21 @@ impl Tables {
         let n = spec.count("n")?;
         match kind.as_str() {
             "standard" => {
-                dispatch_order!(n, N => standard::<N>(spec, &given, single),
+                dispatch_order!(n, N => standard::<N>(spec, &given, setting),
                                 else Err(order_refused(n)))
             }
             "low-power" | "peaking-free" => {
                 let saturated = kind == "peaking-free";
-                dispatch_order!(n, N => low_power::<N>(spec, &given, single, saturated),
+                dispatch_order!(n, N => low_power::<N>(spec, &given, setting, saturated),
                                 else Err(order_refused(n)))
             }
             "collection" | "modified" => {
                 let modified = kind == "modified";
                 match spec.count("copies")? {
-                    2 => collection::<2>(spec, &given, single, modified),
-                    3 => collection::<3>(spec, &given, single, modified),
-                    4 => collection::<4>(spec, &given, single, modified),
-                    5 => collection::<5>(spec, &given, single, modified),
+                    2 => collection::<2>(spec, &given, setting, modified),
+                    3 => collection::<3>(spec, &given, setting, modified),
+                    4 => collection::<4>(spec, &given, setting, modified),
+                    5 => collection::<5>(spec, &given, setting, modified),
                     copies => Err(refused(&format!(
                         "copies = {copies} is not allowed: 2 to 5 from Python"
                     ))),
@@ -737,28 +740,56 @@ struct Step {
 pub struct Programmed {
     tables: Tables,
     /// The step, and the step that tells the innovation too.
-    step: Step,
-    telling: Step,
+    steps: [Arc<Step>; 2],
     /// The same (both) for a missing sample, if that is another law.
-    missing: Option<Step>,
+    missing: Option<Arc<Step>>,
     /// The same for a law that has not started.
-    unstarted: Option<(usize, [Step; 2])>,
+    unstarted: Option<(usize, [Arc<Step>; 2])>,
+    /// For a law whose step is another table for each length of a period.
+    remade: Option<Remade>,
+}
+
+/// How to make the steps for a length, and those that were made.
+struct Remade {
+    spec: Py<PyAny>,
+    made: Mutex<Vec<(u64, [Arc<Step>; 2])>>,
+}
+
+/// Lengths that are remembered.
+const REMEMBERED: usize = 64;
+
+/// Whether the gains of a placed law are found by decisions on the length of a period.
+fn needs_length(spec: &Spec<'_>) -> PyResult<bool> {
+    let kind = spec.text("kind")?;
+    if kind == "chains" {
+        let observers = spec.list("observers")?;
+        return observers.iter().try_fold(false, |any, spec| Ok(any || needs_length(spec)?));
+    }
+    let blocks = kind == "low-power" || kind == "peaking-free";
+    Ok(blocks && matches!(Manner::read(spec)?.method, AnyMethod::Placed(_)))
 }
 
 /// An observer with a model of the user's own.
 pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
-    let tables = Tables::read(spec, false)?;
-    let memory = tables.memory_len();
-    let step = tables.program(&tables.step.with_outputs(0..memory))?;
-    let telling = tables.program(&tables.step)?;
-    let missing = tables.missing.as_ref().map(|table| tables.program(table)).transpose()?;
+    let remade = if needs_length(spec)? {
+        Some(Remade { spec: spec.to_any(), made: Mutex::default() })
+    } else {
+        None
+    };
+    let tables = Tables::read(spec, false, remade.as_ref().map(|_| 1.0))?;
+    let steps = tables.steps()?;
+    let missing = match &tables.missing {
+        None => None,
+        Some(table) => Some(Arc::new(tables.program(table)?)),
+    };
     let unstarted = match &tables.unstarted {
         None => None,
         Some((index, [with, without])) => {
-            Some((*index, [tables.program(with)?, tables.program(without)?]))
+            let [with, without] = [tables.program(with)?, tables.program(without)?];
+            Some((*index, [Arc::new(with), Arc::new(without)]))
         }
     };
-    Ok(Box::new(Programmed { tables, step, telling, missing, unstarted }))
+    Ok(Box::new(Programmed { tables, steps, missing, unstarted, remade }))
 }
 
 impl Tables {
@@ -811,6 +842,12 @@ impl Tables {
             let made = trace::inline(&self.step, &given);
             Ok(self.step.output_names.iter().cloned().zip(made).collect())
         })
+    }
+
+    /// The step, and the step that tells the innovation too.
+    fn steps(&self) -> PyResult<[Arc<Step>; 2]> {
+        let step = self.program(&self.step.with_outputs(0..self.memory_len()))?;
+        Ok([Arc::new(step), Arc::new(self.program(&self.step)?)])
     }
 
     /// The program of a step.
@@ -875,7 +912,7 @@ impl Step {
 
 impl Programmed {
     /// The step for such a sample.
-    fn choose(&self, memory: &[f64], present: bool, told: bool) -> &Step {
+    fn choose(&self, memory: &[f64], present: bool, told: bool) -> &Arc<Step> {
         if let Some((index, [with, without])) = &self.unstarted
             && memory.get(*index) == Some(&0.0)
         {
@@ -883,20 +920,47 @@ impl Programmed {
         }
         match &self.missing {
             Some(missing) if !present => missing,
-            _ if told => &self.telling,
-            _ => &self.step,
+            _ => &self.steps[usize::from(told)],
         }
     }
 
     /// The step for all of these lengths, if they are the same and that saves work.
-    fn prepared(&self, dt: &[f64], told: bool) -> Option<Step> {
+    fn prepared(&self, dt: &[f64], told: bool) -> Option<Arc<Step>> {
         let (first, rest) = dt.split_first()?;
-        if !self.tables.placed || rest.len() < 16 || rest.iter().any(|dt| dt != first) {
+        let same = rest.len() >= 16 && rest.iter().all(|dt| dt == first);
+        if !self.tables.placed || self.remade.is_some() || !same {
             return None;
         }
         let table = self.tables.for_steps_of(*first).ok()?;
         let outputs = if told { table.outputs.len() } else { self.tables.memory_len() };
-        self.tables.program(&table.with_outputs(0..outputs)).ok()
+        self.tables.program(&table.with_outputs(0..outputs)).ok().map(Arc::new)
+    }
+
+    /// Length of the period that a sample ends, or that its step begins if it is the first.
+    fn period(&self, memory: &[f64], dt: f64) -> f64 {
+        match self.tables.period().and_then(|period| memory.get(period)) {
+            Some(period) if *period != 0.0 => *period,
+            _ => dt,
+        }
+    }
+
+    /// The step for periods of this length, of a law that has one for each.
+    fn of_length(&self, remade: &Remade, length: f64, told: bool) -> PyResult<Arc<Step>> {
+        let key = length.to_bits();
+        let mut made = remade.made.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, steps)) = made.iter().find(|(known, _)| *known == key) {
+            return Ok(steps[usize::from(told)].clone());
+        }
+        let steps = Python::attach(|py| {
+            let spec = Spec::new(remade.spec.bind(py), "observer")?;
+            Tables::read(&spec, false, Some(length))?.steps()
+        })?;
+        if made.len() >= REMEMBERED {
+            made.remove(0);
+        }
+        made.push((key, steps.clone()));
+        let [step, telling] = steps;
+        Ok(if told { telling } else { step })
     }
 }
 
@@ -911,7 +975,11 @@ fn status(moved: bool, present: bool) -> Status {
 impl Recursion for Programmed {
     fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
         let present = y.iter().all(|y| y.is_finite());
-        let step = self.choose(memory, present, false);
+        let step = match &self.remade {
+            Some(remade) => self.of_length(remade, self.period(memory, dt), false),
+            None => Ok(self.choose(memory, present, false).clone()),
+        };
+        let Ok(step) = step else { return Status::ModelUndefined };
         let (mut r, place) = (step.at_rest, MEMORY..MEMORY + memory.len());
         r.0[place.clone()].copy_from_slice(memory);
         let moved = step.advance(&mut r, memory.len(), (t, dt), y.iter().chain(u).copied());
@@ -925,7 +993,8 @@ impl Recursion for Programmed {
         let (m, told) = (memory.len(), !innovation.is_empty());
         let place = MEMORY..MEMORY + m;
         let prepared = self.prepared(dt, told);
-        let mut step = self.choose(memory, true, told);
+        let mut of_length: Option<(f64, Arc<Step>)> = None;
+        let mut step = self.choose(memory, true, told).clone();
         let mut r = step.at_rest;
         r.0[place.clone()].copy_from_slice(memory);
         let mut largest = [0.0_f64; REGISTERS];
@@ -936,14 +1005,22 @@ impl Recursion for Programmed {
             }
             let sample = &y[k * p..(k + 1) * p];
             let present = sample.iter().all(|y| y.is_finite());
-            let wanted = match &prepared {
-                Some(prepared) if self.tables.is_period(&r.0[place.clone()], dt[k]) => prepared,
+            if let Some(remade) = &self.remade {
+                let length = self.period(&r.0[place.clone()], dt[k]);
+                if of_length.as_ref().is_none_or(|(known, _)| *known != length) {
+                    let step = self.of_length(remade, length, told);
+                    of_length = step.ok().map(|step| (length, step));
+                }
+            }
+            let wanted = match (&prepared, &of_length) {
+                (_, Some((_, step))) => step,
+                (Some(step), _) if self.tables.is_period(&r.0[place.clone()], dt[k]) => step,
                 _ => self.choose(&r.0[place.clone()], present, told),
             };
-            if !std::ptr::eq(wanted, step) {
+            if !Arc::ptr_eq(wanted, &step) {
                 let mut fresh = wanted.at_rest;
                 fresh.0[place.clone()].copy_from_slice(&r.0[place.clone()]);
-                (step, r) = (wanted, fresh);
+                (step, r) = (wanted.clone(), fresh);
             }
             let given = sample.iter().chain(&u[k * q..(k + 1) * q]).copied();
             let moved = step.advance(&mut r, m, (t[k], dt[k]), given);
@@ -991,16 +1068,18 @@ impl AnyObserver for Programmed {
 }
 
 /// One step of the observer that `spec` describes, as a table: (t, dt, z, y, u, parameters) in,
-/// (z after the step, innovation) out; with `missing` the step over a missing sample.
+/// (z after the step, innovation) out; with `missing` the step over a missing sample. With `dt`,
+/// corrections that are placed (zoh, bilinear) are right for periods of this length only.
 #[pyfunction]
-#[pyo3(signature = (spec, single=false, missing=false))]
+#[pyo3(signature = (spec, single=false, missing=false, dt=None))]
 pub fn trace_step<'py>(
     py: Python<'py>,
     spec: &Bound<'py, PyAny>,
     single: bool,
     missing: bool,
+    dt: Option<f64>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let tables = Tables::read(&Spec::new(spec, "observer")?, single)?;
+    let tables = Tables::read(&Spec::new(spec, "observer")?, single, dt)?;
     let table = match (tables.missing, missing) {
         (Some(table), true) => table,
         _ => tables.step,
@@ -1020,7 +1099,7 @@ pub fn run_single(
     u: &Bound<'_, PyAny>,
     memory0: Vec<f64>,
 ) -> PyResult<Vec<Vec<f32>>> {
-    let tables = Tables::read(&Spec::new(spec, "observer")?, true)?;
+    let tables = Tables::read(&Spec::new(spec, "observer")?, true, None)?;
     let Shape { memory, n_y, n_u, current, .. } = tables.shape;
     let (y, u) = (super::spec::numbers(y)?.values, super::spec::numbers(u)?.values);
     let samples = t.len();

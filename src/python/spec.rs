@@ -67,6 +67,11 @@ impl<'py> Spec<'py> {
         Spec::new(&self.need(key)?, key)
     }
 
+    /// The dict itself.
+    pub fn to_any(&self) -> Py<PyAny> {
+        self.dict.clone().into_any().unbind()
+    }
+
     /// A list of dicts.
     pub fn list(&self, key: &str) -> PyResult<Vec<Spec<'py>>> {
         let value = self.need(key)?;

@@ -160,7 +160,8 @@ impl LawTables {
         let correct = part(setting, build, &sampled, |law: &L, of| {
             let (z, u) = (L::State::read(&of[1]), L::Input::read(&of[3]));
             let scheme = Placed::new(law, at)?;
-            Ok(flat(&scheme.correct(law, of[0][0], &z, of[2][0], &u, of[4][0])))
+            let dt = setting.dt.map_or(of[4][0], Traced::from_f64);
+            Ok(flat(&scheme.correct(law, of[0][0], &z, of[2][0], &u, dt)))
         })?;
         Ok((flow, correct))
     }

@@ -126,12 +126,14 @@ pub struct Setting {
     pub present: bool,
     /// What is answered to every comparison of values that are not known; `None`: it cannot be.
     pub answer: Option<Ordering>,
+    /// Placed corrections are for periods of this length; `None`: of any.
+    pub dt: Option<f64>,
 }
 
 impl Setting {
     /// Samples are there, and nothing is decided.
     pub fn usual(single: bool) -> Self {
-        Self { single, present: true, answer: None }
+        Self { single, present: true, answer: None, dt: None }
     }
 }
 
@@ -141,7 +143,7 @@ pub fn trace(
     law: impl FnOnce() -> PyResult<Vec<(String, Traced)>>,
 ) -> PyResult<Table> {
     with(|trace| {
-        let Setting { single, present, answer } = setting;
+        let Setting { single, present, answer, .. } = setting;
         *trace = Trace { single, present, answer, ..Trace::default() };
         // in the order of the constants of `Scalar`
         for node in [ZERO, ONE, NEG_ZERO] {
