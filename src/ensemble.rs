@@ -573,6 +573,13 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
                 let draw = P::Output::fill(Same(self.noise.fresh(&mut streams.load(0), k)));
                 *held = draw.in_columns::<LANES>();
             }
+            Draw::RunSamples { .. } => {
+                for lane in 0..LANES {
+                    let noise = Noise { draw: self.noise.draw.of_lane(lane), ..self.noise };
+                    let draw = Same(noise.fresh(&mut streams.load(lane), k));
+                    P::Output::fill(draw).store(held, lane);
+                }
+            }
         }
     }
 

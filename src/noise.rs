@@ -178,6 +178,28 @@ pub enum Draw<'a, T> {
     },
     /// A recorded (or filtered) sequence, one value a draw; 0 after its end.
     Samples(&'a [T]),
+    /// One for each run, end to end: a block's runs take theirs in order, a single run the first.
+    RunSamples {
+        /// The sequences.
+        values: &'a [T],
+        /// Values in each.
+        draws: usize,
+    },
+}
+
+impl<T> Draw<'_, T> {
+    /// The same for a block's run `lane`, which is the last run that there is if there are fewer.
+    #[inline(always)]
+    pub(crate) fn of_lane(self, lane: usize) -> Self {
+        match self {
+            Self::RunSamples { values, draws } => {
+                let runs = values.len().checked_div(draws).unwrap_or(0);
+                let start = draws * lane.min(runs.saturating_sub(1));
+                Self::Samples(values.get(start..).unwrap_or(&[]).get(..draws).unwrap_or(&[]))
+            }
+            draw => draw,
+        }
+    }
 }
 
 /// Measurement noise: draws held over `hold` steps, plus sines in continuous time.
@@ -201,11 +223,18 @@ impl<T: Scalar> Noise<'_, T> {
             Draw::None => T::ZERO,
             Draw::Uniform { low, high } => low + (high - low) * T::from_f64(stream.uniform()),
             Draw::Normal { mean, std } => mean + std * T::from_f64(stream.normal()),
-            Draw::Samples(values) => {
-                let index = usize::try_from(k / self.hold.max(1)).unwrap_or(usize::MAX);
-                values.get(index).copied().unwrap_or(T::ZERO)
+            Draw::Samples(values) => self.recorded(values, k),
+            Draw::RunSamples { values, draws } => {
+                self.recorded(values.get(..draws).unwrap_or(values), k)
             }
         }
+    }
+
+    /// The value of a sequence that holds at step k.
+    #[inline(always)]
+    fn recorded(&self, values: &[T], k: u64) -> T {
+        let index = usize::try_from(k / self.hold.max(1)).unwrap_or(usize::MAX);
+        values.get(index).copied().unwrap_or(T::ZERO)
     }
 
     /// Σ A sin(ωt + φ).

@@ -23,7 +23,7 @@ use crate::noise::Sine;
 use crate::observer::{ContinuousLaw, Observer, Status, Timing};
 use crate::program::Registers;
 use crate::simulate::Experiment;
-use crate::vectors::{Task, Vectors};
+use crate::vectors::Task;
 use nalgebra::SVector;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -497,11 +497,11 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
         )));
     }
     let integrator = plan.joint_integrator(&spec.sub("observer")?)?;
-    let alone = !plan.fits_lanes() || (integrator.is_some() && !plan.has_no_sines());
-    let vectors = if alone { None } else { vectors(&plan)? };
-    let result = match vectors {
-        Some(vectors) => study.in_blocks(py, vectors, integrator)?,
-        None => study.one_by_one(py, integrator)?,
+    let alone = integrator.is_some() && !plan.has_no_sines();
+    let result = if !alone && vectors(&plan)?.is_some() {
+        study.in_blocks(py, integrator)?
+    } else {
+        study.one_by_one(py, integrator)?
     };
     result.into_dict(py, &plan)
 }
@@ -512,12 +512,7 @@ impl Study<'_> {
         Evaluated { n: self.plan.plant.len(), noisy, supports, parts }
     }
 
-    fn in_blocks(
-        &self,
-        py: Python<'_>,
-        vectors: Vectors,
-        integrator: Option<Integrator>,
-    ) -> PyResult<StudyResult> {
+    fn in_blocks(&self, py: Python<'_>, integrator: Option<Integrator>) -> PyResult<StudyResult> {
         let (plan, observer) = (self.plan, self.observer);
         let parts = self.plant.parts.compile()?;
         let plants = self.plant.step.compile()?;
@@ -533,7 +528,7 @@ impl Study<'_> {
             let done = plan.execute_blocks::<Evaluated<'_>, SVector<f64, Z>>(
                 plant,
                 kept,
-                |experiment, first_run, block, metrics| {
+                |vectors, experiment, first_run, block, metrics| {
                     let mut registers = rest.map(|rest| Box::new(Registers::in_lanes(&rest)));
                     let [of_observers, of_plants] = &mut registers;
                     let programs = Programs {
