@@ -92,16 +92,14 @@ class RunResult:
 
     def rows(self, rows: slice) -> RunResult:
         """Some rows of it."""
-        part = RunResult(
-            self.time[rows],
-            self.x_hat[rows],
-            self.auxiliary[rows],
-            self.innovation[rows],
-            self.missing[rows],
-            None if self.gain is None else self.gain[rows],
-            self.y[rows],
-            self.memory[rows],
-        )
+        part = object.__new__(type(self))
+        part.__dict__.update(self.__dict__)
+        for name in ("_period", "_gap_error"):
+            part.__dict__.pop(name, None)
+        fields = ("time", "x_hat", "auxiliary", "innovation", "missing", "gain", "y", "memory")
+        for name in fields:
+            values = getattr(self, name)
+            part.__dict__[name] = None if values is None else values[rows]
         if "_run_of" in self.__dict__:
             observer, u = self.__dict__["_run_of"]
             part.__dict__["_run_of"] = (observer, u[rows])
@@ -117,15 +115,31 @@ class RunResult:
 
     @property
     def gaps(self) -> list[Gap]:
-        """Every run of missing samples, output by output."""
+        """Every run of missing samples, output by output.
+
+        With several outputs each has a rate of its own: a gap of it is a wait of more than one and
+        a half times its median one, and begins where its next sample was due.
+        """
         out = []
         for channel, values in enumerate(self.y.T):
-            none = np.concatenate([[False], np.isnan(values), [False]])
-            edges = np.flatnonzero(np.diff(none))
-            for start, stop in zip(edges[::2], edges[1::2], strict=True):
-                end = self.time[min(stop, len(self.time) - 1)]
-                duration = float(end - self.time[start])
-                out.append(Gap(int(start), int(stop - start), duration, channel))
+            there = np.flatnonzero(~np.isnan(values))
+            if self.y.shape[1] == 1 or len(there) < 3:
+                starts, stops = there[:-1] + 1, there[1:]
+                due = np.diff(there) > 1
+            else:
+                wait = np.diff(self.time[there])
+                usual = float(np.median(wait))
+                due = wait > 1.5 * usual
+                starts = np.searchsorted(self.time, self.time[there[:-1]] + 0.75 * usual)
+                stops = there[1:]
+            runs = list(zip(starts[due].tolist(), stops[due].tolist(), strict=True))
+            first, end = (there[0], there[-1] + 1) if len(there) else (len(values), len(values))
+            runs = [(0, int(first))] * bool(first) + runs
+            runs += [(int(end), len(values))] * bool(end < len(values))
+            for start, stop in runs:
+                ended = self.time[min(stop, len(self.time) - 1)]
+                duration = float(ended - self.time[start])
+                out.append(Gap(start, stop - start, duration, channel))
         return out
 
     @property

@@ -240,6 +240,27 @@ def test_gaps_of_each_output():
     assert np.isfinite(result.gap_error).all()
 
 
+def test_gaps_of_a_slower_output():
+    """A tenth of the samples, at times of their own: what is between them is no gap."""
+    fast, slow = np.arange(2000) * 0.01, np.arange(200) * 0.1 + 4e-3
+    t = np.sort(np.r_[fast, slow])
+    y = np.c_[3.0 * t, 0.4 * np.sin(t), 0.1 * t]
+    of_slow = np.isin(t, slow)
+    y[of_slow, :2] = np.nan
+    y[~of_slow, 2] = np.nan
+    y[(t > 9.1) & (t < 9.35), 2] = np.nan  # the samples at 9.104, 9.204, 9.304
+    y[(t > 11.995) & (t < 12.195), 0] = np.nan  # those from 12.0 to 12.19
+    u = np.c_[np.full(len(t), 0.3), 0.1 * np.sin(t)]
+    result = hgo_rs.ReducedOrderObserver(0.3).run(t, y, u, x_hat0=[3.0, 0.1, 0.1])
+    first, second = result.gaps
+    assert (first.channel, second.channel) == (0, 2)
+    assert result.time[first.start] == pytest.approx(12.0)
+    assert first.duration == pytest.approx(0.2)
+    assert result.time[second.start] == pytest.approx(9.104, abs=0.03)
+    assert second.duration == pytest.approx(0.3, abs=0.03)
+    assert np.isfinite(result.gap_error).all()
+
+
 def test_gaps_without_anything_to_learn_from():
     law = hgo_rs.StandardObserver(2, gain=12.0)
     y = np.sin(0.01 * np.arange(50))
