@@ -121,24 +121,26 @@ class RunResult:
         a half times its median one, and begins where its next sample was due.
         """
         out = []
+        t, rows = self.time, len(self.y)
         for channel, values in enumerate(self.y.T):
             there = np.flatnonzero(~np.isnan(values))
-            if self.y.shape[1] == 1 or len(there) < 3:
-                starts, stops = there[:-1] + 1, there[1:]
-                due = np.diff(there) > 1
-            else:
-                wait = np.diff(self.time[there])
-                usual = float(np.median(wait))
-                due = wait > 1.5 * usual
-                starts = np.searchsorted(self.time, self.time[there[:-1]] + 0.75 * usual)
-                stops = there[1:]
-            runs = list(zip(starts[due].tolist(), stops[due].tolist(), strict=True))
-            first, end = (there[0], there[-1] + 1) if len(there) else (len(values), len(values))
-            runs = [(0, int(first))] * bool(first) + runs
-            runs += [(int(end), len(values))] * bool(end < len(values))
+            runs = [(0, rows)] if not len(there) else []
+            if len(there):
+                first, last = int(there[0]), int(there[-1])
+                begins, ends = there[:-1] + 1, there[1:]
+                gap = ends > begins
+                head, tail = (0, first), (last + 1, rows)
+                if self.y.shape[1] > 1 and len(there) > 1:
+                    wait = np.diff(t[there])
+                    usual = float(np.median(wait))
+                    gap = wait > 1.5 * usual
+                    begins = np.searchsorted(t, t[there[:-1]] + 0.75 * usual)
+                    head = head if t[first] - t[0] > 1.5 * usual else (0, 0)
+                    tail = (int(np.searchsorted(t, t[last] + 1.5 * usual)), rows)
+                inner = zip(begins[gap].tolist(), ends[gap].tolist(), strict=True)
+                runs = [run for run in (head, *inner, tail) if run[1] > run[0]]
             for start, stop in runs:
-                ended = self.time[min(stop, len(self.time) - 1)]
-                duration = float(ended - self.time[start])
+                duration = float(t[min(stop, rows - 1)] - t[start])
                 out.append(Gap(start, stop - start, duration, channel))
         return out
 
