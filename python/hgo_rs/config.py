@@ -40,6 +40,7 @@ OBSERVERS = {
     "modified": "ModifiedObserver",
     "sampled-data": "SampledDataObserver",
     "reduced-order": "ReducedOrderObserver",
+    "chains": "MultiOutputObserver",
 }
 """The structures, and the class of hgo_rs behind each name."""
 
@@ -80,6 +81,8 @@ ROWS: Kind = (
     'texts, or rows of them, in brackets, such as [["a", "b"], ["c", "d"]]',
 )
 TABLE: Kind = (lambda v: isinstance(v, dict), "a table")
+TABLES: Kind = (lambda v: _all(v, lambda t: isinstance(t, dict)), "tables, one [[...]] for each")
+INTEGERS: Kind = (lambda v: _all(v, INTEGER[0]), "integers in brackets, such as [2, 1]")
 POLES: Kind = (
     lambda v: _all(v, _is_pole),
     "numbers, or pairs [real, imaginary], in brackets, such as [-1.0, [-2.0, 1.0], [-2.0, -1.0]]",
@@ -113,13 +116,15 @@ TOP: dict[str, Kind] = {
     "method": TEXT,
     "timing": TEXT,
     "allow_unstable": FLAG,
+    "observers": TABLES,
     "model": TABLE,
     "start": TABLE,
     "log": TABLE,
 }
 """The keys at the head of the file. From `order` to `allow_unstable` they are the arguments of the
-observer's class; `order` is its n. A file that does not say its `timing` means "current", what a
-user of a log expects."""
+observer's class; `order` is its n. `observers` are those of a model of several chains, each with
+keys as at the head. A file that does not say its `timing` means "current", what a user of a log
+expects."""
 
 GAINS: dict[str, tuple[str, dict[str, Kind]]] = {
     "constant": ("ConstantGain", {"ell": NUMBER}),
@@ -142,7 +147,8 @@ MODELS: dict[str, tuple[str, dict[str, Kind]]] = {
             "states": TEXTS,
             "inputs": TEXTS,
             "parameters": NAMED_NUMBERS,
-            "phi": TEXT,
+            "orders": INTEGERS,
+            "phi": TEXT_OR_TEXTS,
             "f": TEXTS,
             "f1": TEXTS,
             "g": ROWS,
@@ -245,13 +251,19 @@ class Config:
             return into
 
         document = tomlkit.document()
-        tables = [key for key, kind in TOP.items() if kind is TABLE and key in self.data]
+        tables = [key for key, kind in TOP.items() if kind in (TABLE, TABLES) and key in self.data]
         fill(
             document, {key: self.data[key] for key in TOP if key in self.data and key not in tables}
         )
         for key in tables:
             document.add(tomlkit.nl())
-            document.add(key, fill(tomlkit.table(), self.data[key]))
+            if TOP[key] is TABLES:
+                several = tomlkit.aot()
+                for table in self.data[key]:
+                    several.append(fill(tomlkit.table(), table))
+                document.add(key, several)
+            else:
+                document.add(key, fill(tomlkit.table(), self.data[key]))
         return tomlkit.dumps(document)
 
     def save(self, path: str | Path) -> None:
@@ -267,15 +279,7 @@ class Config:
     def of(cls, observer: Observer, **log: Any) -> Config:
         """The configuration of an observer, started where it stands; `log` is the table `[log]`."""
         spec = observer.spec
-        data: dict[str, Any] = {"format": FORMAT, "observer": spec["kind"]}
-        if spec["kind"] in ("standard", "low-power", "peaking-free"):
-            data["order"] = spec["n"]
-        for key, value in spec.items():
-            if key == "gain" and isinstance(value, dict):
-                constant = value["law"] == "constant"
-                data["gain"] = value["ell"] if constant else dict(value)
-            elif key in TOP and key != "model":
-                data[key] = value
+        data = {"format": FORMAT, **_observer_table(spec)}
         if observer.allow_unstable:
             data["allow_unstable"] = True
         model = _model_table(observer)
@@ -297,6 +301,8 @@ class Config:
             for key, value in self.data.items()
             if key not in ("format", "observer", "model", "start", "log")
         }
+        if "observers" in given:
+            given["observers"] = [inner.observer() for inner in self._inner()]
         if "timing" in inspect.signature(law).parameters:
             given.setdefault("timing", "current")
         if isinstance(given.get("gain"), dict):
@@ -314,6 +320,15 @@ class Config:
             names = {"x_hat": "x_hat0", "r": "r0", "memory": "memory0"}
             self._built(("start",), observer.reset, {names[k]: v for k, v in start.items()})
         return observer
+
+    def _inner(self) -> list[Config]:
+        """Each of `[[observers]]`, as a configuration of its own."""
+        inner = []
+        for i, table in enumerate(self.data["observers"]):
+            path = ("observers", str(i))
+            lines = {p[2:]: line for p, line in self._lines.items() if p[:2] == path and p[2:]}
+            inner.append(Config({"format": FORMAT, **table}, self.source, lines))
+        return inner
 
     @property
     def log(self) -> dict[str, Any]:
@@ -424,6 +439,8 @@ class Config:
                 )
             kind = self._check_kind(("model",), {"kind": "own", **model}, "kind", MODELS)
             self._check_table(("model",), model, {"kind": TEXT, **MODELS[kind][1]})
+        if "observers" in self.data:
+            self._inner()
         self._check_table(("start",), self.data.get("start", {}), START)
         log = self.data.get("log", {})
         self._check_table(("log",), log, LOG)
@@ -526,14 +543,21 @@ def _places(text: str) -> Iterator[tuple[tuple[str, ...], int]]:
     line, under the last header.
     """
     table: tuple[str, ...] = ()
+    counts: dict[str, int] = {}
     fragment, first = "", 1
     for number, line in enumerate(text.split("\n"), 1):
         fragment += line + "\n"
         try:
-            paths = list(_paths(tomllib.loads(fragment)))
+            found = tomllib.loads(fragment)
         except tomllib.TOMLDecodeError:
             continue
-        if fragment.startswith("[") or fragment.lstrip().startswith("["):
+        paths = list(_paths(found))
+        if fragment.lstrip().startswith("[["):  # one more of several tables
+            name = paths[0][0]
+            counts[name] = counts.get(name, -1) + 1
+            table = (name, str(counts[name]))
+            paths = [(name,), table]
+        elif fragment.lstrip().startswith("["):
             table = paths[-1]
             paths = [table[:depth] for depth in range(1, len(table) + 1)]
         else:
@@ -581,6 +605,21 @@ def _plain(value: Any) -> Any:
     return value
 
 
+def _observer_table(spec: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys at the head of a file, or of one of `[[observers]]`."""
+    data: dict[str, Any] = {"observer": spec["kind"]}
+    if spec["kind"] in ("standard", "low-power", "peaking-free"):
+        data["order"] = spec["n"]
+    for key, value in spec.items():
+        if key == "gain" and isinstance(value, dict):
+            data["gain"] = value["ell"] if value["law"] == "constant" else dict(value)
+        elif key == "observers":
+            data["observers"] = [_observer_table(inner) for inner in value]
+        elif key in TOP and key != "model":
+            data[key] = value
+    return data
+
+
 def _model_kind(table: Mapping[str, Any]) -> str:
     return str(table.get("kind", "own"))
 
@@ -607,9 +646,12 @@ def _own_table(model: Any) -> dict[str, Any]:
         table["inputs"] = list(model.inputs)
     if model.parameters:
         table["parameters"] = dict(model.parameters)
+    orders = list(getattr(model, "orders", ()))
+    if orders:
+        table["orders"] = orders
     sides = {name: [str(node) for node in nodes] for name, nodes in model.equations.items()}
     for name, side in sides.items():
-        if MODELS["own"][1][name] is TEXT:
+        if name == "h" or (name == "phi" and not orders):
             table[name] = side[0]
         elif name == "g":  # a row for each x
             width = len(side) // len(sides["f1"])

@@ -14,8 +14,7 @@ does not move, that is c_i τ + c_(i+1) τ^2/2! + ... + c_n τ^(n-i+1)/(n-i+1)!.
 wherever the record is complete, by leaving samples out once more. The first part is the error that
 the estimate has anyway. x̂_i' = x̂_(i+1) + c_i makes it e_(i+1) = c_i - e_i', so it is c_i on
 average, and y - x̂_1 for the first state; both are averaged over three times the law's slowest time
-constant. With several outputs only the second part is told: which state follows which is for the
-model to say.
+constant.
 
 `gap_error` does this around every gap of a result. `gap_bound` is the bound beforehand.
 """
@@ -57,7 +56,7 @@ def gap_error(
     The root mean square of x - x̃ over gaps of the same duration that are put into the complete
     parts of the same record, those nearest to the gap. Where no part is long enough: the longest
     that there is, times (τ/τ')^(n-i+1) as for a chain with nothing known. NaN if no sample can be
-    left out, and for a gap that no sample ends.
+    left out, for a gap that no sample ends, and for a model that runs as Python.
 
     Parameters
     ----------
@@ -73,6 +72,8 @@ def gap_error(
     gaps = result.gaps if gaps is None else gaps
     n = observer.n
     error = np.full((len(gaps), n), np.nan)
+    if getattr(observer, "_interpreted", False):
+        return error
     inputs = np.empty((len(result.y), 0)) if u is None else check_array(u, "u")
     record = _Record(observer, result, inputs.reshape(len(result.y), -1))
     for channel in sorted({gap.channel for gap in gaps}):
@@ -102,7 +103,12 @@ class _Record:
         # sample k finds the memory of its row, or of the row before if rows have used their samples
         self.back = int(observer._core.is_current)
         self.settling = 3.0 * self._time_constant()
-        self._known: dict[int, Array] = {}
+        self._known = np.full((len(self.t), observer.n), np.nan)
+        self.gap = np.zeros(self.y.shape, bool)
+        for gap in result.gaps:
+            self.gap[gap.start : gap.start + gap.length, gap.channel] = True
+        chains = observer.spec.get("observers")  # one for each output, or one chain
+        self.orders = [chain["n"] for chain in chains] if chains else [observer.n]
 
     def _step(self, k: int, memory: Array, y: Array) -> Array:
         """The memory after sample k, found at `memory`."""
@@ -135,10 +141,10 @@ class _Record:
     def replays(self, channel: int, duration: float) -> tuple[Array, Array]:
         """Times (S,) at which a gap of this duration was put into the record, and x - x̃ (S, n)."""
         t, n = self.t, self.observer.n
-        none = np.isnan(self.y[:, channel])
+        none = self.gap[:, channel]
         end = np.searchsorted(t, t + duration * (1.0 - 1e-9))  # of a gap that begins at an index
         before = np.r_[0, np.cumsum(none)]  # missing samples before an index
-        inside = (end < len(t) - 1) & ~none
+        inside = (end < len(t) - 1) & ~np.isnan(self.y[:, channel])
         inside[0] = False
         begin = np.flatnonzero(inside)
         begin = begin[before[end[begin] + 1] == before[begin]]
@@ -160,33 +166,38 @@ class _Record:
             track = self.observer._core.run(t[rows], left, self.u[rows], start, innovation=False)
             # as the sample that ends the gap finds it
             shown = track["memory"][-1 - self.back, :n]
-            drift[row] = self.memory[stop - self.back, :n] - shown + self.usual(stop, channel)
+            drift[row] = self.memory[stop - self.back, :n] - shown + self.usual(stop)
         return t[begin], drift
 
-    def usual(self, stop: int, channel: int) -> Array:
-        """x - x̂ before a sample: the average of y - x̂_1 and of the corrections, (n,)."""
-        if self.observer.n_y > 1:
-            return np.zeros(self.observer.n)
+    def usual(self, stop: int) -> Array:
+        """x - x̂ before a sample, (n,): the average of y - x̂_1 and of the corrections, chain by
+        chain. Of states that are no chain from an output on, nothing is known.
+        """
+        usual = np.zeros(self.observer.n)
+        if len(self.orders) != self.y.shape[1]:
+            return usual
         first = int(np.searchsorted(self.t, self.t[stop] - self.settling))
         first = max(min(first, stop - 1), self.back)
-        corrections = self._corrections(first, stop, channel).sum(axis=0)
-        there = self.innovation[first:stop, channel]
-        there = there[~np.isnan(there)]
-        mean = there.mean() if len(there) else 0.0
-        return np.append(mean, corrections[:-1] / (self.t[stop] - self.t[first]))
+        corrections = self._corrections(first, stop).sum(axis=0) / (self.t[stop] - self.t[first])
+        begin = 0
+        for order, e in zip(self.orders, self.innovation[first:stop].T, strict=True):
+            there = e[~np.isnan(e)]
+            usual[begin] = there.mean() if len(there) else 0.0
+            usual[begin + 1 : begin + order] = corrections[begin : begin + order - 1]
+            begin += order
+        return usual
 
-    def _corrections(self, first: int, stop: int, channel: int) -> Array:
+    def _corrections(self, first: int, stop: int) -> Array:
         """What samples first to stop - 1 move beyond the model's own step, each computed once."""
         n = self.observer.n
-        known = self._known.setdefault(channel, np.full((len(self.t), n), np.nan))[first:stop]
+        known = self._known[first:stop]
+        none = np.full(self.y.shape[1], np.nan)
         for k in (first + np.flatnonzero(np.isnan(known[:, 0]))).tolist():
             found = self.memory[k - self.back].copy()
             if self.observer.spec["kind"] in ("low-power", "peaking-free"):
                 found[n : 2 * n - 1] = found[1:n]  # eta_i stands for x_(i+1): no correction inside
-            without = self.y[k].copy()
-            without[channel] = np.nan
             after = self.memory[k + 1 - self.back, :n]
-            known[k - first] = after - self._step(k, found, without)[:n]
+            known[k - first] = after - self._step(k, found, none)[:n]
         return known
 
 

@@ -107,21 +107,17 @@ class RunResult:
 
     def rows(self, rows: slice) -> RunResult:
         """Some rows of it."""
-        part = RunResult(
-            self.time[rows],
-            self.x_hat[rows],
-            self.auxiliary[rows],
-            self.innovation[rows],
-            self.missing[rows],
-            None if self.gain is None else self.gain[rows],
-            self.y[rows],
-            self.memory[rows],
-            self.timing,
-        )
+        part = object.__new__(type(self))
+        part.__dict__.update(self.__dict__)
+        for name in ("_period", "_gap_error"):
+            part.__dict__.pop(name, None)
+        fields = ("time", "x_hat", "auxiliary", "innovation", "missing", "gain", "y", "memory")
+        for name in fields:
+            values = getattr(self, name)
+            part.__dict__[name] = None if values is None else values[rows]
         if "_run_of" in self.__dict__:
             observer, u = self.__dict__["_run_of"]
             part.__dict__["_run_of"] = (observer, u[rows])
-        part.__dict__["slowdown"] = self.slowdown
         return part
 
     @property
@@ -134,15 +130,33 @@ class RunResult:
 
     @property
     def gaps(self) -> list[Gap]:
-        """Every run of missing samples, output by output."""
+        """Every run of missing samples, output by output.
+
+        With several outputs each has a rate of its own: a gap of it is a wait of more than one and
+        a half times its median one, and begins where its next sample was due.
+        """
         out = []
+        t, rows = self.time, len(self.y)
         for channel, values in enumerate(self.y.T):
-            none = np.concatenate([[False], np.isnan(values), [False]])
-            edges = np.flatnonzero(np.diff(none))
-            for start, stop in zip(edges[::2], edges[1::2], strict=True):
-                end = self.time[min(stop, len(self.time) - 1)]
-                duration = float(end - self.time[start])
-                out.append(Gap(int(start), int(stop - start), duration, channel))
+            there = np.flatnonzero(~np.isnan(values))
+            runs = [(0, rows)] if not len(there) else []
+            if len(there):
+                first, last = int(there[0]), int(there[-1])
+                begins, ends = there[:-1] + 1, there[1:]
+                gap = ends > begins
+                head, tail = (0, first), (last + 1, rows)
+                if self.y.shape[1] > 1 and len(there) > 1:
+                    wait = np.diff(t[there])
+                    usual = float(np.median(wait))
+                    gap = wait > 1.5 * usual
+                    begins = np.searchsorted(t, t[there[:-1]] + 0.75 * usual)
+                    head = head if t[first] - t[0] > 1.5 * usual else (0, 0)
+                    tail = (int(np.searchsorted(t, t[last] + 1.5 * usual)), rows)
+                inner = zip(begins[gap].tolist(), ends[gap].tolist(), strict=True)
+                runs = [run for run in (head, *inner, tail) if run[1] > run[0]]
+            for start, stop in runs:
+                duration = float(t[min(stop, rows - 1)] - t[start])
+                out.append(Gap(start, stop - start, duration, channel))
         return out
 
     @property
