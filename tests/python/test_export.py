@@ -88,8 +88,23 @@ KINDS = {
         5, 4.0, model=hgo_rs.Crackle(), saturation=[1.0, 0.5, 0.5, 0.5], method="bogacki-shampine"
     ),
     "sampled": hgo_rs.SampledDataObserver,
+    "current": lambda: StandardObserver(2, 20.0, timing="current", model=InputGain(1.7)),
+    "exact": lambda: StandardObserver(2, 20.0, method="zoh", timing="current"),
+    "arm": lambda: two_links(),
     "pendulum": lambda: pendulum(),
 }
+
+
+def two_links() -> Observer:
+    """Two coupled joints with an encoder each."""
+    model = hgo_rs.Model(
+        states=["q1", "w1", "q2", "w2"],
+        orders=[2, 2],
+        parameters={"c": 2.0},
+        phi=["-sin(q1) + c*tanh(q2 - q1)", "c*(q1 - q2) - 0.1*w2"],
+    )
+    joint = [StandardObserver(2, ell) for ell in (12.0, 15.0)]
+    return hgo_rs.MultiOutputObserver(joint, model=model)
 
 
 def pendulum() -> Observer:
@@ -123,7 +138,7 @@ def test_a_program_has_the_bits_of_the_core(tmp_path: Path, kind: str) -> None:
     every = FLAGS.values() if kind == "pendulum" else [FLAGS["gnu11 -O3 native"]]
     for flags in every:
         assert says_ok(in_c(tmp_path, kind, flags), 100)
-    if kind in ("pendulum", "adaptive", "sampled"):
+    if kind in ("pendulum", "adaptive", "sampled", "arm"):
         observer.export(to="rust", out=tmp_path, name=kind)
         assert says_ok(in_rust(tmp_path, kind), 100)
 
@@ -537,7 +552,7 @@ def test_a_control_system_runs_as_the_observer_does() -> None:
 
 def test_a_control_system_of_a_law_that_filters() -> None:
     control = pytest.importorskip("control")
-    observer = hgo_rs.ReducedOrderObserver(0.5)
+    observer: Observer = hgo_rs.ReducedOrderObserver(0.5)
     rng = np.random.default_rng(2)
     y = np.cumsum(0.1 + 0.01 * rng.standard_normal((50, 3)), axis=0)
     u = np.full((50, 2), 0.01)
@@ -545,6 +560,17 @@ def test_a_control_system_of_a_law_that_filters() -> None:
     system = observer.to_control(0.1)
     response = control.input_output_response(system, t, np.hstack([y, u]).T, observer.memory)
     np.testing.assert_allclose(response.outputs.T, observer.run(0.1, y, u).x_hat, atol=1e-9)
+
+
+def test_a_control_system_of_current_timing() -> None:
+    control = pytest.importorskip("control")
+    observer = StandardObserver(2, 20.0, timing="current", model=InputGain(1.5))
+    t = np.arange(200) * 0.005
+    y, u = np.sin(3.0 * t), np.cos(2.0 * t)
+    system = observer.to_control(0.005)
+    assert system.state_labels == ["x1", "x2", "period", "held_u"]
+    response = control.input_output_response(system, t, np.vstack([y, u]), observer.memory)
+    np.testing.assert_allclose(response.outputs.T, observer.run(0.005, y, u).x_hat, atol=1e-12)
 
 
 def test_a_control_system_needs_a_stable_step() -> None:
