@@ -521,11 +521,12 @@ impl Plan {
                 },
                 every: self.every,
                 frames: Frames::default(),
+                memory_len: self.memory_len,
                 stop,
                 patience: (4096 / u64::from(self.substeps.max(1))).max(1),
             };
             let x0 = P::State::read(row(&self.x0, P::State::LEN, run));
-            let z0 = Z::read(row(&self.memory0, Z::LEN, run));
+            let z0 = Z::read(row(&self.memory0, self.memory_len, run));
             let index = self.first_run.wrapping_add(run as u64);
             let end = go(&experiment(run), index, x0, z0, &mut watch);
             let settling_time =
@@ -537,7 +538,7 @@ impl Plan {
                 settling_time,
                 frames,
                 final_x: vec![0.0; P::State::LEN],
-                final_memory: vec![0.0; Z::LEN],
+                final_memory: vec![0.0; self.memory_len],
                 diverged_at: end.diverged_at,
                 undefined_at: end.undefined_at,
             };
@@ -602,6 +603,7 @@ struct Watch<'a> {
     metrics: RunMetrics<'a, f64>,
     every: u64,
     frames: Frames,
+    memory_len: usize,
     stop: &'a StopFlag,
     /// Steps between two looks at `stop`.
     patience: u64,
@@ -617,7 +619,9 @@ impl Probe<f64> for Watch<'_> {
         if self.every > 0 && sample.k.is_multiple_of(self.every) {
             self.frames.t.push(sample.t);
             sample.x.visit(&mut |v| self.frames.x.push(v));
+            let end = self.frames.memory.len() + self.memory_len;
             sample.z.visit(&mut |v| self.frames.memory.push(v));
+            self.frames.memory.truncate(end); // a memory may be wider than the observer's
             sample.y.each(&mut |v| self.frames.y.push(v));
         }
     }

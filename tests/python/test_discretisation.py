@@ -46,9 +46,10 @@ def images(poles, dt, method):
     return np.exp(p) if method == "zoh" else (2.0 + p) / (2.0 - p)
 
 
-def low_power(n, ell=ELL, kind=LowPowerObserver, **more):
+def low_power(n, gain=ELL, kind=LowPowerObserver, **more):
+    """A law, and its poles at a gain of 1."""
     poles = np.append(np.linspace(-1.0, -2.0, 2 * n - 2), -2.0)
-    return kind(n, ell, poles=poles, **more), ell * poles
+    return kind(n, gain, poles=poles, **more), poles
 
 
 @pytest.mark.parametrize("c", STEPS)
@@ -76,7 +77,7 @@ def test_a_low_power_law_has_them_too(n, method, c):
     observer, poles = low_power(n, method=method)
     scale = dt ** np.r_[np.arange(n), np.arange(1, n)]
     got = np.poly(scale[:, None] * matrix(observer, dt) / scale)
-    wanted = np.poly(images(poles, dt, method))
+    wanted = np.poly(images(ELL * poles, dt, method))
     assert np.allclose(got, wanted, rtol=0.0, atol=1e-9 * np.abs(wanted).max())
 
 
@@ -116,12 +117,11 @@ def test_it_is_stable_at_any_step(method, timing, c):
     ]
     dt = c / ELL
     y = rng.normal(size=3000)
-    y[rng.random(3000) < 0.1] = np.nan
     for law in laws:
         assert law.step_limit().dt > dt
         run = law.run(dt, y)
         scaled = np.abs(run.x_hat) * dt ** np.arange(law.n)
-        assert scaled[1500:].max() < 3.0 * scaled[:1500].max()
+        assert scaled[1500:].max() < 2.0 * scaled[:1500].max()
         quiet = law.run(dt, np.zeros(4000), x_hat0=np.ones(law.n))
         assert np.all(np.abs(quiet.x_hat[-1]) <= 1e-6 * np.abs(quiet.x_hat).max(axis=0))
 
@@ -300,5 +300,6 @@ def test_what_cannot_be_done_is_refused_with_a_reason():
         LowPowerObserver(5, ELL, method="bilinear")
     observer = StandardObserver(2, ELL, method="zoh")
     with pytest.raises(HgoError, match="joint"):
-        simulate(Crackle(), low_power(5, 30.0, method="zoh")[0], mode="joint", dt=0.001, steps=5)
+        law = low_power(5, 30.0, method="zoh")[0]
+        simulate(Crackle(), law, x0=[0.1] * 5, mode="joint", dt=0.001, steps=5)
     assert np.isinf(observer.step_limit().dt)

@@ -29,6 +29,11 @@ _PLACED = ("zoh", "bilinear")
 _ORDERS = {"euler": 1, "rk4": 4, "bogacki-shampine": 3}
 _CURRENT = ", current timing"
 _ROUNDED = 200.0
+_SATURATED = {
+    "zoh": {1: math.inf, 2: math.inf, 3: math.inf, 4: 2.0, 5: 1.0, 6: 0.5},
+    "bilinear": {3: 2.0, 4: 1.0},
+}
+"""Below these c the peaking-free law of order n came back from every start that was tried."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +93,8 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
     - euler, rk4, bogacki-shampine: the stability polynomial at each eigenvalue (measurement held
       over the step, innovation recomputed at each stage).  rk4-innovation-held: e_1 is one number
       for the whole step, the low-power law's inner e_2, e_3, ... follow the stages.
-    - zoh: none. bilinear: |lambda| dt < 200, where rounding takes over.
+    - zoh: none. bilinear: |lambda| dt < 200, where rounding takes over. peaking-free: bounded at
+      any step; ``c`` is up to where it was seen to converge from anywhere, default coefficients.
     - timing "current": prediction by the method, then I - c K C.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with
       mu = epsilon (1 - y^2) moves with y; the limit is where the product of these matrices along
@@ -149,8 +155,12 @@ def _low_power(observer: Mapping[str, Any]) -> StepLimit:
 def _placed(observer: Mapping[str, Any], method: str, closed: Array) -> StepLimit:
     """No limit, but where rounding sets one: eigenvalues that the bilinear rule gathers at -1."""
     fastest = float(np.max(np.abs(np.linalg.eigvals(closed))))
-    limit = math.inf if method == "zoh" else _ROUNDED / fastest
-    return _limit(observer, method, {"placed": limit})
+    parts = {"placed": math.inf if method == "zoh" else _ROUNDED / fastest}
+    if observer["kind"] == "peaking-free":
+        order = len(_member(observer, "alpha"))
+        parts["saturated"] = _SATURATED[method].get(order, 0.05 if order > 4 else math.inf)
+        parts["blocks"] = math.inf
+    return _limit(observer, method, parts)
 
 
 def _limit(observer: Mapping[str, Any], method: str, parts: dict[str, float]) -> StepLimit:
