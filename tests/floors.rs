@@ -19,6 +19,7 @@ const SAME_FLOOR: &[(&str, &str, &str)] = &[
     ("polynomial", "scalar", "coefficients are scalars"),
     ("integrate", "model", "stochastic schemes take a plant's drift and diffusion"),
     ("observer", "integrate", "a Runge-Kutta observer takes an integrator"),
+    ("injection", "observer", "a placed injection is a scheme"),
     ("lanes", "metrics", "moments of many runs are moments"),
     ("covariance", "simulate", "the covariance is a probe on a run"),
     ("ensemble", "simulate", "a block of runs is runs of an experiment"),

@@ -182,12 +182,13 @@ class Observer(_core.Online):
         if check_choice("timing", timing, TIMINGS) == self.timing:
             return self
         check("timing" in self.spec, "timing", timing, repr(self.timing), "this law has no other")
-        other = object.__new__(type(self))
+        other = type(self).__new__(type(self))
         own = {
             name: value for name, value in self.__dict__.items() if name not in ("_core", "step")
         }
         other.__dict__.update(own)
-        Observer.__init__(other, self.spec | {"timing": timing}, allow_unstable=self.allow_unstable)
+        spec = self.spec | {"timing": timing}
+        Observer.__init__(other, spec, model=self.model, allow_unstable=self.allow_unstable)
         return other
 
     def _check_start(self, memory: Array) -> None:

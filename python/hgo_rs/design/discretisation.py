@@ -26,6 +26,11 @@ from .discrete import CORRECTING, Continuous, blocks, chain, choice, member, met
 __all__ = ["StepLimit", "check_step", "step_limit"]
 
 _ROUNDED = 200.0
+_SATURATED = {
+    "zoh": {1: math.inf, 2: math.inf, 3: math.inf, 4: 2.0, 5: 1.0, 6: 0.5},
+    "bilinear": {3: 2.0, 4: 1.0},
+}
+"""Below these c the peaking-free law of order n came back from every start that was tried."""
 
 
 @dataclass(frozen=True)
@@ -85,9 +90,9 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
     - euler, rk4, bogacki-shampine: the stability polynomial at each eigenvalue (measurement held
       over the step, innovation recomputed at each stage).  rk4-innovation-held: e_1 is one number
       for the whole step, the low-power law's inner e_2, e_3, ... follow the stages.
-      Timing "current" steps by another matrix, and has limits of its own.
-    - zoh: none, the step may be as long as it likes. bilinear: |lambda| dt < 200, where rounding
-      takes over.
+      Timing "current" steps by another matrix, prediction then I - c K C, and has limits of its own.
+    - zoh: none. bilinear: |lambda| dt < 200, where rounding takes over. peaking-free: bounded at
+      any step; ``c`` is up to where it was seen to converge from anywhere, default coefficients.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with
       mu = epsilon (1 - y^2) moves with y; the limit is where the product of these matrices along
       the noise-free limit cycle ceases to contract (+- 0.01 s).  ``parts`` holds the frozen bound
@@ -140,6 +145,9 @@ def _low_power(observer: Mapping[str, Any]) -> StepLimit:
             # a block is the chain x' = eta + alpha e, eta' = beta e of order 2
             parts[f"block {i + 1}"] = _chain_limit(when, (coefficients[0][i], beta[i].item()))
         parts[f"block {alpha.size}"] = _chain_limit(inner, (coefficients[0][-1],))
+    if observer["kind"] == "peaking-free" and rule in CORRECTING:
+        otherwise = 0.05 if alpha.size > 4 else math.inf
+        parts |= {"saturated": _SATURATED[rule].get(alpha.size, otherwise), "blocks": math.inf}
     return _limit(observer, rule, parts)
 
 

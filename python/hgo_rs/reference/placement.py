@@ -95,7 +95,7 @@ def _numerator(k: int) -> Array:
     """N_k over w = z - 1: sum_j j^k z^-j = N_k / w^(k+1), N_(k+1) = z ((k+1) N_k - w N_k')."""
     numerator = np.array([1.0])
     for j in range(k):
-        slope = np.convolve(np.polyder(numerator), [1.0, 0.0])
+        slope = numerator * np.arange(numerator.size - 1, -1, -1)  # w N'
         numerator = np.convolve([1.0, 1.0], np.polysub((j + 1) * numerator, slope))
     return np.trim_zeros(numerator, "f")
 

@@ -157,7 +157,8 @@ class _Metrics:
             a, b = max(k0, start) - start, min(k1, stop) - start
             if a >= b:
                 continue
-            parts = [error[a:b], memory[a:b, n:]] if self.sum.shape[1] > n else [error[a:b]]
+            kept = self.sum.shape[1]
+            parts = [error[a:b], memory[a:b, n:kept]] if kept > n else [error[a:b]]
             row = 0
             for part in parts:
                 rows = slice(row, row + part.shape[1])
