@@ -82,10 +82,11 @@ def test_the_better_structure_is_chosen() -> None:
         "standard": lambda g: StandardObserver(3, g),
         "low-power": lambda g: LowPowerObserver(3, g),
     }
-    result = tune(laws, 1e-5, DT, cutoff=30.0, state=3)
+    few = np.geomspace(5.0, 100.0, 12)
+    result = tune(laws, 1e-5, DT, cutoff=30.0, state=3, ells=few)
     assert result.structure == "low-power"
     assert isinstance(result.observer, LowPowerObserver)
-    other = tune(laws["standard"], 1e-5, DT, cutoff=30.0, state=3)
+    other = tune(laws["standard"], 1e-5, DT, cutoff=30.0, state=3, ells=few)
     assert result.point["noise"] < other.point["noise"]
     columns = result.columns()
     assert len({len(column) for column in columns.values()}) == 1
@@ -138,12 +139,13 @@ def test_the_order_that_predicts_best_is_chosen() -> None:
         "order 2": lambda ell: StandardObserver(2, ell, method="rk4-innovation-held"),
         "order 3": lambda ell: StandardObserver(3, ell, method="rk4-innovation-held"),
     }
-    result = tune(laws, (t, y))
+    few = np.geomspace(5.0, 500.0, 16)
+    result = tune(laws, (t, y), ells=few)
     assert result.structure == "order 3" and result.state == 2
     errors = {
         name: np.std((law(g).run(t, y).x_hat[:, 1] - 3.0 * np.cos(3.0 * t))[2000:])
         for name, law in laws.items()
-        for g in [result.ell if name == "order 3" else tune(law, (t, y)).ell]
+        for g in [result.ell if name == "order 3" else tune(law, (t, y), ells=few).ell]
     }
     assert errors["order 3"] < errors["order 2"]
 
@@ -151,7 +153,9 @@ def test_the_order_that_predicts_best_is_chosen() -> None:
 def test_the_figure_and_the_table(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     t, y, _ = record(1e-4, 1.0, seed=5, count=4000)
-    for result, panels in ((tune(standard, (t, y)), 4), (tune(standard, 1e-4, DT, cutoff=90.0), 3)):
+    few = np.geomspace(20.0, 1000.0, 12)
+    found = tune(standard, (t, y), ells=few), tune(standard, 1e-4, DT, cutoff=90.0, ells=few)
+    for result, panels in zip(found, (4, 3), strict=True):
         figure = result.plot()
         assert len(figure.axes) == panels
         marked = [

@@ -25,6 +25,8 @@ from .discrete import CORRECTING, Continuous, blocks, chain, choice, member, met
 
 __all__ = ["StepLimit", "check_step", "step_limit"]
 
+_ROUNDED = 200.0
+
 
 @dataclass(frozen=True)
 class StepLimit:
@@ -84,7 +86,7 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
       over the step, innovation recomputed at each stage).  rk4-innovation-held: e_1 is one number
       for the whole step, the low-power law's inner e_2, e_3, ... follow the stages.
       Timing "current" steps by another matrix, and has limits of its own.
-    - zoh, bilinear: none, the step may be as long as it likes (peaking-free: saturations at rest).
+    - zoh: none.  bilinear: |lambda| dt < 200, where rounding takes over.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with
       mu = epsilon (1 - y^2) moves with y; the limit is where the product of these matrices along
       the noise-free limit cycle ceases to contract (+- 0.01 s).  ``parts`` holds the frozen bound
@@ -110,6 +112,8 @@ def _standard(observer: Mapping[str, Any]) -> StepLimit:
 def _collection(observer: Mapping[str, Any]) -> StepLimit:
     rule = method(observer)
     k = _checks.vector(member(observer, "k"), "k")
+    remedy = "choose another: eigenvalues are placed for single laws"
+    check(rule not in CORRECTING, "method", rule, "a method of rates", remedy, DesignError)
     k_bar = _checks.vector(member(observer, "k_bar"), "k_bar", k.size)
     copies = check_integer(member(observer, "copies"), "copies", least=1, error=DesignError)
     parts = {"linear": _chain_limit((rule, timing(observer)), tuple(k.tolist()))}
@@ -165,14 +169,14 @@ def _low_power_limit(
 
 def _critical(law: Continuous, rule: str, now: str) -> float:
     """The first c > 0 at which the step's spectral radius exceeds 1; infinite if none does."""
-    if rule in CORRECTING:
-        return math.inf  # |exp(c lambda)| < 1 and |(1 + c lambda/2)/(1 - c lambda/2)| < 1
+    fastest = float(np.max(np.abs(np.linalg.eigvals(law.closed))))
+    if rule in CORRECTING:  # the bilinear rule gathers eigenvalues at -1
+        return math.inf if rule == "zoh" else _ROUNDED / fastest
 
     def radius(c: Array) -> Array:
         steps = step(law, rule, now, c)[0]
         return np.asarray(np.max(np.abs(np.linalg.eigvals(steps)), axis=1), dtype=np.float64)
 
-    fastest = float(np.max(np.abs(np.linalg.eigvals(law.closed))))
     return _first_crossing(radius, 8.0 / fastest)
 
 
