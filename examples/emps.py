@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -229,6 +229,11 @@ def rows(setting: Setting) -> Iterator[tuple[str, float, float]]:
     yield "extended Kalman filter (filterpy), model", least(estimate, low, high, 11), np.nan
 
 
+def mean_input(setting: Setting) -> Setting:
+    """The same, with the mean of the inputs at both ends of a step, known when it has ended."""
+    return replace(setting, u=np.append(0.5 * (setting.u[1:] + setting.u[:-1]), setting.u[-1]))
+
+
 # --- the load -------------------------------------------------------------------------------------
 
 
@@ -322,6 +327,10 @@ def main() -> None:
         cells = [cell for results in table.values() for cell in results[i][1:]]
         shown = [f"{c:.2e}" if np.isfinite(c) else "" if c != c else "diverges" for c in cells]
         print(f"| {name} | " + " | ".join(shown) + " |")
+    slow = mean_input(settings(given.record)[1])
+    name = "standard n = 2, model"
+    least = best(lambda ell: slow.error(run(OURS[name], slow)(ell)), 10.0, 1e3)
+    print(f"{slow.name}, mean of the inputs at both ends of a step: {name} {least:.2e}")
     pulses = load(given.pulses) if given.pulses else None
     if pulses:
         print(
