@@ -12,9 +12,9 @@ too) and G y - G C z the injection of the innovation.  One step depends on c = e
 - staggered-euler:  z+ = z + (1 - c N)^-1 c (M z + G y), as d_i += c d_{i+1} from the bottom.
 - rk4, bogacki-shampine:  Taylor polynomials of exp(c M), with y held over the step.
 - rk4-innovation-held:  Taylor polynomials of exp(c F), with y - z_1 held.
-- zoh:  correct, then move over the step exactly:  z <- z + K (y - z_1),  z+ = Phi z, with
-  Phi = exp(c F) and the K(c) that gives (1 - K C) Phi the eigenvalues exp(c lambda(M)): those of
-  the continuous error at the sampling instants.
+- zoh:  correct, then move over the step exactly:  z <- z + K (y - z_1),  z+ = exp(c A) z with the
+  chain A alone, and the K(c) that gives (1 - K C) exp(c A) the eigenvalues exp(c lambda(M)): those
+  of the continuous error at the sampling instants.  Low-power laws correct every block by its e_i.
 - bilinear:  as zoh, with the eigenvalues (1 + c lambda/2)/(1 - c lambda/2) of the trapezoidal rule.
 
 Timing "predictor" shows z before the sample y(k) is used.  "current" corrects by it first and shows
@@ -27,6 +27,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -176,10 +177,10 @@ def step(law: Continuous, rule: str, timing: str, c: Array | float) -> tuple[Arr
     each = np.asarray(c, dtype=np.float64)[..., None, None]
     if rule in CORRECTING or timing == "current":
         if rule in CORRECTING:
-            phi, k = correction(law, rule, float(c))
+            phi, kept, k = correction(law, rule, float(c))
         else:
             phi, k = _held(law.f, law, rule, each)[0], each * g
-        kept = eye - k @ first
+            kept = eye - k @ first
         a, b = phi @ kept, phi @ k
         return (a, b, kept, k) if timing == "current" else (a, b, eye, np.zeros_like(g))
     if rule == "rk4-innovation-held":
@@ -202,52 +203,48 @@ def _held(m: Array, law: Continuous, rule: str, c: Array) -> tuple[Any, Any]:
     return eye + c * m @ held, np.broadcast_to(held, np.shape(c)[:-2] + m.shape) @ (c * g)
 
 
-def correction(law: Continuous, rule: str, c: float) -> tuple[Array, Array]:
-    """(Phi, K) of a method that corrects, (m, m) and (m, 1), in scaled coordinates, c = ell dt.
+def correction(law: Continuous, rule: str, c: float) -> tuple[Array, Array, Array]:
+    """(Phi, kept, K) of a method that corrects, in scaled coordinates, for c = ell dt.
 
-    Of a chain, kappa(tau) = K_1 + K_2 tau + ... + K_n tau^(n-1)/(n-1)! is by how much a unit
-    innovation moves the prediction for a time tau later.  With dt = 1, wanted eigenvalues z and
+    z <- kept z + K y, z+ = Phi z: (m, m), (m, m), (m, 1).  Of a chain, kept = 1 - K C and
+    kappa(tau) = K_1 + K_2 tau + ... + K_n tau^(n-1)/(n-1)! is by how much a unit innovation moves
+    the prediction for a time tau later.  With dt = 1, wanted eigenvalues z and
     prod(delta - (z - 1)) = delta^n + d_1 delta^(n-1) + ... + d_n,
 
         kappa(tau) = d_1 + d_2 (tau - 1) + d_3 (tau - 1)(tau - 2)/2! + ...
 
-    Of a low-power law, Ackermann's formula for (1 - K C) Phi: K = p(Phi) O^-1 e_m, O the
-    observability matrix of (C Phi, Phi), p(Phi) the product of Phi - z; x_hat_n, which feeds no
-    other state, keeps its own eigenvalue and is not corrected.
+    The low-power laws correct every block by its own e_i, with the gains of
+    ``reference.placement.low_power_gains``.
     """
-    # In the coordinates c^power z the chain does not know c.
-    lift = c**law.power
-    size = len(lift)
-    is_chain = size == law.n
-    seen = [i for i in range(size) if is_chain or i != law.n - 1]
-    here = np.ix_(seen, seen)
-    poles = c * np.linalg.eigvals(law.closed[here])
-    steps = -np.expm1(poles) if rule == "zoh" else -poles / (1.0 - 0.5 * poles)  # 1 - z
-    k = np.zeros((size, 1))
-    if is_chain:
-        change = chain_step(size, 1.0) - np.eye(size)
+    n, size = law.n, law.g.size
+    lift = c**law.power  # in the coordinates c^power z the chain does not know c
+    phi, kept, k = np.eye(size), np.eye(size), np.zeros((size, 1))
+    flow = chain_step(n, 1.0)
+    if size == n:
+        phi = flow
+        poles = c * np.linalg.eigvals(law.closed)
+        moved = np.expm1(poles) if rule == "zoh" else poles / (1.0 - 0.5 * poles)  # z - 1
         kappa, factor = np.polynomial.Polynomial([0.0]), np.polynomial.Polynomial([1.0])
-        for r, d in enumerate(np.poly(-steps).real[1:], 1):
+        for r, d in enumerate(np.poly(moved).real[1:], 1):
             kappa += d * factor
             factor *= np.polynomial.Polynomial([-1.0, 1.0 / r])  # (tau - r)/r
         k[:, 0] = [kappa.deriv(i)(0.0) if i else kappa(0.0) for i in range(size)]
+        kept[:, :1] -= k
     else:
-        from scipy.linalg import expm
-
-        f = lift[:, None] * (c * law.f) / lift
-        change = expm(np.block([[f, f], [np.zeros((size, 2 * size))]]))[:size, size:]  # Phi - 1
-        moved, rows = change[here], [change[here][0] + np.eye(len(seen))[0]]
-        while len(rows) < len(seen):
-            rows.append(rows[-1] + rows[-1] @ moved)
-        try:
-            placed: Any = np.linalg.solve(np.array(rows), np.eye(len(seen))[-1]).astype(complex)
-        except np.linalg.LinAlgError:
-            remedy = "choose a smaller dt or gain"
-            raise DesignError(explain("ell dt", c, "within double precision", remedy)) from None
-        for s in steps:
-            placed = moved @ placed + s * placed
-        k[seen, 0] = placed.real
-    return (np.eye(size) + change) * (lift / lift[:, None]), k / lift[:, None]
+        low_power_gains = import_module("hgo_rs.reference.placement").low_power_gains
+        # x_i and eta_(i-1) move alike, by the eta above them
+        phi[:n, n:] = (flow - np.eye(n))[:, 1:]
+        phi[n:, n:] = flow[1:, 1:]
+        alpha, beta = -np.diag(law.closed)[:n], -np.diag(law.closed[n:, : n - 1])
+        a, b = low_power_gains(alpha * c, beta * c * c, 1.0, rule)[:2]
+        innovation = np.zeros((n, size))  # e_i = eta_(i-1) - x_i; y is not a state
+        innovation[:, :n] = -np.eye(n)
+        innovation[1:, n:] = np.eye(n - 1)
+        gains = np.vstack([np.diag(a), np.diag(b, 0) @ np.eye(n - 1, n)])
+        kept += gains @ innovation
+        k = gains[:, :1]
+    scaled = lift / lift[:, None]
+    return phi * scaled, kept * scaled, k / lift[:, None]
 
 
 def chain_step(n: int, dt: float) -> Array:

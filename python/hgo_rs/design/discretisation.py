@@ -188,7 +188,6 @@ def _critical(law: Continuous, rule: str, now: str) -> float:
         steps = step(law, rule, now, c)[0]
         return np.asarray(np.max(np.abs(np.linalg.eigvals(steps)), axis=1), dtype=np.float64)
 
-    fastest = float(np.max(np.abs(np.linalg.eigvals(law.closed))))
     return _first_crossing(radius, 8.0 / fastest)
 
 
