@@ -179,10 +179,9 @@ def _low_power_limit(
 
 def _critical(law: Continuous, rule: str, now: str) -> float:
     """The first c > 0 at which the step's spectral radius exceeds 1; infinite if none does."""
-    if rule == "zoh":
-        return math.inf  # |exp(c lambda)| < 1
-    if rule == "bilinear":  # |(2 + c lambda)/(2 - c lambda)| < 1, until rounding makes it -1
-        return _ROUNDED / float(np.max(np.abs(np.linalg.eigvals(law.closed))))
+    fastest = float(np.max(np.abs(np.linalg.eigvals(law.closed))))
+    if rule in CORRECTING:  # the bilinear rule gathers eigenvalues at -1
+        return math.inf if rule == "zoh" else _ROUNDED / fastest
 
     def radius(c: Array) -> Array:
         steps = step(law, rule, now, c)[0]
