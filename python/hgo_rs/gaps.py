@@ -171,7 +171,8 @@ class _Record:
 
     def usual(self, stop: int) -> Array:
         """x - x̂ before a sample, (n,): the average of y - x̂_1 and of the corrections, chain by
-        chain. Of states that are no chain from an output on, nothing is known.
+        chain (noise that averages out is left out, which counts where no sample is missing). Of
+        states that are no chain from an output on, nothing is known.
         """
         usual = np.zeros(self.observer.n)
         if len(self.orders) != self.y.shape[1]:
