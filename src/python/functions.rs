@@ -26,7 +26,7 @@ use rayon::prelude::*;
 #[pyfunction]
 pub fn simulate<'py>(py: Python<'py>, spec: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
     let spec = Spec::new(spec, "simulation")?;
-    if program_study::is_own(&spec)? {
+    if program_study::is_programmed(&spec)? {
         return program_study::simulate(py, &spec);
     }
     let observer = build(&spec.sub("observer")?)?;

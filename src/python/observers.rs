@@ -350,6 +350,10 @@ macro_rules! boxed {
     }};
 }
 
+/// Orders up to which laws that know nothing or an input are compiled for that alone. Above, choosing
+/// the model costs little beside the rest, and the code is large.
+const TYPED: usize = 6;
+
 fn standard<const N: usize>(
     spec: &Spec<'_>,
     model: AnyModel,
@@ -361,8 +365,12 @@ fn standard<const N: usize>(
         AnyGain::Constant(gain) => {
             let law = StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?;
             let whole = |scheme| match model {
-                AnyModel::Unknown => recursion(law.typed::<_, _, 0>(gain, Unknown), scheme),
-                AnyModel::Input(known) => recursion(law.typed::<_, _, 1>(gain, known), scheme),
+                AnyModel::Unknown if const { N <= TYPED } => {
+                    recursion(law.typed::<_, _, 0>(gain, Unknown), scheme)
+                }
+                AnyModel::Input(known) if const { N <= TYPED } => {
+                    recursion(law.typed::<_, _, 1>(gain, known), scheme)
+                }
                 _ => recursion(law, scheme),
             };
             boxed!(N, law, manner, model, whole, manner.halves(law, whole)?)
@@ -394,10 +402,10 @@ fn low_power<const N: usize>(
         AnyGain::Constant(gain) => {
             let law = LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
             let whole = |scheme| match (model, saturation) {
-                (AnyModel::Unknown, AnySaturation::None) => {
+                (AnyModel::Unknown, AnySaturation::None) if const { N <= TYPED } => {
                     recursion(law.typed::<_, _, 0>(Unknown, NoSaturation), scheme)
                 }
-                (AnyModel::Input(known), AnySaturation::None) => {
+                (AnyModel::Input(known), AnySaturation::None) if const { N <= TYPED } => {
                     recursion(law.typed::<_, _, 1>(known, NoSaturation), scheme)
                 }
                 _ => recursion(law, scheme),
@@ -408,6 +416,23 @@ fn low_power<const N: usize>(
             let law = LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
             let whole = |scheme| recursion(law, scheme);
             boxed!(N, law, manner, model, whole, manner.halves(law, whole)?)
+        }
+    }
+}
+
+fn copies<L>(law: L, manner: Manner, model: AnyModel) -> PyResult<Box<dyn AnyObserver>>
+where
+    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Send + Sync + 'static,
+{
+    match manner.whole() {
+        None => {
+            let n_u = usize::from(matches!(model, AnyModel::Input(_)));
+            let halves = manner.known_halves(law, |scheme| recursion(law, scheme))?;
+            Ok(Box::new(Halved::new(halves, L::ESTIMATED, n_u, manner.timing)))
+        }
+        Some(scheme) => {
+            let recursion = recursion(law, scheme);
+            Ok(continuous(law, scheme, model, recursion, study::of_copies))
         }
     }
 }
@@ -426,12 +451,9 @@ fn collection<const C: usize>(
     let (k, k_bar) = (spec.vector::<N>("k", N)?, spec.vector::<N>("k_bar", N)?);
     let collection = RepelledCollection::<f64, _, N, C, 1>::new(k, k_bar, gain, model)?;
     if modified {
-        let law = ModifiedObserver { collection };
-        let whole = |scheme| recursion(law, scheme);
-        boxed!(N, law, manner, model, whole, manner.known_halves(law, whole)?)
+        copies(ModifiedObserver { collection }, manner, model)
     } else {
-        let whole = |scheme| recursion(collection, scheme);
-        boxed!(N, collection, manner, model, whole, manner.known_halves(collection, whole)?)
+        copies(collection, manner, model)
     }
 }
 

@@ -444,12 +444,16 @@ impl Task for BlockTask<'_, '_> {
     }
 }
 
-/// Whether a simulation needs programs: its plant or its model is the user's own.
-pub fn is_own(spec: &Spec<'_>) -> PyResult<bool> {
-    let observer = spec.sub("observer")?;
-    let own_model =
-        observer.get("model")?.is_some() && observer.sub("model")?.text_or("kind", "")? == "own";
-    Ok(own_model || spec.sub("plant")?.text_or("kind", "")? == "own-plant")
+/// Whether a simulation runs as programs: its plant or its model is the user's own, or it is a pair
+/// that is not compiled.
+pub fn is_programmed(spec: &Spec<'_>) -> PyResult<bool> {
+    let (observer, plant) = (spec.sub("observer")?, spec.sub("plant")?.text_or("kind", "")?);
+    let model = observer.get("model")?.is_some() && {
+        observer.sub("model")?.text_or("kind", "")? == "own"
+    };
+    let copies = matches!(observer.text_or("kind", "")?.as_str(), "collection" | "modified");
+    let copied = copies && matches!(plant.as_str(), "lee" | "van-der-pol");
+    Ok(model || plant == "own-plant" || copied)
 }
 
 /// Run an experiment with a plant or a model of the user's own.

@@ -866,6 +866,17 @@ where
     }
 }
 
+/// Collections with the plant that they are made for; with others they run as programs.
+pub fn of_copies<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult>
+where
+    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync + 'static,
+{
+    match plan.plant {
+        AnyPlant::SanfelicePraly(plant) => with_plant(o, plant, plan, stop),
+        _ => Err(refused(NO_PLANT)),
+    }
+}
+
 /// Laws of order 5 with the plant of order 5.
 pub fn of_order_5<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult>
 where

@@ -11,19 +11,6 @@ from hgo_rs import HgoError, Model, reference
 
 LEE = Model(states=["x1", "x2"], phi="-x1/(1 + x1*x1) - x2")
 
-
-def core_runs_own_models():
-    try:
-        hgo.StandardObserver(2, 5.0, model=LEE)
-    except HgoError:
-        return False
-    return True
-
-
-pytestmark = pytest.mark.skipif(
-    not core_runs_own_models(), reason="this build of the core has no own models"
-)
-
 CRACKLE = "saturate(0.2*(a*a - 1) - b - c - 4*d - s, -3, 3)"
 SAME = {
     "lee": (2, hgo.Lee(), LEE),
