@@ -419,7 +419,7 @@ class Observer(_core.Online):
     def _interpreted_run(
         self, clock: float | Array, samples: Array, told: Array, start: Array
     ) -> tuple[dict[str, Any], float]:
-        """The track as the core gives it, and how much longer it took than with a compiled model."""
+        """The track as the core gives it, and how much longer it took than a compiled model."""
         from hgo_rs.own.callables import clocked, warn_slow
 
         _check_samples(samples, self.n_y)

@@ -90,7 +90,7 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
     - euler, rk4, bogacki-shampine: the stability polynomial at each eigenvalue (measurement held
       over the step, innovation recomputed at each stage).  rk4-innovation-held: e_1 is one number
       for the whole step, the low-power law's inner e_2, e_3, ... follow the stages.
-      Timing "current" steps by another matrix, prediction then I - c K C, and has limits of its own.
+      Timing "current" steps by another matrix, prediction then I - c K C, with limits of its own.
     - zoh: none. bilinear: |lambda| dt < 200, where rounding takes over. peaking-free: bounded at
       any step; ``c`` is up to where it was seen to converge from anywhere, default coefficients.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with

@@ -1,5 +1,6 @@
-"""Models that are Python callables which could not be compiled: they run through the NumPy reference,
-call by call."""
+"""Models of Python callables that could not be compiled: they run in the NumPy reference, call by
+call.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ def is_interpreted(system: object) -> bool:
 
 
 class _Called:
-    """Callables in the place of a table: `inputs`, `outputs`, and a call with one value an input."""
+    """Callables in the place of a table: `inputs`, `outputs`, a call with one value an input."""
 
     def __init__(self, system: OwnSystem) -> None:
         spec = system.spec
@@ -95,8 +96,8 @@ def warn_slow(system: OwnSystem, compiled: float, interpreted: float, what: str)
     """Say by how much slower it is; the ratio of these times [s]."""
     ratio = interpreted / compiled
     warnings.warn(
-        f"{what}: the model runs as Python, {ratio:.0f} times slower than a compiled one of its size "
-        f"({interpreted:.2g} s a sample; {system.why_not_compiled})",
+        f"{what}: the model runs as Python, {ratio:.0f} times slower than a compiled one of its "
+        f"size ({interpreted:.2g} s a sample; {system.why_not_compiled})",
         SlowModelWarning,
         stacklevel=4,
     )

@@ -8,7 +8,6 @@ the time t [s]; the papers' do not.
 from __future__ import annotations
 
 from collections.abc import Sequence
-
 from typing import Any
 
 import numpy as np
