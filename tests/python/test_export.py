@@ -135,6 +135,8 @@ def pendulum() -> Observer:
 def test_a_program_has_the_bits_of_the_core(tmp_path: Path, kind: str) -> None:
     observer = KINDS[kind]()
     observer.export(to="c", out=tmp_path, name=kind)
+    # every step of the vector has a value
+    assert ", 2, {" not in (tmp_path / f"{kind}_vector.h").read_text()
     every = FLAGS.values() if kind == "pendulum" else [FLAGS["gnu11 -O3 native"]]
     for flags in every:
         assert says_ok(in_c(tmp_path, kind, flags), 100)

@@ -280,7 +280,9 @@ class Const:
 
 @dataclass(frozen=True)
 class Function:
-    """A function: arguments (name, type), types of its results, statements, doc comment, text."""
+    """A function: arguments (name, type), types of its results, statements, doc comment, text,
+    and the macros that it is made with.
+    """
 
     name: str
     arguments: tuple[tuple[str, str], ...]
@@ -289,6 +291,7 @@ class Function:
     consts: tuple[Const, ...]
     comment: str
     source: str
+    macros: frozenset[str]
 
 
 _RANKS = [("||",), ("&&",), ("==", "!=", "<", ">", "<=", ">="), ("|",), ("^",), ("&",),
@@ -305,6 +308,8 @@ class _Scope:
     hoisted: list[Statement] = field(default_factory=list)
     """Statements of blocks inside of an expression: they go in front of it."""
     calls: int = 0
+    used: set[str] = field(default_factory=set)
+    """Macros that were called."""
     taken: set[str] = field(default_factory=set)
     """Names of the function: a block's own names become others."""
     inner: list[dict[str, Node]] = field(default_factory=list)
@@ -402,7 +407,8 @@ class _Parser:
         source = _text(self.tokens[start : end + 1])
         scope = _Scope(self.scope.macros, taken={name for name, _ in arguments})
         body, consts = _Parser(self.skip_group(), scope).body()
-        return Function(name, arguments, results, body, consts, comment, source)
+        macros = frozenset(scope.used)
+        return Function(name, arguments, results, body, consts, comment, source, macros)
 
     def body(self) -> tuple[tuple[Statement, ...], tuple[Const, ...]]:
         statements: list[Statement] = []
@@ -572,6 +578,7 @@ class _Parser:
         if name not in self.scope.macros:
             raise _refuse(f"the macro {name}!")
         self.scope.calls += 1
+        self.scope.used.add(name)
         tokens = self.scope.macros[name].expand(self.skip_group(), self.scope.calls)
         inner = _Parser(tokens, self.scope)
         value = inner.expression()

@@ -239,9 +239,10 @@ def _controls(observer: Observer) -> list[str]:
 def _period(observer: Observer) -> float:
     """A step that is surely stable."""
     try:
-        return float(observer.step_limit().dt) / 10.0
+        period = float(observer.step_limit().dt) / 10.0
     except HgoError:
         return 1e-3
+    return period if np.isfinite(period) else 1e-3  # zoh and bilinear are stable at any step
 
 
 # --- the test vector --------------------------------------------------------------------------

@@ -226,12 +226,8 @@ def _elementary(program: Program, wanted: list[str]) -> list[str]:
     text = "\n".join([*(f.source for f in functions), *(c.source for c in consts)])
     used = [path for name, path in known.uses.items() if re.search(rf"\b{name}\b", text)]
     out += ["".join(f"use {path};\n" for path in used)] if used else []
-    macros: list[str] = []
-    for name, macro in reversed(known.macros.items()):
-        if f"{name}!" in text:
-            macros.insert(0, macro.source + "\n")
-            text += macro.source
-    out += macros
+    called = frozenset[str]().union(*(function.macros for function in functions))
+    out += [macro.source + "\n" for name, macro in known.macros.items() if name in called]
     out += [const.source + "\n" for const in consts]
     for function in functions:
         doc = _doc(function.comment, "///") + "\n" if function.comment else ""
