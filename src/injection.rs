@@ -83,6 +83,7 @@ impl Placement {
     pub fn image<T: Scalar>(self, (re, im): (T, T), r: T, dt: T) -> (T, T) {
         let h = r * dt;
         let (re, im) = self.shift((h * re, h * im));
+        let dt = dt.or(T::ONE); // no time: nothing moves
         (re / dt, im / dt)
     }
 }
