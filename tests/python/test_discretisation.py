@@ -310,8 +310,8 @@ def test_what_cannot_be_done_is_refused_with_a_reason():
 @pytest.mark.parametrize("timing", ["predictor", "current"])
 def test_a_record_of_one_sample_has_no_time_to_move_in(method: str, timing: str) -> None:
     for observer in (
-        hgo.StandardObserver(2, 50.0, method=method, timing=timing),
-        hgo.LowPowerObserver(3, 50.0, method=method, timing=timing),
+        StandardObserver(2, 50.0, method=method, timing=timing),
+        LowPowerObserver(3, 50.0, method=method, timing=timing),
     ):
         result = observer.run([0.3], [0.7], x_hat0=[0.5] * observer.n)
         assert np.all(result.x_hat == 0.5)
