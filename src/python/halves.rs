@@ -93,8 +93,11 @@ pub struct Halved {
     pub law_len: usize,
     pub timing: Timing,
     /// The halves prepared for the length of the last correction, `None` where that is of no use.
-    usual: Mutex<Option<(f64, Option<Arc<dyn Halves>>)>>,
+    usual: Mutex<Option<Usual>>,
 }
+
+/// The length of a correction, and halves prepared for it.
+type Usual = (f64, Option<Arc<dyn Halves>>);
 
 impl Halved {
     pub fn new(halves: Box<dyn Halves>, n: usize, n_u: usize, timing: Timing) -> Self {
@@ -106,7 +109,7 @@ impl Halved {
     fn usual(&self, dt: f64) -> Option<Arc<dyn Halves>> {
         let mut usual = self.usual.lock().ok()?;
         if let Some((length, halves)) = &*usual
-            && *length == dt
+            && length.to_bits() == dt.to_bits()
         {
             return halves.clone();
         }
@@ -128,7 +131,7 @@ impl Halved {
         let (law, held) = memory.split_at_mut(self.law_len);
         match self.timing {
             Timing::Current => {
-                let period = if held[0] == 0.0 { dt } else { held[0] };
+                let period = if held[0] > 0.0 { held[0] } else { dt };
                 halves.correct(law, y, u, t, period);
                 held[0] = dt;
                 held[1..].copy_from_slice(u);
