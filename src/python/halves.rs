@@ -14,6 +14,7 @@ use crate::memory::Memory;
 use crate::observer::{ContinuousLaw, Discretised, Observer, Scheme, Status, Timing};
 use nalgebra::SVector;
 use pyo3::prelude::*;
+use std::sync::{Arc, Mutex};
 
 /// No memory of a law of order 2 or 5 is longer than this, period and input included.
 const WIDEST: usize = 24;
@@ -91,12 +92,30 @@ pub struct Halved {
     /// Entries of the law's memory.
     pub law_len: usize,
     pub timing: Timing,
+    /// The halves prepared for the length of the last correction, `None` where that is of no use.
+    usual: Mutex<Option<Usual>>,
 }
+
+/// The length of a correction, and halves prepared for it.
+type Usual = (f64, Option<Arc<dyn Halves>>);
 
 impl Halved {
     pub fn new(halves: Box<dyn Halves>, n: usize, n_u: usize, timing: Timing) -> Self {
         let law_len = halves.initial().len();
-        Self { halves, n, n_u, law_len, timing }
+        Self { halves, n, n_u, law_len, timing, usual: Mutex::default() }
+    }
+
+    /// The halves with gains for corrections of this length, which most steps have in common.
+    fn usual(&self, dt: f64) -> Option<Arc<dyn Halves>> {
+        let mut usual = self.usual.lock().ok()?;
+        if let Some((length, halves)) = &*usual
+            && length.to_bits() == dt.to_bits()
+        {
+            return halves.clone();
+        }
+        let halves = self.halves.prepared(dt).map(Arc::from);
+        *usual = Some((dt, halves.clone()));
+        halves
     }
 
     /// The law's memory before the sample at time t.
@@ -112,7 +131,7 @@ impl Halved {
         let (law, held) = memory.split_at_mut(self.law_len);
         match self.timing {
             Timing::Current => {
-                let period = if held[0] == 0.0 { dt } else { held[0] };
+                let period = if held[0] > 0.0 { held[0] } else { dt };
                 halves.correct(law, y, u, t, period);
                 held[0] = dt;
                 held[1..].copy_from_slice(u);
@@ -127,15 +146,21 @@ impl Halved {
 
 impl Recursion for Halved {
     fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
-        let (halves, y) = (&*self.halves, y.first().copied().unwrap_or(f64::NAN));
+        let y = y.first().copied().unwrap_or(f64::NAN);
+        let period = match self.timing {
+            Timing::Current if memory[self.law_len] > 0.0 => memory[self.law_len],
+            _ => dt,
+        };
+        let usual = self.usual(period);
+        let halves = usual.as_deref().unwrap_or(&*self.halves);
         self.before(halves, memory, t);
         self.after(halves, memory, y, u, t, dt);
         if y.is_finite() { Status::Updated } else { Status::Predicted }
     }
 
     fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64 {
-        let prepared = block.dt.first().and_then(|dt| self.halves.prepared(*dt));
-        let halves = prepared.as_deref().unwrap_or(&*self.halves);
+        let usual = block.dt.first().and_then(|dt| self.usual(*dt));
+        let halves = usual.as_deref().unwrap_or(&*self.halves);
         let (m, current) = (memory.len(), self.timing == Timing::Current);
         let (mut largest, mut spoilt) = (0.0_f64, 0.0);
         for (k, row) in block.memory.chunks_exact_mut(m).enumerate() {
