@@ -268,18 +268,18 @@ impl<T: Scalar, X: Memory<T>> Truth<'_, T, X> {
     #[inline(always)]
     fn take<Z: Memory<T>, K: Kind<T>>(self, z: &Z::Columns<LANES>, rows: Option<&mut [Lane<T>]>) {
         let rows = rows.unwrap_or_default();
-        Z::each_column(z, 0, &mut Rows { truth: self, rows, kind: PhantomData::<K> });
+        Z::each_column(z, 0, &mut Collector { truth: self, rows, kind: PhantomData::<K> });
     }
 }
 
 /// The rows of a kind of sum, one a signal.
-struct Rows<'a, 'b, T: Scalar, X: Memory<T>, K> {
+struct Collector<'a, 'b, T: Scalar, X: Memory<T>, K> {
     truth: Truth<'a, T, X>,
     rows: &'b mut [Lane<T>],
     kind: PhantomData<K>,
 }
 
-impl<T: Scalar, X: Memory<T>, K: Kind<T>> EachColumn<T, LANES> for Rows<'_, '_, T, X, K> {
+impl<T: Scalar, X: Memory<T>, K: Kind<T>> EachColumn<T, LANES> for Collector<'_, '_, T, X, K> {
     #[inline(always)]
     fn take(&mut self, i: usize, z: &[T; LANES]) {
         if let Some(row) = self.rows.get_mut(i) {
