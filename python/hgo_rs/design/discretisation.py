@@ -26,6 +26,11 @@ from .discrete import CORRECTING, Continuous, blocks, chain, choice, member, met
 __all__ = ["StepLimit", "check_step", "step_limit"]
 
 _ROUNDED = 200.0
+_SATURATED = {
+    "zoh": {1: math.inf, 2: math.inf, 3: math.inf, 4: 2.0, 5: 1.0, 6: 0.5},
+    "bilinear": {3: 2.0, 4: 1.0},
+}
+"""Below these c the peaking-free law of order n came back from every start that was tried."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +90,9 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
     - euler, rk4, bogacki-shampine: the stability polynomial at each eigenvalue (measurement held
       over the step, innovation recomputed at each stage).  rk4-innovation-held: e_1 is one number
       for the whole step, the low-power law's inner e_2, e_3, ... follow the stages.
-      Timing "current" steps by another matrix, and has limits of its own.
-    - zoh: none.  bilinear: |lambda| dt < 200, where rounding takes over.
+      Timing "current": prediction by the method, then I - c K C.
+    - zoh: none.  bilinear: |lambda| dt < 200, where rounding takes over.  peaking-free: bounded at
+      any step; ``c`` is up to where it was seen to converge from anywhere, default coefficients.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with
       mu = epsilon (1 - y^2) moves with y; the limit is where the product of these matrices along
       the noise-free limit cycle ceases to contract (+- 0.01 s).  ``parts`` holds the frozen bound
@@ -129,15 +135,17 @@ def _low_power(observer: Mapping[str, Any]) -> StepLimit:
     beta = _checks.vector(member(observer, "beta"), "beta", alpha.size - 1)
     coefficients = tuple(alpha.tolist()), tuple(beta.tolist())
     parts = {"linear": _low_power_limit((rule, now), *coefficients)}
-    if observer["kind"] == "peaking-free" and rule not in CORRECTING:
+    if observer["kind"] == "peaking-free" and rule in CORRECTING:
+        parts["saturated"] = _SATURATED[rule].get(alpha.size, 0.05 if alpha.size > 4 else math.inf)
+        parts["blocks"] = math.inf
+    elif observer["kind"] == "peaking-free":
+        # only the first block has a sample: the innovations of the others follow the stages
+        inner = "rk4" if rule == "rk4-innovation-held" else rule, "predictor"
         for i in range(alpha.size - 1):
-            measured = rule if i == 0 or rule != "rk4-innovation-held" else "rk4"
             # a block is the chain x' = eta + alpha e, eta' = beta e of order 2
-            parts[f"block {i + 1}"] = _chain_limit(
-                (measured, now), (coefficients[0][i], beta[i].item())
-            )
-        last = "rk4" if rule == "rk4-innovation-held" else rule
-        parts[f"block {alpha.size}"] = _chain_limit((last, now), (coefficients[0][-1],))
+            block = coefficients[0][i], coefficients[1][i]
+            parts[f"block {i + 1}"] = _chain_limit((rule, now) if i == 0 else inner, block)
+        parts[f"block {alpha.size}"] = _chain_limit(inner, (coefficients[0][-1],))
     return _limit(observer, rule, parts)
 
 
@@ -147,7 +155,8 @@ def _limit(observer: Mapping[str, Any], rule: str, parts: dict[str, float]) -> S
     law = choice(gain, "law", ("constant", "adaptive", "dead-zone"))
     ell = _checks.positive(member(gain, "ell"), "gain.ell") if law == "constant" else 1.0
     c = min(parts.values())
-    return StepLimit(rule, c / ell, c, parts)
+    current = timing(observer) == "current" and rule not in CORRECTING
+    return StepLimit(rule + ", current timing" * current, c / ell, c, parts)
 
 
 @lru_cache(maxsize=256)
