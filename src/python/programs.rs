@@ -443,6 +443,12 @@ fn low_power<const N: usize>(
              observer",
         ));
     }
+    if matches!(manner.method, AnyMethod::Placed(_)) && spec.sub("gain")?.text("law")? != "constant" {
+        return Err(refused(
+            "method = 'zoh' or 'bilinear' is not allowed for this law with a model of one's own and a \
+             gain that moves: choose a constant gain, the standard law, or rk4",
+        ));
+    }
     let (alpha, beta) = (spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?);
     let gain = spec.sub("gain")?;
     macro_rules! law {

@@ -62,7 +62,17 @@ def test_records_have_the_bits_of_the_built_in_model(case: tuple[Any, ...]) -> N
     for own, built_in in ((LEE, hgo.Lee()), (CRACKLE, hgo.Crackle())):
         if built_in.order == 5 and rest[0] != 20.0:
             continue
-        a, b = law(kind, own, *rest), law(kind, built_in, *rest)
+        try:
+            b = law(kind, built_in, *rest)
+        except hgo.HgoError:  # bilinear beyond order 4
+            with pytest.raises(hgo.HgoError):
+                law(kind, own, *rest)
+            continue
+        if kind != "standard" and rest[0] != 20.0 and rest[1] in ("zoh", "bilinear"):
+            with pytest.raises(hgo.HgoError, match="gain that moves"):
+                law(kind, own, *rest)
+            continue
+        a = law(kind, own, *rest)
         assert a.n_u == b.n_u == 0
         t, y = record()
         for clock in (t, 1e-3):
@@ -107,7 +117,7 @@ def test_studies_have_the_bits_of_the_built_in_systems(mode: str, method: str, r
                 rng=3,
                 mode=mode,
                 plant_method=method,
-                windows=[(100, 700)],
+                windows=[(0.1, 0.7)],
                 every=100 if runs == 3 else 0,
             )
             for some_plant, some_model in itertools.product((plant, own_plant), (model, own_model))
@@ -145,7 +155,7 @@ def test_process_noise_of_an_own_plant() -> None:
             runs=40,
             rng=2,
             plant_method="euler-maruyama",
-            windows=[(100, 400)],
+            windows=[(5.0, 20.0)],
         )
         for plant, observer in (
             (hgo.VanDerPol(), hgo.SampledDataObserver()),
@@ -170,7 +180,10 @@ def test_a_traced_step_is_a_table_with_the_bits_of_the_step() -> None:
     rng = np.random.default_rng(4)
     for kind, gain, method, timing in CASES[::5]:
         observer = law(kind, hgo.Lee(), gain, method, timing)
-        table = _core.trace_step(observer.spec)
+        dt = 0.001 if timing == "predictor" else 0.002
+        if kind != "standard" and method in ("zoh", "bilinear") and gain != 20.0:
+            continue  # no table
+        table = _core.trace_step(observer.spec, dt=dt if method in ("zoh", "bilinear") else None)
         m = observer.memory.size
         memory = observer.initial_memory()
         z = memory + 0.1 * rng.random(m)

