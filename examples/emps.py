@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _axis import AxisObserver
 from scipy import signal
 from scipy.io import loadmat
 from scipy.optimize import minimize_scalar
@@ -86,11 +85,23 @@ def settings(path: Path) -> list[Setting]:
 Estimate = Callable[[float], Any]
 
 
+KNOWN = "(gtau*u - Fv*v - Fc*tanh(v/vs) - offset)/M"
+MODELS = {
+    2: hgo.Model(states=["q", "v"], inputs=["u"], parameters=AXIS, phi=KNOWN),
+    # the load as acceleration d: v' = d + ..., d' = 0
+    3: hgo.Model(states=["q", "v", "d"], inputs=["u"], parameters=AXIS, f=["0", KNOWN, "0"]),
+}
+
+
 def observer(n: int, model: bool, poles: Any, timing: str = "current") -> hgo.tuning.Build:
     """The standard observer of the axis, with its model and, for n = 3, a load as last state."""
+    method = "zoh" if timing == "current" else "euler"
+    known = MODELS[n] if model else None
 
-    def build(ell: float) -> Any:
-        return AxisObserver(n, ell, AXIS if model else None, poles, timing)
+    def build(ell: float) -> hgo.Observer:
+        return hgo.StandardObserver(
+            n, ell, poles=poles, model=known, method=method, timing=timing, allow_unstable=True
+        )
 
     return build
 
@@ -122,9 +133,9 @@ def run(build: hgo.tuning.Build, setting: Setting) -> Estimate:
         made = build(ell)
         start = np.zeros(made.n)
         start[0] = setting.y[0]
-        known = getattr(made, "n_u", 1)
+        u = setting.u if made.n_u else None
         try:
-            run = made.run(setting.t, setting.y, setting.u if known else None, x_hat0=start)
+            run = made.run(setting.t, setting.y, u, x_hat0=start)
         except hgo.HgoError:  # beyond the step limit, or diverged
             return np.full(setting.y.size, np.nan)
         return run.x_hat[:, 1]

@@ -263,7 +263,6 @@ impl<T: Scalar> Registers<Lane<T>> {
 
 /// A program that is borrowed from wherever it is kept: the flash of a chip, or memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Program<'a> {
     /// The instructions, in order.
     pub instructions: &'a [Instruction],

@@ -443,7 +443,8 @@ fn low_power<const N: usize>(
              observer",
         ));
     }
-    if matches!(manner.method, AnyMethod::Placed(_)) && spec.sub("gain")?.text("law")? != "constant" {
+    if matches!(manner.method, AnyMethod::Placed(_)) && spec.sub("gain")?.text("law")? != "constant"
+    {
         return Err(refused(
             "method = 'zoh' or 'bilinear' is not allowed for this law with a model of one's own and a \
              gain that moves: choose a constant gain, the standard law, or rk4",
@@ -758,31 +759,36 @@ pub struct Programmed {
 /// How to make the steps for a length, and those that were made.
 struct Remade {
     spec: Py<PyAny>,
+    /// Whether there is no step for any length.
+    only: bool,
     made: Mutex<Vec<(u64, [Arc<Step>; 2])>>,
 }
 
 /// Lengths that are remembered.
 const REMEMBERED: usize = 64;
 
-/// Whether the gains of a placed law are found by decisions on the length of a period.
-fn needs_length(spec: &Spec<'_>) -> PyResult<bool> {
+/// Laws of a spec whose eigenvalues are placed: any; and any whose gains are found by decisions on the
+/// length of a period, so that there is no table for all of them.
+fn placed(spec: &Spec<'_>) -> PyResult<(bool, bool)> {
     let kind = spec.text("kind")?;
     if kind == "chains" {
-        let observers = spec.list("observers")?;
-        return observers.iter().try_fold(false, |any, spec| Ok(any || needs_length(spec)?));
+        return spec.list("observers")?.iter().try_fold((false, false), |(any, deciding), spec| {
+            let (of_one, decides) = placed(spec)?;
+            Ok((any || of_one, deciding || decides))
+        });
     }
     let blocks = kind == "low-power" || kind == "peaking-free";
-    Ok(blocks && matches!(Manner::read(spec)?.method, AnyMethod::Placed(_)))
+    let continuous = blocks || kind == "standard";
+    let any = continuous && matches!(Manner::read(spec)?.method, AnyMethod::Placed(_));
+    Ok((any, any && blocks))
 }
 
 /// An observer with a model of the user's own.
 pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
-    let remade = if needs_length(spec)? {
-        Some(Remade { spec: spec.to_any(), made: Mutex::default() })
-    } else {
-        None
-    };
-    let tables = Tables::read(spec, false, remade.as_ref().map(|_| 1.0))?;
+    let (placed, deciding) = placed(spec)?;
+    let made = Mutex::default();
+    let remade = placed.then(|| Remade { spec: spec.to_any(), only: deciding, made });
+    let tables = Tables::read(spec, false, deciding.then_some(1.0))?;
     let steps = tables.steps()?;
     let missing = match &tables.missing {
         None => None,
@@ -831,25 +837,6 @@ impl Tables {
         (current && self.placed).then(|| memory.checked_sub(1 + n_u)).flatten()
     }
 
-    /// Whether the step for this length is right for a memory.
-    fn is_period(&self, memory: &[f64], dt: f64) -> bool {
-        self.period().is_none_or(|period| memory.get(period) == Some(&dt))
-    }
-
-    /// The table of steps of one length that follow one of the same length.
-    pub fn for_steps_of(&self, dt: f64) -> PyResult<Table> {
-        let period = self.period().map(|period| MEMORY + period);
-        trace(Setting::usual(false), || {
-            let mut given: Vec<Traced> = self.step.inputs.iter().map(|name| input(name)).collect();
-            given[1] = Traced::from_f64(dt);
-            if let Some(period) = period {
-                given[period] = Traced::from_f64(dt);
-            }
-            let made = trace::inline(&self.step, &given);
-            Ok(self.step.output_names.iter().cloned().zip(made).collect())
-        })
-    }
-
     /// The step, and the step that tells the innovation too.
     fn steps(&self) -> PyResult<[Arc<Step>; 2]> {
         let step = self.program(&self.step.with_outputs(0..self.memory_len()))?;
@@ -891,10 +878,13 @@ impl Step {
         r: &mut Registers<f64>,
         memory: usize,
         (t, dt): (f64, f64),
-        sample: impl Iterator<Item = f64>,
+        (y, u): (&[f64], &[f64]),
     ) -> bool {
         (r.0[0], r.0[1]) = (t, dt);
-        r.0.iter_mut().skip(MEMORY + memory).zip(sample).for_each(|(slot, given)| *slot = given);
+        let given = r.0.get_mut(MEMORY + memory..).unwrap_or_default();
+        given.iter_mut().zip(y).for_each(|(slot, y)| *slot = *y);
+        let given = given.get_mut(y.len()..).unwrap_or_default();
+        given.iter_mut().zip(u).for_each(|(slot, u)| *slot = *u);
         self.compiled.program().run(r);
         let next = self.compiled.outputs.get(..memory).unwrap_or(&[]);
         let mut spoilt = 0.0;
@@ -908,8 +898,13 @@ impl Step {
             let next: Vec<f64> = next.iter().map(|output| r.0[usize::from(*output)]).collect();
             r.0[MEMORY..MEMORY + memory].copy_from_slice(&next);
         } else {
-            for (i, output) in next.iter().enumerate() {
-                r.0[MEMORY + i] = r.0[usize::from(*output)];
+            let mut place = MEMORY;
+            for output in next {
+                let value = r.0[usize::from(*output)];
+                if let Some(slot) = r.0.get_mut(place) {
+                    *slot = value;
+                }
+                place += 1;
             }
         }
         true
@@ -930,18 +925,6 @@ impl Programmed {
         }
     }
 
-    /// The step for all of these lengths, if they are the same and that saves work.
-    fn prepared(&self, dt: &[f64], told: bool) -> Option<Arc<Step>> {
-        let (first, rest) = dt.split_first()?;
-        let same = rest.len() >= 16 && rest.iter().all(|dt| dt == first);
-        if !self.tables.placed || self.remade.is_some() || !same {
-            return None;
-        }
-        let table = self.tables.for_steps_of(*first).ok()?;
-        let outputs = if told { table.outputs.len() } else { self.tables.memory_len() };
-        self.tables.program(&table.with_outputs(0..outputs)).ok().map(Arc::new)
-    }
-
     /// Length of the period that a sample ends, or that its step begins if it is the first.
     fn period(&self, memory: &[f64], dt: f64) -> f64 {
         match self.tables.period().and_then(|period| memory.get(period)) {
@@ -957,6 +940,9 @@ impl Programmed {
         if let Some((_, steps)) = made.iter().find(|(known, _)| *known == key) {
             return Ok(steps[usize::from(told)].clone());
         }
+        if made.len() >= REMEMBERED && !remade.only {
+            return Ok(self.steps[usize::from(told)].clone()); // uneven: gains are part of the step
+        }
         let steps = Python::attach(|py| {
             let spec = Spec::new(remade.spec.bind(py), "observer")?;
             Tables::read(&spec, false, Some(length))?.steps()
@@ -967,6 +953,16 @@ impl Programmed {
         made.push((key, steps.clone()));
         let [step, telling] = steps;
         Ok(if told { telling } else { step })
+    }
+}
+
+/// The memory into a row, and its entries' largest magnitudes so far.
+#[inline(always)]
+fn keep(row: &mut [f64], r: &Registers<f64>, largest: &mut [f64; REGISTERS]) {
+    let memory = r.0.iter().skip(MEMORY).zip(largest);
+    for (slot, (value, largest)) in row.iter_mut().zip(memory) {
+        *slot = *value;
+        *largest = if value.abs() > *largest { value.abs() } else { *largest };
     }
 }
 
@@ -988,7 +984,7 @@ impl Recursion for Programmed {
         let Ok(step) = step else { return Status::ModelUndefined };
         let (mut r, place) = (step.at_rest, MEMORY..MEMORY + memory.len());
         r.0[place.clone()].copy_from_slice(memory);
-        let moved = step.advance(&mut r, memory.len(), (t, dt), y.iter().chain(u).copied());
+        let moved = step.advance(&mut r, memory.len(), (t, dt), (y, u));
         memory.copy_from_slice(&r.0[place]);
         status(moved, present)
     }
@@ -998,7 +994,7 @@ impl Recursion for Programmed {
         let Shape { n_y: p, n_u: q, current, .. } = self.tables.shape;
         let (m, told) = (memory.len(), !innovation.is_empty());
         let place = MEMORY..MEMORY + m;
-        let prepared = self.prepared(dt, told);
+        let one = self.remade.is_none() && self.missing.is_none() && self.unstarted.is_none();
         let mut of_length: Option<(f64, Arc<Step>)> = None;
         let mut step = self.choose(memory, true, told).clone();
         let mut r = step.at_rest;
@@ -1007,29 +1003,29 @@ impl Recursion for Programmed {
         for (k, made) in made.iter_mut().enumerate() {
             let row = &mut rows[k * m..(k + 1) * m];
             if !current {
-                row.copy_from_slice(&r.0[place.clone()]);
+                keep(row, &r, &mut largest);
             }
             let sample = &y[k * p..(k + 1) * p];
             let present = sample.iter().all(|y| y.is_finite());
-            if let Some(remade) = &self.remade {
-                let length = self.period(&r.0[place.clone()], dt[k]);
-                if of_length.as_ref().is_none_or(|(known, _)| *known != length) {
-                    let step = self.of_length(remade, length, told);
-                    of_length = step.ok().map(|step| (length, step));
+            if !one {
+                if let Some(remade) = &self.remade {
+                    let length = self.period(&r.0[place.clone()], dt[k]);
+                    if of_length.as_ref().is_none_or(|(known, _)| *known != length) {
+                        let step = self.of_length(remade, length, told);
+                        of_length = step.ok().map(|step| (length, step));
+                    }
+                }
+                let wanted = match &of_length {
+                    Some((_, step)) => step,
+                    None => self.choose(&r.0[place.clone()], present, told),
+                };
+                if !Arc::ptr_eq(wanted, &step) {
+                    let mut fresh = wanted.at_rest;
+                    fresh.0[place.clone()].copy_from_slice(&r.0[place.clone()]);
+                    (step, r) = (wanted.clone(), fresh);
                 }
             }
-            let wanted = match (&prepared, &of_length) {
-                (_, Some((_, step))) => step,
-                (Some(step), _) if self.tables.is_period(&r.0[place.clone()], dt[k]) => step,
-                _ => self.choose(&r.0[place.clone()], present, told),
-            };
-            if !Arc::ptr_eq(wanted, &step) {
-                let mut fresh = wanted.at_rest;
-                fresh.0[place.clone()].copy_from_slice(&r.0[place.clone()]);
-                (step, r) = (wanted.clone(), fresh);
-            }
-            let given = sample.iter().chain(&u[k * q..(k + 1) * q]).copied();
-            let moved = step.advance(&mut r, m, (t[k], dt[k]), given);
+            let moved = step.advance(&mut r, m, (t[k], dt[k]), (sample, &u[k * q..(k + 1) * q]));
             *made = status(moved, present) as u8;
             if let Some(slots) = innovation.get_mut(k * p..(k + 1) * p) {
                 for (slot, output) in slots.iter_mut().zip(&step.compiled.outputs[m..]) {
@@ -1037,10 +1033,7 @@ impl Recursion for Programmed {
                 }
             }
             if current {
-                row.copy_from_slice(&r.0[place.clone()]);
-            }
-            for (largest, value) in largest.iter_mut().zip(&*row) {
-                *largest = if value.abs() > *largest { value.abs() } else { *largest };
+                keep(row, &r, &mut largest);
             }
         }
         memory.copy_from_slice(&r.0[place]);

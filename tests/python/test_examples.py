@@ -28,7 +28,6 @@ def test_discretisation_draws_the_picture_of_its_page(tmp_path: Path) -> None:
 
 def test_every_example_is_tested() -> None:
     assert [p.name for p in sorted(EXAMPLES.glob("*.py"))] == [
-        "_axis.py",  # a part of emps.py
         "discretisation.py",
         "emps.py",  # test_tuning.py
         "overview.py",

@@ -27,12 +27,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from hgo_rs.errors import DesignError, check, explain
+from hgo_rs.reference.placement import low_power_gains
 
 from . import _checks
 from ._checks import Array
@@ -231,7 +231,6 @@ def correction(law: Continuous, rule: str, c: float) -> tuple[Array, Array, Arra
         k[:, 0] = [kappa.deriv(i)(0.0) if i else kappa(0.0) for i in range(size)]
         kept[:, :1] -= k
     else:
-        low_power_gains = import_module("hgo_rs.reference.placement").low_power_gains
         # x_i and eta_(i-1) move alike, by the eta above them
         phi[:n, n:] = (flow - np.eye(n))[:, 1:]
         phi[n:, n:] = flow[1:, 1:]
