@@ -81,7 +81,7 @@ const DOUBLE: Setting = Setting { single: false, present: true, answer: None, dt
 struct Tabled<'a>(&'a OwnPlant);
 
 impl Tabled<'_> {
-    fn outputs(&self, t: Traced, x: &PlantState<Traced>) -> Vec<Traced> {
+    fn outputs(self, t: Traced, x: &PlantState<Traced>) -> Vec<Traced> {
         self.0.call(&[&[t], &x.as_slice()[..self.0.n]].concat())
     }
     fn state(values: &[Traced]) -> PlantState<Traced> {
@@ -231,14 +231,14 @@ impl<const CURRENT: bool> Observer<f64> for Recursion<'_, CURRENT> {
 /// A continuous law as programs, for single runs that are integrated together with their plants. Its
 /// innovation is the sample itself, from which the rate takes what it needs.
 #[derive(Clone, Copy)]
-struct Rate<'a> {
+struct Evolution<'a> {
     rate: &'a Compiled,
     admissible: &'a Compiled,
     n: usize,
     memory: usize,
 }
 
-impl ContinuousLaw<f64> for Rate<'_> {
+impl ContinuousLaw<f64> for Evolution<'_> {
     type State = SVector<f64, Z>;
     type Input = NoInput<f64>;
     type Innovation = f64;
@@ -577,7 +577,7 @@ impl Study<'_> {
             let plant = self.evaluated(&parts);
             let tell = |u: &NoInput<f64>| *u;
             if let Some((integrator, rate, admissible)) = &law {
-                let law = Rate { rate, admissible, n, memory };
+                let law = Evolution { rate, admissible, n, memory };
                 return plan.execute(
                     plant,
                     memory,

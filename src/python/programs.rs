@@ -586,7 +586,7 @@ impl Tables {
         if spec.text("kind")? == "chains" {
             return Self::of_chains(spec, setting);
         }
-        Self::of(spec, Given::read(spec)?, setting)
+        Self::of(spec, &Given::read(spec)?, setting)
     }
 
     /// Of an observer of several outputs: one observer for each chain, which takes the states of the
@@ -608,7 +608,7 @@ impl Tables {
         let chains: Vec<Self> = specs
             .iter()
             .enumerate()
-            .map(|(chain, spec)| Self::of(spec, Given::Chain(&own, chain), setting))
+            .map(|(chain, spec)| Self::of(spec, &Given::Chain(&own, chain), setting))
             .collect::<PyResult<_>>()?;
         if chains.iter().any(|of| of.shape.current != chains[0].shape.current) {
             return Err(refused("the observers of a model of chains must have the same timing"));
@@ -655,19 +655,19 @@ impl Tables {
         })
     }
 
-    fn of(spec: &Spec<'_>, given: Given<'_, '_>, setting: Setting) -> PyResult<Self> {
+    fn of(spec: &Spec<'_>, given: &Given<'_, '_>, setting: Setting) -> PyResult<Self> {
         let kind = spec.text("kind")?;
         if kind == "sampled-data" {
             spec.only(&["kind", "model", "gain"])?;
-            if let Given::Own(own) = &given {
-                return dispatch_order!(own.n, N => own_sampled::<N>(&given, own, setting),
+            if let Given::Own(own) = given {
+                return dispatch_order!(own.n, N => own_sampled::<N>(given, own, setting),
                                        else Err(order_refused(own.n)));
             }
             let correction = match spec.text_or("gain", "derived")?.as_str() {
                 "printed" => Correction::Printed,
                 _ => Correction::Derived,
             };
-            return sampled(&given, setting, || {
+            return sampled(given, setting, || {
                 let model = read_van_der_pol::<Traced>(&spec.sub("model")?, correction)?;
                 Ok(SampledDataObserver::<_, 2, 0> { model })
             });
@@ -683,7 +683,7 @@ impl Tables {
             macro_rules! sizes {
                 ($(($x:literal, $z:literal)),+) => {
                     match (own.n, own.n_z) {
-                        $(($x, $z) => reduced_order::<$x, $z>(spec, &given, own, setting),)+
+                        $(($x, $z) => reduced_order::<$x, $z>(spec, given, own, setting),)+
                         (n_x, n_z) => Err(refused(&format!(
                             "{n_x} measured and {n_z} unmeasured states are not allowed: the \
                              reduced-order observer takes 1 to 4, and no more unmeasured than measured"
@@ -698,21 +698,21 @@ impl Tables {
         let n = spec.count("n")?;
         match kind.as_str() {
             "standard" => {
-                dispatch_order!(n, N => standard::<N>(spec, &given, setting),
+                dispatch_order!(n, N => standard::<N>(spec, given, setting),
                                 else Err(order_refused(n)))
             }
             "low-power" | "peaking-free" => {
                 let saturated = kind == "peaking-free";
-                dispatch_order!(n, N => low_power::<N>(spec, &given, setting, saturated),
+                dispatch_order!(n, N => low_power::<N>(spec, given, setting, saturated),
                                 else Err(order_refused(n)))
             }
             "collection" | "modified" => {
                 let modified = kind == "modified";
                 match spec.count("copies")? {
-                    2 => collection::<2>(spec, &given, setting, modified),
-                    3 => collection::<3>(spec, &given, setting, modified),
-                    4 => collection::<4>(spec, &given, setting, modified),
-                    5 => collection::<5>(spec, &given, setting, modified),
+                    2 => collection::<2>(spec, given, setting, modified),
+                    3 => collection::<3>(spec, given, setting, modified),
+                    4 => collection::<4>(spec, given, setting, modified),
+                    5 => collection::<5>(spec, given, setting, modified),
                     copies => Err(refused(&format!(
                         "copies = {copies} is not allowed: 2 to 5 from Python"
                     ))),
@@ -898,13 +898,11 @@ impl Step {
             let next: Vec<f64> = next.iter().map(|output| r.0[usize::from(*output)]).collect();
             r.0[MEMORY..MEMORY + memory].copy_from_slice(&next);
         } else {
-            let mut place = MEMORY;
-            for output in next {
+            for (place, output) in (MEMORY..).zip(next) {
                 let value = r.0[usize::from(*output)];
                 if let Some(slot) = r.0.get_mut(place) {
                     *slot = value;
                 }
-                place += 1;
             }
         }
         true
@@ -1010,7 +1008,10 @@ impl Recursion for Programmed {
             if !one {
                 if let Some(remade) = &self.remade {
                     let length = self.period(&r.0[place.clone()], dt[k]);
-                    if of_length.as_ref().is_none_or(|(known, _)| *known != length) {
+                    if of_length
+                        .as_ref()
+                        .is_none_or(|(known, _)| known.to_bits() != length.to_bits())
+                    {
                         let step = self.of_length(remade, length, told);
                         of_length = step.ok().map(|step| (length, step));
                     }
@@ -1090,7 +1091,7 @@ pub fn trace_step<'py>(
 /// to start from. Row k stands before sample k, or after it if the law filters. The last step is as
 /// long as the one before it.
 #[pyfunction]
-#[allow(clippy::cast_possible_truncation)]
+#[allow(clippy::cast_possible_truncation, clippy::needless_pass_by_value)]
 pub fn run_single(
     spec: &Bound<'_, PyAny>,
     t: Vec<f64>,

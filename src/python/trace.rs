@@ -249,12 +249,12 @@ fn apply<const K: usize>(operation: Operation, operands: [Traced; K]) -> Traced 
 
 /// A question about values: its answer if they are constants.
 fn decide(a: Traced, b: Traced) -> Option<Ordering> {
-    with(|trace| match (trace.value(a.0), trace.value(b.0)) {
-        (Some(a), Some(b)) => a.partial_cmp(&b),
-        _ => {
-            trace.undecided |= trace.answer.is_none();
-            trace.answer
+    with(|trace| {
+        if let (Some(a), Some(b)) = (trace.value(a.0), trace.value(b.0)) {
+            return a.partial_cmp(&b);
         }
+        trace.undecided |= trace.answer.is_none();
+        trace.answer
     })
 }
 
