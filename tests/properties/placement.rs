@@ -167,7 +167,7 @@ fn bounded<const N: usize>(
             k += 1.0;
         }
         // in units of the levels, 2/dt^i
-        let far = if c > returns { 1e3 * (1.0 + dt.powi(1 - N as i32)) } else { 1e-3 };
+        let far = if c > returns { 1e3 * (1.0 + dt.powf(1.0 - N as f64)) } else { 1e-3 };
         assert!(z.0.within(far), "n = {N}, c = {c}: {z:?}");
     }
     Ok(())
