@@ -25,6 +25,7 @@ from hgo_rs.design.response import (
     settling,
 )
 from hgo_rs.errors import (
+    DesignError,
     HgoError,
     MissingExtraError,
     check,
@@ -199,8 +200,9 @@ def tune(
     state : int, optional
         The estimate the choice is about, 1 to n. Default: the last one all structures have.
     ells : (points,), optional
-        Gains to look at [1/s]. Default: 41 from 1e-3/dt (on a log: from where what was wrong at the
-        start is forgotten after `skip`) to 5/dt or 0.9 of the step limit.
+        Gains to look at [1/s]; those beyond the step limit are left out. Default: 41 from 1e-3/dt
+        (on a log: from where what was wrong at the start is forgotten after `skip`) to 5/dt or 0.9
+        of the step limit.
     skip : float, optional
         Time [s] at the start of a log that is not judged. Default: a twentieth of it.
 
@@ -323,11 +325,13 @@ class _Record:
         return cls(arguments, y, float(np.median(np.diff(t))), start, judged)
 
     def innovation(self, observer: Observer) -> float:
-        """Mean square of the innovation where it is judged; NaN if the estimate diverged."""
+        """Mean square of the innovation where it is judged; NaN if unstable or diverged."""
         start = np.zeros(observer.n)
         start[0] = self.y[np.argmax(np.isfinite(self.y))]
         try:
             run = observer.run(*self.arguments, x_hat0=start)
+        except DesignError:  # a step too long for the gain
+            return math.nan
         except HgoError as error:
             if "diverge" not in str(error):
                 raise
@@ -371,8 +375,11 @@ class _Candidate:
         """Compute the curve of estimate `index`, over a record where there is one."""
         self.index, self.noise, self.model_error = index, noise, model_error
         grid = self.grid(record) if ells is None else np.unique(check_array(ells, "ells"))
-        sound = grid.ndim == 1 and grid.size >= 3 and np.all(np.isfinite(grid)) and grid[0] > 0.0
-        check(sound, "ells", ells, "three gains > 0 or more", "leave it out")
+        sound = grid.ndim == 1 and np.all(np.isfinite(grid)) and grid[0] > 0.0
+        limit = step_limit(self.spec(0.1 / self.dt)).c / self.dt
+        grid = grid[grid < limit]
+        allowed = f"three gains or more in (0, {limit:.4g}), of steps that are stable"
+        check(sound and grid.size >= 3, "ells", ells, allowed, "leave it out")
         measured = np.full(grid.size, math.nan)
         if record is not None:
             squares = np.array([record.innovation(self.build(ell)) for ell in grid.tolist()])

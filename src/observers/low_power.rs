@@ -390,7 +390,8 @@ where
                 continue;
             }
             let asked = alone.b[i] * e;
-            let beyond = (asked - self.saturation.apply(i, asked)) / alone.b[i];
+            // no time: nothing moves
+            let beyond = (asked - self.saturation.apply(i, asked)) / alone.b[i].or(T::ONE);
             let within = e - beyond;
             new.x_hat[i] += placed.a[i] * within + alone.a[i] * beyond;
             new.eta[i] += placed.b[i] * within + alone.b[i] * beyond;

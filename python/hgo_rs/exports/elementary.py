@@ -722,11 +722,12 @@ def _read(source: str, precision: str) -> Elementary:
     chosen = PRECISIONS[precision]
     for i, token in enumerate(tokens):
         if token.text == "mod" and tokens[i + 1].text == chosen.module:
-            call = tokens[i + 3 : _end(tokens, i + 2)]
+            inside = tokens[i + 3 : _end(tokens, i + 2)]
             break
     else:
         raise _refuse(f"a file without the module {chosen.module}")
-    body = macros["elementary"].expand(call[3 : _end(call, 2)])
+    called = [token.text for token in inside].index("elementary") + 2
+    body = macros["elementary"].expand(inside[called + 1 : _end(inside, called)])
     scope = _Scope(macros)
     items = list(_Parser(body, scope).items())
     return Elementary(
