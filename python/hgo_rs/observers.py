@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs import _core
+from hgo_rs.design.discrete import METHODS, TIMINGS
 from hgo_rs.design.discretisation import StepLimit, check_step, step_limit
 from hgo_rs.design.response import bandwidth, noise_gain, peaking, settling
 from hgo_rs.errors import (
@@ -48,25 +49,6 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 Gain = float | ConstantGain | AdaptiveGain | DeadZoneGain
 Poles = Sequence[complex] | npt.ArrayLike
-
-METHODS = (
-    "euler",
-    "staggered-euler",
-    "rk4",
-    "rk4-innovation-held",
-    "bogacki-shampine",
-    "zoh",
-    "bilinear",
-)
-"""Discretisations of a continuous law.
-
-`rk4` and `bogacki-shampine` hold the measurement over a step, `rk4-innovation-held` the innovation.
-`zoh` and `bilinear` are stable at any step: between samples the chain is solved exactly, and the
-correction gives the error the eigenvalues exp(dt lambda), or those of the bilinear rule.
-"""
-
-TIMINGS = ("predictor", "current")
-"""Whether the estimate at sample k uses samples up to k - 1, or up to k."""
 
 _TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
 _MARK = "mark a missing sample as NaN"

@@ -49,7 +49,16 @@ METHODS = (
     "zoh",
     "bilinear",
 )
+"""Discretisations of a continuous law.
+
+`rk4` and `bogacki-shampine` hold the measurement over a step, `rk4-innovation-held` the innovation.
+`zoh` and `bilinear` are stable at any step: between samples the chain is solved exactly, and the
+correction gives the error the eigenvalues exp(dt lambda), or those of the bilinear rule.
+"""
+
 TIMINGS = ("predictor", "current")
+"""Whether the estimate at sample k uses samples up to k - 1, or up to k."""
+
 CORRECTING = ("zoh", "bilinear")
 """Methods that correct by the sample, then move: stable for any step."""
 ORDERS = {"euler": 1, "rk4": 4, "rk4-innovation-held": 4, "bogacki-shampine": 3}
