@@ -11,7 +11,7 @@
 #
 # PYTHON=... chooses the interpreter for .venv.  PYTEST_ARGS=... is handed to pytest.
 
-.PHONY: reproduce test bench firmware docs wheel clean help
+.PHONY: reproduce test test-rust test-python test-types pytest bench firmware docs wheel clean help
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-print-directory
@@ -50,10 +50,10 @@ $(VENV)/stamp-build: $(VENV)/stamp-venv pyproject.toml $(RUST_SOURCES)
 	env -u CONDA_PREFIX VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --quiet --release --extras all
 	@touch $@
 
-# The same with the tools of `make test`; cargo has nothing left to compile here.
-$(VENV)/stamp-dev: $(VENV)/stamp-build
+# The same with the tools of `make test`.
+$(VENV)/stamp-dev: $(VENV)/stamp-venv pyproject.toml $(RUST_SOURCES)
 	env -u CONDA_PREFIX VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --quiet --release --extras all,dev
-	@touch $@
+	@touch $(VENV)/stamp-build $@
 
 # The same with what `make bench` compares with.
 $(VENV)/stamp-bench: $(VENV)/stamp-build
@@ -63,30 +63,42 @@ $(VENV)/stamp-bench: $(VENV)/stamp-build
 # --- the verbs -------------------------------------------------------------------------------
 
 reproduce: $(VENV)/stamp-build
-	$(BIN)/hgo reproduce --out out
+	$(BIN)/hgo reproduce --out out --jobs $$(getconf _NPROCESSORS_ONLN)
 
-test: $(VENV)/stamp-dev
+# Two things at a time: a compiler that optimises a library uses one processor. What cargo and the
+# linters say is shown when they end, pytest as it goes.
+SYNC := $(filter output-sync,$(.FEATURES))
+test: $(VENV)/stamp-venv
+	@$(MAKE) --jobs=2 $(SYNC:%=--%=target) test-rust test-python test-types
+
+# Examples, benches and tests are linted with all features that they know; the library also without
+# what they add to its dependencies, in every form in which others take it.
+test-rust: $(VENV)/stamp-venv
 	$(call say,cargo fmt)
 	cargo fmt --all --check
 	$(call say,clippy: default$(,) python$(,) no_std$(,) serde and defmt)
-	cargo clippy --quiet --all-targets -- -D warnings
-	PYO3_PYTHON=$(abspath $(BIN)/python) cargo clippy --quiet --all-targets --features python -- -D warnings
-	cargo clippy --quiet --all-targets $(LIBM) -- -D warnings
 	cargo clippy --quiet --all-targets --features serde,defmt -- -D warnings
-	cargo clippy --quiet --all-targets $(LIBM),serde,defmt -- -D warnings
-	cargo check --quiet $(LIBM)
-	cargo check --quiet $(LIBM),serde,defmt
+	cargo clippy --quiet --all-targets -- -D warnings
+	PYO3_PYTHON=$(abspath $(BIN)/python) cargo clippy --quiet --features python -- -D warnings
+	cargo clippy --quiet $(LIBM) -- -D warnings
+	cargo clippy --quiet $(LIBM),serde,defmt -- -D warnings
 	$(call say,cargo test)
-	cargo test --quiet --release
-	cargo test --quiet --features serde,defmt --test stored --test logged --test no_alloc
+	cargo test --quiet --profile checked --features serde,defmt
+
+test-types: $(VENV)/stamp-dev
 	$(call say,ruff)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(call say,mypy and the stub of the compiled module)
+	$(call say,mypy)
 	$(BIN)/mypy
-	$(BIN)/python -m mypy.stubtest hgo_rs._core --mypy-config-file pyproject.toml
-	$(call say,pytest: library$(,) doc examples$(,) command line$(,) wheel in an empty environment)
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+test-python: $(VENV)/stamp-dev
+	@$(MAKE) $(SYNC:%=--%=none) pytest
+
+# Files are shared out between two processes: PYTEST_ARGS=-n0 for one.
+pytest:
+	$(call say,pytest: library$(,) stub$(,) doc examples$(,) command line$(,) wheel in an empty environment)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
 
 bench: $(VENV)/stamp-bench
 	cargo bench

@@ -18,10 +18,12 @@ use crate::integrate::{Integrator, PlantScheme};
 use crate::lanes::{Aligned, LANES, Lane, LaneMetrics, Shown};
 use crate::memory::Memory;
 use crate::model::{Plant, StochasticIntegrator};
-use crate::noise::{Channel, Draw, Noise, Stream};
+use crate::noise::{Channel, Draw, Noise, Stream, normal_radius, turned};
 use crate::observer::{ContinuousLaw, Entries, Measurement, Observer, Status, Timing};
+use crate::program::{Program, REGISTERS, Registers};
 use crate::schedule::Schedule;
 use crate::simulate::{DIVERGED, Experiment};
+use nalgebra::SVector;
 
 /// Samples between two looks at the bounds (and at whether to stop).
 const SPAN: u64 = 64;
@@ -77,6 +79,28 @@ impl Streams {
             column.0[lane] = word;
         }
     }
+    /// A standard normal pair of every run, the second only where it is wanted. In several passes:
+    /// the processor works on more runs at once where the chain of each is short.
+    #[inline(always)]
+    fn normal_pairs(&mut self, both: bool) -> [Lane<f64>; 2] {
+        let (mut first, mut second) = (Lane([0.0; LANES]), Lane([0.0; LANES]));
+        for lane in 0..LANES {
+            let mut stream = self.load(lane);
+            (first.0[lane], second.0[lane]) = (stream.uniform(), stream.uniform());
+            self.store(&stream, lane);
+        }
+        for lane in 0..LANES {
+            first.0[lane] = normal_radius(first.0[lane]);
+        }
+        for lane in 0..LANES {
+            let pair = turned(first.0[lane], second.0[lane]);
+            first.0[lane] = pair.0;
+            if both {
+                second.0[lane] = pair.1;
+            }
+        }
+        [first, second]
+    }
 }
 
 /// What is the same for all runs at one sample.
@@ -109,17 +133,35 @@ struct Running<T, G> {
     plant_t: T,
 }
 
+/// Two zeros for every run.
+const NOTHING: [Lane<f64>; 2] = [Lane([0.0; LANES]); 2];
+
+impl<T, G> Running<T, G> {
+    /// The normal values that the scheme takes for a substep of every plant.
+    #[inline(always)]
+    fn normals(&mut self, scheme: PlantScheme) -> [Lane<f64>; 2] {
+        let both = scheme == PlantScheme::Stochastic(StochasticIntegrator::Taylor15);
+        if let PlantScheme::Stochastic(_) = scheme {
+            self.process.normal_pairs(both)
+        } else {
+            NOTHING
+        }
+    }
+}
+
 /// How observers move beside their plants.
 trait Mover<T: Scalar, P: Plant<T>, S: Schedule<T>> {
     /// Memory of an observer.
     type Memory: Memory<T>;
-    const TIMING: Timing;
-    const ESTIMATED: usize;
+    /// Whether a sample shows the memory after its use.
+    fn filters(&self) -> bool;
+    /// How many states are estimated: the first entries of the memory.
+    fn estimated(&self) -> usize;
 
     /// Every observer takes its sample; `worst` becomes the largest magnitude of any state so far.
     /// What can be done for all that follows in the same pass is done, and told.
     fn observe(
-        &self,
+        &mut self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
         running: &mut Running<T, Given<T, P>>,
@@ -129,7 +171,7 @@ trait Mover<T: Scalar, P: Plant<T>, S: Schedule<T>> {
 
     /// Every plant moves to the next sample, from time `running.plant_t` over `at.plant_dt`.
     fn advance(
-        &self,
+        &mut self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
         running: &mut Running<T, Given<T, P>>,
@@ -170,6 +212,7 @@ impl<O> Sampled<'_, O> {
         S: Schedule<T>,
         O: Observer<T, Measurement = P::Output, Input = P::Input>,
     {
+        let xi = if let Some(scheme) = scheme { running.normals(scheme) } else { NOTHING };
         for lane in 0..LANES {
             let x = P::State::load(&block.x.0, lane);
             let mut z = O::State::load(&block.z.0, lane);
@@ -189,13 +232,10 @@ impl<O> Sampled<'_, O> {
             block.undefined_at.0[lane] = block.undefined_at.0[lane].min(here);
             z.store(&mut block.z.0, lane);
             if let Some(scheme) = scheme {
-                let mut stream = running.process.load(lane);
+                let xi = (xi[0].0[lane], xi[1].0[lane]);
                 study
-                    .substep(scheme, &mut stream, running.plant_t, &x, &u, at.plant_dt)
+                    .substep(scheme, xi, running.plant_t, &x, &u, at.plant_dt)
                     .store(&mut block.x.0, lane);
-                if let PlantScheme::Stochastic(_) = scheme {
-                    running.process.store(&stream, lane);
-                }
             } else {
                 u.store(&mut running.given.0.1, lane);
             }
@@ -211,12 +251,20 @@ where
     O: Observer<T, Measurement = P::Output, Input = P::Input>,
 {
     type Memory = O::State;
-    const TIMING: Timing = O::TIMING;
-    const ESTIMATED: usize = O::ESTIMATED;
+
+    #[inline(always)]
+    fn filters(&self) -> bool {
+        O::TIMING == Timing::Current
+    }
+
+    #[inline(always)]
+    fn estimated(&self) -> usize {
+        O::ESTIMATED
+    }
 
     #[inline(always)]
     fn observe(
-        &self,
+        &mut self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
         running: &mut Running<T, Given<T, P>>,
@@ -248,7 +296,7 @@ where
 
     #[inline(always)]
     fn advance(
-        &self,
+        &mut self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
         running: &mut Running<T, Given<T, P>>,
@@ -290,12 +338,20 @@ where
     L: ContinuousLaw<T, Input = P::Input>,
 {
     type Memory = L::State;
-    const TIMING: Timing = Timing::Predictor;
-    const ESTIMATED: usize = L::ESTIMATED;
+
+    #[inline(always)]
+    fn filters(&self) -> bool {
+        false
+    }
+
+    #[inline(always)]
+    fn estimated(&self) -> usize {
+        L::ESTIMATED
+    }
 
     #[inline(always)]
     fn observe(
-        &self,
+        &mut self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
         running: &mut Running<T, Given<T, P>>,
@@ -313,7 +369,7 @@ where
 
     #[inline(always)]
     fn advance(
-        &self,
+        &mut self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
         running: &mut Running<T, Given<T, P>>,
@@ -329,6 +385,132 @@ where
             let (x, z) = integrator.step(both, at.t, &(x, z), at.dt);
             x.store(&mut block.x.0, lane);
             law.admissible(z).store(&mut block.z.0, lane);
+        }
+    }
+}
+
+/// Observers, and plants or both together, as programs.
+///
+/// Inputs stand in the first registers, results where the programs' outputs say.
+#[derive(Debug)]
+pub struct Programs<'a, T, const Z: usize> {
+    /// Observers' step: (t, dt, z, x, drawn noise, sum of the sines) → z⁺; or both's, see `joint`.
+    pub observers: Program<'a>,
+    /// Plants' step: (t, h, x, ξ₁, ξ₂) → x⁺, ξ two normal values. `None`: they do not move by it.
+    pub plants: Option<Program<'a>>,
+    /// Whether `observers` moves both: (t, dt, z, x, drawn noise) → (z⁺, x⁺).
+    pub joint: bool,
+    /// Registers of the two programs, constants in their places.
+    pub registers: [&'a mut Registers<Lane<T>>; 2],
+    /// Entries of a plant's state and of an observer's memory.
+    pub entries: (usize, usize),
+    /// How many states are estimated.
+    pub estimated: usize,
+    /// Whether a sample shows the memory after its use.
+    pub filters: bool,
+}
+
+/// Columns into registers; `worst` becomes the largest magnitude so far.
+#[inline(always)]
+fn put<T: Scalar>(to: &mut [Lane<T>], from: &[[T; LANES]], worst: &mut Lane<T>) {
+    for (to, from) in to.iter_mut().zip(from) {
+        for lane in 0..LANES {
+            worst.0[lane] = worst.0[lane].max(from[lane].abs());
+            to.0[lane] = from[lane];
+        }
+    }
+}
+
+/// Results back into columns.
+#[inline(always)]
+fn take<T: Scalar>(r: &[Lane<T>; REGISTERS], outputs: &[u8], to: &mut [[T; LANES]]) {
+    for (to, output) in to.iter_mut().zip(outputs) {
+        *to = r[usize::from(*output)].0;
+    }
+}
+
+impl<T, P, S, const X: usize, const Z: usize> Mover<T, P, S> for Programs<'_, T, Z>
+where
+    T: Scalar,
+    P: Plant<T, Output = T, State = SVector<T, X>>,
+    S: Schedule<T>,
+{
+    type Memory = SVector<T, Z>;
+
+    #[inline(always)]
+    fn filters(&self) -> bool {
+        self.filters
+    }
+
+    #[inline(always)]
+    fn estimated(&self) -> usize {
+        self.estimated
+    }
+
+    #[inline(always)]
+    fn observe(
+        &mut self,
+        study: &Experiment<'_, T, P, S>,
+        at: &Instant<T>,
+        running: &mut Running<T, Given<T, P>>,
+        block: &mut BlockOf<T, P, SVector<T, Z>>,
+        worst: &mut Lane<T>,
+    ) -> Moved {
+        study.draw_lanes(at.k, &mut running.measurement, &mut running.given.0.0);
+        let (n_x, n_z) = self.entries;
+        let program = self.observers;
+        let r = &mut *self.registers[0];
+        let [t, dt, rest @ ..] = &mut r.0;
+        (t.0, dt.0) = ([at.t; LANES], [at.dt; LANES]);
+        let (z, rest) = rest.split_at_mut(n_z.min(REGISTERS / 4));
+        put(z, &block.z.0, worst);
+        let (x, rest) = rest.split_at_mut(n_x.min(REGISTERS / 4));
+        put(x, &block.x.0, worst);
+        if let [noise, sines, ..] = rest {
+            noise.0 = running.given.0.0;
+            if !self.joint {
+                sines.0 = [at.sines; LANES];
+            }
+        }
+        if !at.more && self.joint {
+            return Moved::Yes; // a look at the bounds
+        }
+        program.run_lanes(r);
+        let (of_z, of_x) = program.outputs.split_at(n_z.min(program.outputs.len()));
+        take(&r.0, of_z, &mut block.z.0);
+        take(&r.0, of_x, &mut block.x.0);
+        if self.joint { Moved::Yes } else { Moved::No }
+    }
+
+    #[inline(always)]
+    fn advance(
+        &mut self,
+        study: &Experiment<'_, T, P, S>,
+        at: &Instant<T>,
+        running: &mut Running<T, Given<T, P>>,
+        block: &mut BlockOf<T, P, SVector<T, Z>>,
+    ) {
+        let (Some(program), (n_x, _)) = (self.plants, self.entries) else { return };
+        let r = &mut *self.registers[1];
+        let h = at.plant_dt / T::from_f64(f64::from(study.substeps));
+        let noisy = matches!(study.plant_scheme, PlantScheme::Stochastic(_));
+        let mut worst = Lane([T::ZERO; LANES]); // looked at with the next sample
+        for i in 0..study.substeps {
+            let time = running.plant_t + T::from_f64(f64::from(i)) * h;
+            let [t, step, rest @ ..] = &mut r.0;
+            (t.0, step.0) = ([time; LANES], [h; LANES]);
+            let (x, rest) = rest.split_at_mut(n_x.min(REGISTERS / 4));
+            put(x, &block.x.0, &mut worst);
+            if noisy && let [first, second, ..] = rest {
+                for lane in 0..LANES {
+                    let mut stream = running.process.load(lane);
+                    let (xi1, xi2) = stream.normal_pair();
+                    (first.0[lane], second.0[lane]) = (T::from_f64(xi1), T::from_f64(xi2));
+                    running.process.store(&stream, lane);
+                }
+            }
+            program.run_lanes(r);
+            take(&r.0, program.outputs, &mut block.x.0);
         }
     }
 }
@@ -391,6 +573,13 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
                 let draw = P::Output::fill(Same(self.noise.fresh(&mut streams.load(0), k)));
                 *held = draw.in_columns::<LANES>();
             }
+            Draw::RunSamples { .. } => {
+                for lane in 0..LANES {
+                    let noise = Noise { draw: self.noise.draw.of_lane(lane), ..self.noise };
+                    let draw = Same(noise.fresh(&mut streams.load(lane), k));
+                    P::Output::fill(draw).store(held, lane);
+                }
+            }
         }
     }
 
@@ -406,14 +595,12 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         let h = dt / T::from_f64(f64::from(self.substeps));
         for i in 0..self.substeps {
             let time = running.plant_t + T::from_f64(f64::from(i)) * h;
+            let xi = running.normals(scheme);
             for lane in 0..LANES {
-                let mut stream = running.process.load(lane);
                 let input = P::Input::load(&running.given.0.1, lane);
                 let state = P::State::load(x, lane);
-                self.substep(scheme, &mut stream, time, &state, &input, h).store(x, lane);
-                if let PlantScheme::Stochastic(_) = scheme {
-                    running.process.store(&stream, lane);
-                }
+                let xi = (xi[0].0[lane], xi[1].0[lane]);
+                self.substep(scheme, xi, time, &state, &input, h).store(x, lane);
             }
         }
     }
@@ -422,21 +609,21 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
     #[inline(always)]
     fn span<M: Mover<T, P, S>>(
         &self,
-        mover: &M,
+        mover: &mut M,
         (from, to): (u64, u64),
         running: &mut Running<T, Given<T, P>>,
         block: &mut BlockOf<T, P, M::Memory>,
         metrics: &mut LaneMetrics<'_, T>,
         dead: &Lane<bool>,
     ) -> Lane<T> {
-        let truth = (P::TRUTH.0, P::TRUTH.1.min(M::ESTIMATED));
+        let truth = (P::TRUTH.0, P::TRUTH.1.min(mover.estimated()));
         let mut worst = Lane([T::ZERO; LANES]);
         for k in from..to {
             let (dt, more) = (self.schedule.dt(k), k < self.steps);
             let plants = self.plant_schedule.unwrap_or(self.schedule);
             let (t, plant_dt) = (running.t, plants.dt(k));
             let at = Instant { k, t, dt, plant_dt, sines: self.noise.sines(t), more };
-            let filters = M::TIMING == Timing::Current;
+            let filters = mover.filters();
             if !filters {
                 let shown = Shown { k, x: &block.x.0, z: &block.z.0, truth };
                 metrics.sample::<P::State, M::Memory>(t, &shown, dead);
@@ -464,7 +651,7 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
     #[inline(always)]
     fn block<M: Mover<T, P, S>>(
         &self,
-        mover: &M,
+        mover: &mut M,
         first_run: u64,
         mut block: BlockOf<T, P, M::Memory>,
         metrics: &mut LaneMetrics<'_, T>,
@@ -546,7 +733,7 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
     {
         // a copy of our own: nothing that is written can be what it holds
         let observer = *observer;
-        (*self).block(&Sampled(&observer), first_run, block, metrics, stop)
+        (*self).block(&mut Sampled(&observer), first_run, block, metrics, stop)
     }
 
     /// [`Experiment::joint`] for the runs `first_run` to `first_run + LANES − 1`; `stop` as above. The
@@ -566,7 +753,26 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         P: Plant<T, Output = T>,
     {
         let law = *law;
-        (*self).block(&Joint(&law, integrator), first_run, block, metrics, stop)
+        (*self).block(&mut Joint(&law, integrator), first_run, block, metrics, stop)
+    }
+}
+
+impl<T: Scalar, P, S: Schedule<T>, const X: usize> Experiment<'_, T, P, S>
+where
+    P: Plant<T, Output = T, State = SVector<T, X>>,
+{
+    /// [`Experiment::sampled_block`] or [`Experiment::joint_block`] with plant and observer as
+    /// programs. The plant of the experiment says how large its state is, and no more.
+    #[inline(always)]
+    pub fn programs_block<const Z: usize>(
+        &self,
+        mut programs: Programs<'_, T, Z>,
+        first_run: u64,
+        block: BlockOf<T, P, SVector<T, Z>>,
+        metrics: &mut LaneMetrics<'_, T>,
+        stop: impl Fn() -> bool,
+    ) -> BlockOf<T, P, SVector<T, Z>> {
+        (*self).block(&mut programs, first_run, block, metrics, stop)
     }
 }
 

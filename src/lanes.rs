@@ -4,8 +4,9 @@
 #![allow(clippy::needless_range_loop)]
 
 use crate::Scalar;
-use crate::memory::Memory;
+use crate::memory::{EachColumn, Memory};
 use crate::metrics::{LogHistogram, Moments, Wanted, Window};
+use core::marker::PhantomData;
 use core::ops::Range;
 
 /// Runs in a block: so many that the loop over them stays a loop of vector instructions.
@@ -144,13 +145,7 @@ impl<'a, T: Scalar> LaneMetrics<'a, T> {
         shown: &Shown<'_, X::Columns<LANES>, Z::Columns<LANES>>,
         dead: &Lane<bool>,
     ) {
-        let zeros = [T::ZERO; LANES];
-        let (from, known) = shown.truth;
-        // the true values of what a memory entry estimates; 0 where it estimates nothing
-        let signal = |i: usize| -> Option<(&[T; LANES], &[T; LANES])> {
-            let truth = if i < known { X::column(shown.x, from + i)? } else { &zeros };
-            Some((Z::column(shown.z, i)?, truth))
-        };
+        let truth = Truth::<T, X> { x: shown.x, from: shown.truth.0, known: shown.truth.1 };
         let (signals, stride, wanted) = (self.signals, self.stride(), self.wanted);
         let (rows, rest) = self.now.split_at_mut(self.windows.len() * stride);
         let (peaks, settled) = rest.split_at_mut(signals);
@@ -158,34 +153,28 @@ impl<'a, T: Scalar> LaneMetrics<'a, T> {
             if !self.windows.get(window).is_some_and(|w| w.contains(shown.k)) {
                 continue;
             }
-            let mut rows = rows.get_mut(window * stride..).unwrap_or_default().iter_mut();
-            macro_rules! take {
-                ($($wanted:expr => $add:ident),+) => {$(
-                    if $wanted {
-                        for (i, row) in rows.by_ref().take(signals).enumerate() {
-                            if let Some((z, x)) = signal(i) {
-                                $add(&mut row.0, z, x);
-                            }
-                        }
-                    }
-                )+};
+            let rows = rows.get_mut(window * stride..).unwrap_or_default();
+            let mut kinds = rows.chunks_exact_mut(signals.max(1));
+            if wanted.mean {
+                truth.take::<Z, Sum>(shown.z, kinds.next());
             }
-            take!(wanted.mean => add, wanted.rms => add_square, wanted.max => raise);
+            if wanted.rms {
+                truth.take::<Z, SumOfSquares>(shown.z, kinds.next());
+            }
+            if wanted.max {
+                truth.take::<Z, Largest>(shown.z, kinds.next());
+            }
         }
         if wanted.peak {
-            for (i, peak) in peaks.iter_mut().enumerate() {
-                if let Some(z) = Z::column(shown.z, i) {
-                    raise(&mut peak.0, z, &zeros);
-                }
-            }
+            Truth { known: 0, ..truth }.take::<Z, Largest>(shown.z, Some(peaks));
         }
         if self.settle.is_none() && self.histogram.is_none() {
             return;
         }
         let mut distance = Lane([T::ZERO; LANES]);
-        for i in 0..known {
-            if let Some((z, x)) = signal(i) {
-                add_square(&mut distance.0, z, x);
+        for i in 0..truth.known {
+            if let Some(z) = Z::column(shown.z, i) {
+                SumOfSquares::take(&mut distance.0, z, truth.of(i).unwrap_or(&[T::ZERO; LANES]));
             }
         }
         if let (Some(threshold), [last]) = (self.settle, settled) {
@@ -259,36 +248,96 @@ impl<T: Copy> Lane<T> {
     }
 }
 
-/// sum += z − x. (Arguments, so that the compiler knows that they lie apart.)
-#[inline(always)]
-fn add<T: Scalar>(sum: &mut [T; LANES], z: &[T; LANES], x: &[T; LANES]) {
-    for lane in 0..LANES {
-        sum[lane] += z[lane] - x[lane];
+/// The states that the first entries of a memory estimate.
+#[derive(Clone, Copy)]
+struct Truth<'a, T: Scalar, X: Memory<T>> {
+    x: &'a X::Columns<LANES>,
+    /// The first of them, and how many are known.
+    from: usize,
+    known: usize,
+}
+
+impl<T: Scalar, X: Memory<T>> Truth<'_, T, X> {
+    /// What entry i estimates; `None` where it estimates nothing.
+    #[inline(always)]
+    fn of(&self, i: usize) -> Option<&[T; LANES]> {
+        if i < self.known { X::column(self.x, self.from + i) } else { None }
+    }
+
+    /// Every entry of a memory to its row.
+    #[inline(always)]
+    fn take<Z: Memory<T>, K: Kind<T>>(self, z: &Z::Columns<LANES>, rows: Option<&mut [Lane<T>]>) {
+        let rows = rows.unwrap_or_default();
+        Z::each_column(z, 0, &mut Collector { truth: self, rows, kind: PhantomData::<K> });
     }
 }
 
-/// sum += (z − x)².
-#[inline(always)]
-fn add_square<T: Scalar>(sum: &mut [T; LANES], z: &[T; LANES], x: &[T; LANES]) {
-    for lane in 0..LANES {
-        let e = z[lane] - x[lane];
-        sum[lane] += e * e;
+/// The rows of a kind of sum, one a signal.
+struct Collector<'a, 'b, T: Scalar, X: Memory<T>, K> {
+    truth: Truth<'a, T, X>,
+    rows: &'b mut [Lane<T>],
+    kind: PhantomData<K>,
+}
+
+impl<T: Scalar, X: Memory<T>, K: Kind<T>> EachColumn<T, LANES> for Collector<'_, '_, T, X, K> {
+    #[inline(always)]
+    fn take(&mut self, i: usize, z: &[T; LANES]) {
+        if let Some(row) = self.rows.get_mut(i) {
+            match self.truth.of(i) {
+                Some(x) => K::take(&mut row.0, z, x),
+                None => K::take(&mut row.0, z, &[T::ZERO; LANES]),
+            }
+        }
     }
 }
 
-/// largest = max(largest, |z − x|).
-#[inline(always)]
-fn raise<T: Scalar>(largest: &mut [T; LANES], z: &[T; LANES], x: &[T; LANES]) {
-    for lane in 0..LANES {
-        largest[lane] = largest[lane].max((z[lane] - x[lane]).abs());
+/// What is added up of a signal z − x. (Arguments, so that the compiler knows that they lie apart.)
+trait Kind<T> {
+    fn take(row: &mut [T; LANES], z: &[T; LANES], x: &[T; LANES]);
+}
+
+/// Its values.
+struct Sum;
+/// Its squares.
+struct SumOfSquares;
+/// Its largest magnitude.
+struct Largest;
+
+impl<T: Scalar> Kind<T> for Sum {
+    #[inline(always)]
+    fn take(sum: &mut [T; LANES], z: &[T; LANES], x: &[T; LANES]) {
+        for lane in 0..LANES {
+            sum[lane] += z[lane] - x[lane];
+        }
     }
 }
 
-/// last = t where √square is at or above the threshold.
+impl<T: Scalar> Kind<T> for SumOfSquares {
+    #[inline(always)]
+    fn take(sum: &mut [T; LANES], z: &[T; LANES], x: &[T; LANES]) {
+        for lane in 0..LANES {
+            let e = z[lane] - x[lane];
+            sum[lane] += e * e;
+        }
+    }
+}
+
+impl<T: Scalar> Kind<T> for Largest {
+    /// The magnitude of what is one already: a compiler then stores every lane's number. Where some
+    /// stay what they are it stores the others only, which is slow.
+    #[inline(always)]
+    fn take(largest: &mut [T; LANES], z: &[T; LANES], x: &[T; LANES]) {
+        for lane in 0..LANES {
+            largest[lane] = largest[lane].abs().max((z[lane] - x[lane]).abs());
+        }
+    }
+}
+
+/// last = t where √square is at or above the threshold; magnitudes as in `Largest`.
 #[inline(always)]
 fn mark<T: Scalar>(last: &mut [T; LANES], square: &[T; LANES], threshold: T, t: T) {
     for lane in 0..LANES {
-        last[lane] = if square[lane].sqrt() >= threshold { t } else { last[lane] };
+        last[lane] = if square[lane].sqrt() >= threshold { t } else { last[lane].abs() };
     }
 }
 

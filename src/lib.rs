@@ -19,9 +19,9 @@
 //!
 //! A file uses lower floors only, or what is named before it on its own: `vectors`, `elementary`,
 //! `scalar`, `error`, `memory`, `measurement`, `polynomial` (0); `gain`, `schedule`, `saturation`, `model`,
-//! `integrate`, `observer`, `noise`, `metrics`, `lanes` (1); `models`, `observers` (2); `simulate`,
-//! `covariance`, `ensemble`, `estimator` (3); the Python module (4). Up to floor 3 nothing names `std`,
-//! `alloc` or Python, nothing allocates and nothing panics.
+//! `integrate`, `observer`, `injection`, `noise`, `metrics`, `lanes`, `program` (1); `models`,
+//! `observers` (2); `simulate`, `covariance`, `ensemble`, `estimator` (3); the Python module (4). Up to
+//! floor 3 nothing names `std`, `alloc` or Python, nothing allocates and nothing panics.
 #![cfg_attr(not(feature = "std"), no_std)]
 
 #[cfg(not(any(feature = "std", feature = "libm")))]
@@ -33,6 +33,7 @@ pub mod ensemble;
 pub mod error;
 pub mod estimator;
 pub mod gain;
+pub mod injection;
 pub mod integrate;
 pub mod lanes;
 pub mod measurement;
@@ -44,6 +45,7 @@ pub mod noise;
 pub mod observer;
 pub mod observers;
 pub mod polynomial;
+pub mod program;
 #[cfg(feature = "python")]
 mod python;
 pub mod saturation;
@@ -63,13 +65,15 @@ pub mod prelude {
     pub use crate::error::DesignError;
     pub use crate::estimator::Estimator;
     pub use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain};
+    pub use crate::injection::{Placed, Placement};
     pub use crate::integrate::{Integrator, PlantScheme};
     pub use crate::memory::Memory;
     pub use crate::metrics::{Moments, Window};
     pub use crate::model::{InputGain, Model, PhaseVariable, Plant, Unknown, last, no_input};
     pub use crate::noise::{Channel, Draw, Noise, Stream};
     pub use crate::observer::{
-        Discretisation, Discretised, Euler, Hold, Observer, RungeKutta, StaggeredEuler, Status,
+        Current, Discretisation, Discretised, Euler, Hold, Observer, RungeKutta, StaggeredEuler,
+        Status,
     };
     pub use crate::observers::{
         HardClip, LowPower, LowPowerObserver, ModifiedObserver, NoSaturation, PeakingFreeObserver,

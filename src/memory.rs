@@ -8,6 +8,13 @@
 use crate::Scalar;
 use nalgebra::SVector;
 
+/// What is done with each column of a memory: a type whose method is sure to be inlined, as a
+/// closure is not.
+pub trait EachColumn<T, const L: usize> {
+    /// Take column number `index`.
+    fn take(&mut self, index: usize, column: &[T; L]);
+}
+
 /// A fixed number of scalars of type `T` in a fixed order.
 pub trait Memory<T: Scalar>: Copy {
     /// How many scalars.
@@ -32,6 +39,19 @@ pub trait Memory<T: Scalar>: Copy {
     fn store<const L: usize>(&self, columns: &mut Self::Columns<L>, lane: usize);
     /// The column of scalar number `index`; `None` beyond the last.
     fn column<const L: usize>(columns: &Self::Columns<L>, index: usize) -> Option<&[T; L]>;
+    /// Visit every column in order with its number, which is counted from `first`.
+    #[inline(always)]
+    fn each_column<const L: usize>(
+        columns: &Self::Columns<L>,
+        first: usize,
+        f: &mut impl EachColumn<T, L>,
+    ) {
+        for i in 0..Self::LEN {
+            if let Some(column) = Self::column(columns, i) {
+                f.take(first + i, column);
+            }
+        }
+    }
 
     /// self + h·rate.
     #[inline(always)]
@@ -213,6 +233,15 @@ impl<T: Scalar, A: Memory<T>, B: Memory<T>> Memory<T> for (A, B) {
         }
     }
     #[inline(always)]
+    fn each_column<const L: usize>(
+        columns: &Self::Columns<L>,
+        first: usize,
+        f: &mut impl EachColumn<T, L>,
+    ) {
+        A::each_column(&columns.0, first, f);
+        B::each_column(&columns.1, first + A::LEN, f);
+    }
+    #[inline(always)]
     fn zero() -> Self {
         (A::zero(), B::zero())
     }
@@ -253,6 +282,16 @@ impl<T: Scalar, A: Memory<T>, const C: usize> Memory<T> for [A; C] {
     fn column<const L: usize>(columns: &Self::Columns<L>, index: usize) -> Option<&[T; L]> {
         let copy = columns.get(index.checked_div(A::LEN)?)?;
         A::column(copy, index % A::LEN)
+    }
+    #[inline(always)]
+    fn each_column<const L: usize>(
+        columns: &Self::Columns<L>,
+        first: usize,
+        f: &mut impl EachColumn<T, L>,
+    ) {
+        for (i, copy) in columns.iter().enumerate() {
+            A::each_column(copy, first + i * A::LEN, f);
+        }
     }
     #[inline(always)]
     fn zero() -> Self {

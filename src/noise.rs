@@ -4,7 +4,8 @@
 //! chunk or what else runs beside it.
 
 use crate::Scalar;
-use core::f64::consts::TAU;
+use crate::elementary::double::{log2, sin_of_turns};
+use core::f64::consts::LN_2;
 
 const GOLDEN: u64 = 0x9E37_79B9_7F4A_7C15;
 
@@ -86,19 +87,31 @@ impl Stream {
     /// Two independent standard normal values (Box and Muller).
     #[inline(always)]
     pub fn normal_pair(&mut self) -> (f64, f64) {
-        let u1 = self.uniform() + LOWEST; // in (0, 1], exact
-        let angle = TAU * self.uniform();
-        let radius = Scalar::sqrt(-2.0 * Scalar::ln(u1));
-        (radius * Scalar::cos(angle), radius * Scalar::sin(angle))
+        let radius = normal_radius(self.uniform());
+        turned(radius, self.uniform())
     }
 
     /// A standard normal value: the first of a pair, the second is not kept.
     #[inline(always)]
     pub fn normal(&mut self) -> f64 {
-        let u1 = self.uniform() + LOWEST;
-        let angle = TAU * self.uniform();
-        Scalar::sqrt(-2.0 * Scalar::ln(u1)) * Scalar::cos(angle)
+        self.normal_pair().0
     }
+}
+
+/// The radius √(−2 ln(u + 2⁻⁵³)) of a normal pair, u in [0, 1).
+#[inline(always)]
+pub(crate) fn normal_radius(u: f64) -> f64 {
+    Scalar::sqrt(-2.0 * LN_2 * log2(u + LOWEST)) // in (0, 1], exact
+}
+
+/// r cos 2πu and r sin 2πu, u in [0, 1). The turn is counted from ½ and folded at the quarters, both
+/// exactly, as far as the sine of a quarter: what is near 0 keeps its relative precision.
+#[inline(always)]
+pub(crate) fn turned(radius: f64, u: f64) -> (f64, f64) {
+    let turn = u - 0.5;
+    let folded = turn.abs() - 0.25;
+    let other = (0.25 - folded.abs()).copysign(-turn);
+    (radius * sin_of_turns(folded), radius * sin_of_turns(other))
 }
 
 /// 2⁻⁵³.
@@ -165,6 +178,28 @@ pub enum Draw<'a, T> {
     },
     /// A recorded (or filtered) sequence, one value a draw; 0 after its end.
     Samples(&'a [T]),
+    /// One for each run, end to end: a block's runs take theirs in order, a single run the first.
+    RunSamples {
+        /// The sequences.
+        values: &'a [T],
+        /// Values in each.
+        draws: usize,
+    },
+}
+
+impl<T> Draw<'_, T> {
+    /// The same for a block's run `lane`, which is the last run that there is if there are fewer.
+    #[inline(always)]
+    pub(crate) fn of_lane(self, lane: usize) -> Self {
+        match self {
+            Self::RunSamples { values, draws } => {
+                let runs = values.len().checked_div(draws).unwrap_or(0);
+                let start = draws * lane.min(runs.saturating_sub(1));
+                Self::Samples(values.get(start..).unwrap_or(&[]).get(..draws).unwrap_or(&[]))
+            }
+            draw => draw,
+        }
+    }
 }
 
 /// Measurement noise: draws held over `hold` steps, plus sines in continuous time.
@@ -188,11 +223,18 @@ impl<T: Scalar> Noise<'_, T> {
             Draw::None => T::ZERO,
             Draw::Uniform { low, high } => low + (high - low) * T::from_f64(stream.uniform()),
             Draw::Normal { mean, std } => mean + std * T::from_f64(stream.normal()),
-            Draw::Samples(values) => {
-                let index = usize::try_from(k / self.hold.max(1)).unwrap_or(usize::MAX);
-                values.get(index).copied().unwrap_or(T::ZERO)
+            Draw::Samples(values) => self.recorded(values, k),
+            Draw::RunSamples { values, draws } => {
+                self.recorded(values.get(..draws).unwrap_or(values), k)
             }
         }
+    }
+
+    /// The value of a sequence that holds at step k.
+    #[inline(always)]
+    fn recorded(&self, values: &[T], k: u64) -> T {
+        let index = usize::try_from(k / self.hold.max(1)).unwrap_or(usize::MAX);
+        values.get(index).copied().unwrap_or(T::ZERO)
     }
 
     /// Σ A sin(ωt + φ).

@@ -55,6 +55,18 @@ pub trait ContinuousLaw<T: Scalar>: Copy {
     fn innovation(&self, z: &Self::State, y: T) -> Self::Innovation;
     /// ż.
     fn rate(&self, t: T, z: &Self::State, e: &Self::Innovation, u: &Self::Input) -> Self::State;
+    /// What of the rate is due to the innovation: the rate less that of a missing sample.
+    #[inline(always)]
+    fn injection(
+        &self,
+        t: T,
+        z: &Self::State,
+        e: &Self::Innovation,
+        u: &Self::Input,
+    ) -> Self::State {
+        let free = self.rate(t, z, &self.innovation(z, missing()), u);
+        self.rate(t, z, e, u).zip(&free, |rate, free| rate - free)
+    }
     /// Turn a forward Euler step `new` from `old` into a staggered one, in which every state is
     /// moved by the new value of the state above it in the chain.
     fn stagger(&self, old: &Self::State, new: Self::State, dt: T) -> Self::State;
@@ -99,8 +111,15 @@ pub trait Observer<T: Scalar>: Copy {
     }
     /// The estimate.
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T];
-    /// What the sample tells beyond the estimate before the step: y − ŷ, written entry by entry.
-    fn innovation(&self, z: &Self::State, y: &Self::Measurement) -> Self::Measurement;
+    /// What the sample y at time t tells beyond what the memory before the step predicts for it: y − ŷ,
+    /// written entry by entry.
+    fn innovation(&self, t: T, z: &Self::State, y: &Self::Measurement) -> Self::Measurement;
+    /// The same observer with all computed that steps of length `dt` need again and again.
+    #[inline(always)]
+    #[must_use]
+    fn prepared(&self, _dt: T) -> Self {
+        *self
+    }
 }
 
 /// What is frozen over a step of a Runge-Kutta scheme.
@@ -114,18 +133,36 @@ pub enum Hold {
     Innovation,
 }
 
+/// A sample that is missing.
+#[inline(always)]
+fn missing<T: Scalar>() -> T {
+    T::from_f64(f64::NAN)
+}
+
 /// How a continuous law becomes a recursion.
-pub trait Scheme<T: Scalar>: Copy {
+///
+/// With predictor timing z⁻(k+1) = `advance`(z⁻(k), y(k)). With current timing the step is cut in two:
+/// z⁻(k) = `predict`(z⁺(k−1)) over the past period, then z⁺(k) = `correct`(z⁻(k), y(k)).
+pub trait Scheme<T: Scalar, L: ContinuousLaw<T>>: Copy {
     /// Memory after a step of length dt from (t, z) with sample y and input u.
-    fn advance<L: ContinuousLaw<T>>(
-        &self,
-        law: &L,
-        t: T,
-        z: &L::State,
-        y: T,
-        u: &L::Input,
-        dt: T,
-    ) -> L::State;
+    fn advance(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State;
+    /// Memory after a step of length dt from (t, z) without a sample.
+    #[inline(always)]
+    fn predict(&self, law: &L, t: T, z: &L::State, u: &L::Input, dt: T) -> L::State {
+        self.advance(law, t, z, missing(), u, dt)
+    }
+    /// Memory after the use of sample y that ends a period of length dt: what the sample injects in
+    /// that time, by forward Euler.
+    #[inline(always)]
+    fn correct(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State {
+        z.plus(dt, &law.injection(t, z, &law.innovation(z, y), u))
+    }
+    /// The same scheme with all computed that steps of length `dt` need again and again.
+    #[inline(always)]
+    #[must_use]
+    fn prepared(&self, _law: &L, _dt: T) -> Self {
+        *self
+    }
 }
 
 /// Forward Euler: z⁺ = z + dt·ż.
@@ -134,17 +171,9 @@ pub trait Scheme<T: Scalar>: Copy {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Euler;
 
-impl<T: Scalar> Scheme<T> for Euler {
+impl<T: Scalar, L: ContinuousLaw<T>> Scheme<T, L> for Euler {
     #[inline(always)]
-    fn advance<L: ContinuousLaw<T>>(
-        &self,
-        law: &L,
-        t: T,
-        z: &L::State,
-        y: T,
-        u: &L::Input,
-        dt: T,
-    ) -> L::State {
+    fn advance(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State {
         z.plus(dt, &law.rate(t, z, &law.innovation(z, y), u))
     }
 }
@@ -156,17 +185,9 @@ impl<T: Scalar> Scheme<T> for Euler {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StaggeredEuler;
 
-impl<T: Scalar> Scheme<T> for StaggeredEuler {
+impl<T: Scalar, L: ContinuousLaw<T>> Scheme<T, L> for StaggeredEuler {
     #[inline(always)]
-    fn advance<L: ContinuousLaw<T>>(
-        &self,
-        law: &L,
-        t: T,
-        z: &L::State,
-        y: T,
-        u: &L::Input,
-        dt: T,
-    ) -> L::State {
+    fn advance(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State {
         law.stagger(z, Euler.advance(law, t, z, y, u, dt), dt)
     }
 }
@@ -182,17 +203,9 @@ pub struct RungeKutta {
     pub hold: Hold,
 }
 
-impl<T: Scalar> Scheme<T> for RungeKutta {
+impl<T: Scalar, L: ContinuousLaw<T>> Scheme<T, L> for RungeKutta {
     #[inline(always)]
-    fn advance<L: ContinuousLaw<T>>(
-        &self,
-        law: &L,
-        t: T,
-        z: &L::State,
-        y: T,
-        u: &L::Input,
-        dt: T,
-    ) -> L::State {
+    fn advance(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State {
         match self.hold {
             Hold::Measurement => self.integrator.step(Measured { law, y, u }, t, z, dt),
             Hold::Innovation => {
@@ -246,17 +259,9 @@ pub enum Discretisation {
     RungeKutta(RungeKutta),
 }
 
-impl<T: Scalar> Scheme<T> for Discretisation {
+impl<T: Scalar, L: ContinuousLaw<T>> Scheme<T, L> for Discretisation {
     #[inline(always)]
-    fn advance<L: ContinuousLaw<T>>(
-        &self,
-        law: &L,
-        t: T,
-        z: &L::State,
-        y: T,
-        u: &L::Input,
-        dt: T,
-    ) -> L::State {
+    fn advance(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State {
         match self {
             Self::Euler => Euler.advance(law, t, z, y, u, dt),
             Self::StaggeredEuler => StaggeredEuler.advance(law, t, z, y, u, dt),
@@ -285,17 +290,9 @@ pub const METHODS: [Discretisation; 5] = {
     ]
 };
 
-impl<T: Scalar, const METHOD: usize> Scheme<T> for Method<METHOD> {
+impl<T: Scalar, L: ContinuousLaw<T>, const METHOD: usize> Scheme<T, L> for Method<METHOD> {
     #[inline(always)]
-    fn advance<L: ContinuousLaw<T>>(
-        &self,
-        law: &L,
-        t: T,
-        z: &L::State,
-        y: T,
-        u: &L::Input,
-        dt: T,
-    ) -> L::State {
+    fn advance(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State {
         const { METHODS[METHOD] }.advance(law, t, z, y, u, dt)
     }
 }
@@ -315,7 +312,7 @@ impl<T, L, S> Observer<T> for Discretised<L, S>
 where
     T: Scalar,
     L: ContinuousLaw<T>,
-    S: Scheme<T>,
+    S: Scheme<T, L>,
 {
     type State = L::State;
     type Measurement = T;
@@ -346,10 +343,95 @@ where
     }
 
     #[inline(always)]
-    fn innovation(&self, z: &L::State, y: &T) -> T {
+    fn innovation(&self, _: T, z: &L::State, y: &T) -> T {
         match self.estimate(z).first() {
             Some(x1) => *y - *x1,
             None => *y,
         }
+    }
+
+    #[inline(always)]
+    fn prepared(&self, dt: T) -> Self {
+        Self { law: self.law, scheme: self.scheme.prepared(&self.law, dt) }
+    }
+}
+
+/// A continuous law under a discretisation: an observer with current timing.
+///
+/// A step with y(k) predicts over the period before it, under the input that was held, and corrects;
+/// the first one only corrects, as if a period as long as the next one had passed. Memory: the law's,
+/// the period, the input.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Current<L, S> {
+    /// The law.
+    pub law: L,
+    /// The scheme.
+    pub scheme: S,
+}
+
+impl<L, S> Current<L, S> {
+    /// The law's memory predicted up to time t.
+    #[inline(always)]
+    fn before<T>(&self, t: T, (state, (period, u)): &(L::State, (T, L::Input))) -> L::State
+    where
+        T: Scalar,
+        L: ContinuousLaw<T>,
+        S: Scheme<T, L>,
+    {
+        let Self { law, scheme } = self;
+        law.admissible(scheme.predict(law, t - *period, state, u, *period))
+    }
+}
+
+impl<T, L, S> Observer<T> for Current<L, S>
+where
+    T: Scalar,
+    L: ContinuousLaw<T, Input: Memory<T>>,
+    S: Scheme<T, L>,
+{
+    type State = (L::State, (T, L::Input));
+    type Measurement = T;
+    type Input = L::Input;
+    const TIMING: Timing = Timing::Current;
+    const ESTIMATED: usize = L::ESTIMATED;
+
+    #[inline(always)]
+    fn initial(&self) -> Self::State {
+        (self.law.initial(), (T::ZERO, L::Input::zero()))
+    }
+
+    #[inline(always)]
+    fn step(&self, z: &mut Self::State, y: &T, u: &L::Input, t: T, dt: T) -> Status {
+        let Self { law, scheme } = self;
+        let (_, (period, _)) = *z;
+        let before = self.before(t, z);
+        let next = law.admissible(scheme.correct(law, t, &before, *y, u, period.or(dt)));
+        *z = (z.0.zip(&next, |_, new| new), (dt, *u));
+        if y.is_present() { Status::Updated } else { Status::Predicted }
+    }
+
+    #[inline(always)]
+    fn speed(&self, z: &Self::State) -> T {
+        self.law.speed(&z.0)
+    }
+
+    #[inline(always)]
+    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
+        self.law.estimate(&z.0)
+    }
+
+    #[inline(always)]
+    fn innovation(&self, t: T, z: &Self::State, y: &T) -> T {
+        match self.law.estimate(&self.before(t, z)).first() {
+            Some(x1) => *y - *x1,
+            None => *y,
+        }
+    }
+
+    #[inline(always)]
+    fn prepared(&self, dt: T) -> Self {
+        Self { law: self.law, scheme: self.scheme.prepared(&self.law, dt) }
     }
 }

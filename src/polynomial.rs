@@ -89,6 +89,38 @@ impl<T: Scalar> Ascending<T> {
         self.c.iter().take(self.degree + 1).rev().fold(T::ZERO, |value, c| value * s + *c)
     }
 
+    /// self − a·other.
+    fn less(mut self, a: T, other: &Self) -> Self {
+        for (c, other) in self.c.iter_mut().zip(other.c) {
+            *c -= a * other;
+        }
+        self
+    }
+
+    /// The derivative.
+    fn slope(&self) -> Self {
+        let mut slope = self.without_zero();
+        for (c, power) in slope.c.iter_mut().zip(1..) {
+            *c *= T::from_u64(power);
+        }
+        slope
+    }
+
+    /// A real root of a monic polynomial of odd degree, from a place near it by Newton's method.
+    fn real_root_near(&self, start: T) -> T {
+        let (slope, mut s) = (self.slope(), start);
+        let mut step = T::ONE;
+        for _ in 0..40 {
+            step = self.at(s) / slope.at(s);
+            s -= step;
+            if step.abs() <= T::from_f64(4.0 * f64::EPSILON) * s.abs() {
+                break;
+            }
+        }
+        let found = step.abs() <= T::from_f64(1e-6) * s.abs();
+        if found { s } else { self.real_root() }
+    }
+
     /// A real root of a monic polynomial of odd degree, by bisection within Cauchy's bound.
     fn real_root(&self) -> T {
         let mut bound = T::ONE;
@@ -193,6 +225,99 @@ pub fn require_hurwitz<T: Scalar>(k: &[T]) -> Result<(), DesignError> {
     require("k", first, is_hurwitz(k), allowed).map(|_| ())
 }
 
+/// Turn the trailing coefficients of a monic polynomial of degree `degree` into those of itself times
+/// s − root.
+#[inline(always)]
+pub(crate) fn times_root<T: Scalar>(trailing: &mut [(T, T)], degree: usize, (re, im): (T, T)) {
+    let mut above = (T::ONE, T::ZERO);
+    for c in trailing.iter_mut().take(degree + 1) {
+        let old = *c;
+        *c = (old.0 - (above.0 * re - above.1 * im), old.1 - (above.0 * im + above.1 * re));
+        above = old;
+    }
+}
+
+/// The roots of sⁿ + c₁sⁿ⁻¹ + … + cₙ, as many as there is room for; never above degree 23.
+///
+/// Laguerre's method from 0, so that small roots come first, and division by what was found. A
+/// root of high multiplicity is only as good as the coefficients tell; their product is good.
+pub fn roots(coefficients: &[f64], found: &mut [(f64, f64)]) {
+    let mut quotient = [(0.0, 0.0); MAX_DEGREE];
+    for (slot, c) in quotient.iter_mut().zip(coefficients) {
+        slot.0 = *c;
+    }
+    for (i, slot) in found.iter_mut().enumerate().take(coefficients.len()) {
+        let Some(trailing) = quotient.get_mut(..coefficients.len() - i) else { return };
+        *slot = laguerre(trailing);
+        // forward division keeps the large roots, which are still to come
+        let mut carry = (1.0, 0.0);
+        for c in trailing {
+            let (re, im) = times(carry, *slot);
+            carry = (c.0 + re, c.1 + im);
+            *c = carry;
+        }
+    }
+}
+
+type Complex = (f64, f64);
+
+fn times(a: Complex, b: Complex) -> Complex {
+    (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0)
+}
+
+fn over(a: Complex, b: Complex) -> Complex {
+    let square = b.0 * b.0 + b.1 * b.1;
+    let (re, im) = times(a, (b.0, -b.1));
+    (re / square, im / square)
+}
+
+fn size((re, im): Complex) -> f64 {
+    Scalar::sqrt(re * re + im * im)
+}
+
+/// The root with a real part ≥ 0.
+fn root_of(z: Complex) -> Complex {
+    let size = size(z);
+    let re = Scalar::sqrt(0.5 * (size + z.0).max(0.0));
+    (re, Scalar::sqrt(0.5 * (size - z.0).max(0.0)).copysign(z.1))
+}
+
+/// A root of a monic polynomial.
+fn laguerre(trailing: &[Complex]) -> Complex {
+    let degree = trailing.len() as f64;
+    let mut s = (0.0, 0.0);
+    for _ in 0..80 {
+        // p, its derivative and half its second one; what rounding makes of p
+        let (mut p, mut slope, mut curve) = ((1.0, 0.0), (0.0, 0.0), (0.0, 0.0));
+        let (mut noise, away) = (1.0, size(s));
+        for c in trailing {
+            let (a, b, d) = (times(curve, s), times(slope, s), times(p, s));
+            curve = (a.0 + slope.0, a.1 + slope.1);
+            slope = (b.0 + p.0, b.1 + p.1);
+            p = (d.0 + c.0, d.1 + c.1);
+            noise = noise * away + size(p);
+        }
+        if size(p) <= 2.0 * f64::EPSILON * noise {
+            break;
+        }
+        let g = over(slope, p);
+        let (g2, bend) = (times(g, g), over(curve, p));
+        let h = (g2.0 - 2.0 * bend.0, g2.1 - 2.0 * bend.1);
+        let spread = root_of((
+            (degree - 1.0) * (degree * h.0 - g2.0),
+            (degree - 1.0) * (degree * h.1 - g2.1),
+        ));
+        let (plus, minus) = ((g.0 + spread.0, g.1 + spread.1), (g.0 - spread.0, g.1 - spread.1));
+        let largest = if size(minus) > size(plus) { minus } else { plus };
+        if size(largest) == 0.0 {
+            break;
+        }
+        let step = over((degree, 0.0), largest);
+        s = (s.0 - step.0, s.1 - step.1);
+    }
+    s
+}
+
 /// Coefficients [k₁ … kₙ] from N poles (real part, imaginary part).
 ///
 /// # Errors
@@ -216,13 +341,7 @@ pub fn coefficients_from_poles<T: Scalar, const N: usize>(
             paired,
             "a complex pole needs its complex conjugate among the poles",
         )?;
-        // times (s − pole)
-        let mut above = (T::ONE, zero);
-        for c in product.iter_mut().take(count + 1) {
-            let old = *c;
-            *c = (old.0 - (above.0 * *re - above.1 * *im), old.1 - (above.0 * *im + above.1 * *re));
-            above = old;
-        }
+        times_root(&mut product, count, (*re, *im));
     }
     Ok(product.map(|(re, _)| re))
 }
@@ -251,6 +370,52 @@ pub fn low_power_polynomial<T: Scalar>(alpha: &[T], beta: &[T], out: &mut [T]) {
     for (slot, c) in out.iter_mut().zip(p.trailing()) {
         *slot = c;
     }
+}
+
+/// Characteristic polynomial of all blocks but the last, whose eigenvalue is −αₙ: Pₙ₋₁, written as its
+/// 2n − 2 trailing coefficients into `out`.
+pub(crate) fn low_power_inner_polynomial(alpha: &[f64], beta: &[f64], out: &mut [f64]) {
+    let mut p = Ascending::one();
+    low_power_inner(&mut p, alpha, beta);
+    for (slot, c) in out.iter_mut().zip(p.trailing()) {
+        *slot = c;
+    }
+}
+
+/// The low-power observer in discrete time: aᵢ/T and bᵢ/T of the blocks 1 … n−1 that step by T = `dt`,
+/// from the 2n − 2 trailing coefficients of the polynomial of their eigenvalues in δ = (z − 1)/T;
+/// aᵢ/T is sought near `near`.
+///
+/// Lemma 1 of Astolfi et al. with cₖ Mₖ(Tδ) in the place of cₖ = P(0): Σⱼ (jT)ᵏ/k! z⁻ʲ = Mₖ/(T δᵏ⁺¹) is what
+/// an innovation of the k-th derivative makes of the prediction; M₀ = 1, and with w = z − 1
+/// Mₖ₊₁ = (1 + w)(Mₖ − w Mₖ′/(k + 1)).
+pub(crate) fn low_power_steps<const N: usize>(
+    polynomial: &[f64],
+    near: [f64; N],
+    dt: f64,
+) -> ([f64; N], [f64; N]) {
+    let (mut a, mut b, mut c) = ([0.0; N], [0.0; N], [1.0; N]);
+    let mut moved = [Ascending::one(); N]; // Mₖ(Tδ), by powers of δ
+    for k in 1..N {
+        let mut slope = moved[k - 1].slope();
+        slope.times_linear(0.0);
+        moved[k] = moved[k - 1].less(1.0 / k as f64, &slope);
+        let mut above = moved[k];
+        above.times_linear(0.0);
+        moved[k] = moved[k].less(-dt, &above);
+        moved[k].degree = k;
+    }
+    let Some(mut p) = Ascending::from_monic(polynomial) else { return (a, b) };
+    for k in (1..N).rev() {
+        c[k] = p.c[0];
+        let odd = p.less(c[k], &moved[k]).without_zero();
+        a[k - 1] = -odd.real_root_near(-near[k - 1]);
+        p = odd.without_linear(a[k - 1]);
+    }
+    for k in 1..N {
+        b[k - 1] = c[k] / c[k - 1];
+    }
+    (a, b)
 }
 
 /// Refuse low-power coefficients whose matrix Mₙ is not Hurwitz (Definition 1).

@@ -58,9 +58,19 @@ pub trait Scalar:
     /// cos x, x in rad; NaN as for [`Scalar::sin`].
     #[must_use]
     fn cos(self) -> Self;
+    /// tan x, x in rad; NaN as for [`Scalar::sin`].
+    #[must_use]
+    fn tan(self) -> Self;
     /// atan x, in rad.
     #[must_use]
     fn atan(self) -> Self;
+    /// The angle of the point (x, y), `self` being y, in rad, in [−π, π]; zeros and infinities as in
+    /// IEEE 754.
+    #[must_use]
+    fn atan2(self, x: Self) -> Self;
+    /// tanh x.
+    #[must_use]
+    fn tanh(self) -> Self;
     /// ln x.
     #[must_use]
     fn ln(self) -> Self;
@@ -95,6 +105,20 @@ pub trait Scalar:
             product *= self;
         }
         product
+    }
+
+    /// The innovation of the sample y = `self` over its estimate: y − x̂, and 0 where y is missing.
+    #[inline(always)]
+    #[must_use]
+    fn innovation(self, x_hat: Self) -> Self {
+        if self.is_finite() { self - x_hat } else { Self::ZERO }
+    }
+
+    /// `self`, or `other` where it is 0.
+    #[inline(always)]
+    #[must_use]
+    fn or(self, other: Self) -> Self {
+        if self == Self::ZERO { other } else { self }
     }
 
     /// `self` brought into [low, high]; NaN stays NaN.
@@ -152,8 +176,20 @@ macro_rules! scalar {
                 elementary::$module::cos(self)
             }
             #[inline(always)]
+            fn tan(self) -> Self {
+                elementary::$module::tan(self)
+            }
+            #[inline(always)]
             fn atan(self) -> Self {
                 elementary::$module::atan(self)
+            }
+            #[inline(always)]
+            fn atan2(self, x: Self) -> Self {
+                elementary::$module::atan2(self, x)
+            }
+            #[inline(always)]
+            fn tanh(self) -> Self {
+                elementary::$module::tanh(self)
             }
             #[inline(always)]
             fn ln(self) -> Self {

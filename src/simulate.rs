@@ -117,12 +117,12 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         Ok(())
     }
 
-    /// The plant's state after one of the substeps, of length h.
+    /// The plant's state after one of the substeps, of length h, under two standard normal values.
     #[inline(always)]
     pub(crate) fn substep(
         &self,
         scheme: PlantScheme,
-        process: &mut Stream,
+        xi: (f64, f64),
         t: T,
         x: &P::State,
         u: &P::Input,
@@ -132,8 +132,7 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
             PlantScheme::Held => *x,
             PlantScheme::Deterministic(scheme) => plant_step(scheme, &self.plant, t, x, u, h),
             PlantScheme::Stochastic(scheme) => {
-                let (xi1, xi2) = process.normal_pair();
-                let xi = (T::from_f64(xi1), T::from_f64(xi2));
+                let xi = (T::from_f64(xi.0), T::from_f64(xi.1));
                 scheme.step(&self.plant, t, x, u, h, WienerIncrement::from_normals(xi, h))
             }
         }
@@ -156,7 +155,9 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         let mut state = *x;
         for i in 0..self.substeps {
             let time = t + T::from_f64(f64::from(i)) * h;
-            state = self.substep(self.plant_scheme, process, time, &state, u, h);
+            let random = matches!(self.plant_scheme, PlantScheme::Stochastic(_));
+            let xi = if random { process.normal_pair() } else { (0.0, 0.0) };
+            state = self.substep(self.plant_scheme, xi, time, &state, u, h);
         }
         state
     }

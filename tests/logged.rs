@@ -99,7 +99,7 @@ fn every_configuration_memory_error_and_status_can_be_logged() {
     let mut logs = Logs(0);
     visit_all::<f32>(&mut logs).unwrap();
     visit_all::<f64>(&mut logs).unwrap();
-    assert_eq!(logs.0, 2 * (14 * 5 + 2));
+    assert_eq!(logs.0, 2 * (14 * 5 + 6 * 3 + 2));
     let refused = ConstantGain::new(-1.5).unwrap_err();
     assert!(log(&refused).windows(8).any(|bytes| bytes == (-1.5_f64).to_le_bytes()));
     assert_ne!(log(&Status::Updated), log(&Status::Diverged));

@@ -101,7 +101,7 @@ fn every_observer_is_built_and_stepped_without_the_heap() {
     });
     built.unwrap();
     assert_eq!(calls, 0);
-    assert!(stepper.observers >= 2 * (14 * 5 + 2), "{}", stepper.observers);
+    assert!(stepper.observers >= 2 * (14 * 5 + 6 * 3 + 2), "{}", stepper.observers);
     assert_eq!(stepper.steps, 100 * stepper.observers);
 }
 
@@ -236,6 +236,6 @@ fn every_observer_is_written_and_read_without_the_heap() {
     });
     built.unwrap();
     assert_eq!(calls, 0);
-    assert_eq!(storer.observers, 2 * (14 * 5 + 2));
-    assert!(storer.bytes < 512, "{}", storer.bytes);
+    assert_eq!(storer.observers, 2 * (14 * 5 + 6 * 3 + 2));
+    assert!(storer.bytes < 640, "{}", storer.bytes);
 }

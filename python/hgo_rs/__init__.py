@@ -9,7 +9,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from hgo_rs.config import Config, ConfigError, load
     from hgo_rs.errors import DesignError, HgoError
+    from hgo_rs.estimation import estimate
+    from hgo_rs.exports import export
     from hgo_rs.gains import (
         AdaptiveGain,
         ConstantGain,
@@ -17,13 +20,14 @@ if TYPE_CHECKING:
         FixedStep,
         StochasticApproximation,
     )
+    from hgo_rs.gaps import gap_bound
     from hgo_rs.models import (
         Crackle,
         InputGain,
         Lee,
-        Model,
         SanfelicePraly,
         Ship,
+        System,
         Unknown,
         VanDerPol,
     )
@@ -38,6 +42,7 @@ if TYPE_CHECKING:
     from hgo_rs.observers import (
         LowPowerObserver,
         ModifiedObserver,
+        MultiOutputObserver,
         Observer,
         PeakingFreeObserver,
         ReducedOrderObserver,
@@ -45,14 +50,18 @@ if TYPE_CHECKING:
         SampledDataObserver,
         StandardObserver,
     )
+    from hgo_rs.own import Model, Plant
     from hgo_rs.results import Gap, RunResult, SimulationResult
     from hgo_rs.simulation import simulate
     from hgo_rs.studies import StudyError, StudyInterrupted, StudyProgress, StudyResult, study
+    from hgo_rs.tuning import TradeOff, Tuning, tune
 
 __version__ = "0.1.0"
 
 __all__ = [
     "AdaptiveGain",
+    "Config",
+    "ConfigError",
     "ConstantGain",
     "Crackle",
     "DeadZoneGain",
@@ -65,10 +74,12 @@ __all__ = [
     "LowPowerObserver",
     "Model",
     "ModifiedObserver",
+    "MultiOutputObserver",
     "Noise",
     "NormalNoise",
     "Observer",
     "PeakingFreeObserver",
+    "Plant",
     "RecordedNoise",
     "ReducedOrderObserver",
     "RepelledCollection",
@@ -84,21 +95,44 @@ __all__ = [
     "StudyInterrupted",
     "StudyProgress",
     "StudyResult",
+    "System",
+    "TradeOff",
+    "Tuning",
     "UniformNoise",
     "Unknown",
     "VanDerPol",
     "__version__",
+    "estimate",
+    "export",
     "filtered_noise",
+    "gap_bound",
+    "load",
     "simulate",
     "study",
+    "tune",
 ]
 
-_MODULES = ("errors", "gains", "models", "noise", "observers", "results", "simulation", "studies")
+_MODULES = (
+    "config",
+    "errors",
+    "estimation",
+    "exports",
+    "gains",
+    "gaps",
+    "models",
+    "noise",
+    "observers",
+    "own",
+    "results",
+    "simulation",
+    "studies",
+    "tuning",
+)
 
 
 def __getattr__(name: str) -> Any:
     """A public name, or a module, on its first use (PEP 562)."""
-    if name in (*_MODULES, "design", "reference", "_core"):
+    if name in (*_MODULES, "design", "expressions", "reference", "_core"):
         return import_module(f"hgo_rs.{name}")
     if name in __all__:
         for module in map(import_module, (f"hgo_rs.{name}" for name in _MODULES)):

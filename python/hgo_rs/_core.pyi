@@ -6,10 +6,12 @@ import numpy.typing as npt
 from typing_extensions import Self, disjoint_base
 
 __all__ = [
+    "ELEMENTARY",
     "Observer",
     "Online",
     "coefficients_from_poles",
     "coupled_paths",
+    "evaluate_table",
     "filtered",
     "is_hurwitz",
     "low_power_coefficients",
@@ -17,11 +19,15 @@ __all__ = [
     "low_power_polynomial",
     "mean_covariance",
     "random",
+    "run_single",
     "simulate",
+    "trace_step",
 ]
 
 _Array = npt.NDArray[np.float64]
 _Pairs = list[tuple[float, float]]
+
+ELEMENTARY: str
 
 @final
 class Observer:
@@ -88,3 +94,19 @@ def random(
     kind: Literal["bits"], count: int, seed: int, run: int = 0, channel: int = 0
 ) -> npt.NDArray[np.uint64]: ...
 def filtered(values: npt.ArrayLike, sections: npt.ArrayLike) -> _Array: ...
+def trace_step(
+    spec: Mapping[str, Any],
+    single: bool = False,
+    missing: bool = False,
+    dt: float | None = None,
+) -> dict[str, Any]: ...
+def evaluate_table(
+    table: Mapping[str, Any], inputs: npt.ArrayLike, single: bool = False
+) -> list[list[float]]: ...
+def run_single(
+    spec: Mapping[str, Any],
+    t: npt.ArrayLike,
+    y: npt.ArrayLike,
+    u: npt.ArrayLike,
+    memory0: npt.ArrayLike,
+) -> list[list[float]]: ...

@@ -9,10 +9,11 @@ from __future__ import annotations
 import difflib
 import inspect
 import json
+import math
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +21,11 @@ import click
 import numpy as np
 
 from hgo_rs import plotting, scenarios
-from hgo_rs.data import Log, check_writable_format, read_log, write_table
+from hgo_rs.config import FORMAT, OBSERVERS, Config, load
+from hgo_rs.data import UNITS, Log, LogSummary, TableWriter, check_writable_format, read_chunks
 from hgo_rs.errors import HgoError, MissingExtraError
+from hgo_rs.estimation import check_fit, run_chunks
+from hgo_rs.gaps import gap_error
 from hgo_rs.record import rows_to_json
 from hgo_rs.report import counted, format_value
 from hgo_rs.reproduce import (
@@ -38,16 +42,12 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
+    from hgo_rs.observers import Observer
+    from hgo_rs.results import Gap, RunResult
+
 __all__ = ["main"]
 
 MISSED, USAGE, INTERRUPTED = 1, 2, 130
-
-OBSERVERS = {
-    "standard": "StandardObserver",
-    "low-power": "LowPowerObserver",
-    "peaking-free": "PeakingFreeObserver",
-}
-"""What `hgo estimate --observer` knows, and the class of hgo_rs behind each name."""
 
 
 def main(args: Sequence[str] | None = None) -> None:
@@ -399,23 +399,36 @@ class _Numbers(click.ParamType):
 
 @command.command("estimate", short_help="Run an observer over a recorded log.")
 @click.argument("log", type=click.Path(path_type=Path))
-@click.option("--time", "time_column", metavar="COL", help="Time column, s.")
-@click.option("--output", metavar="COL", required=True, help="Measured output.")
-@click.option("--input", "input_column", metavar="COL", help="Known input.")
+@click.option("--config", type=click.Path(path_type=Path), help="observer.toml; options go before.")
+@click.option("--time", "time", metavar="COL", multiple=True, help="Time column.")
+@click.option("--unit", type=click.Choice(list(UNITS)), help="Unit of the time column.")
+@click.option("--output", metavar="COL", multiple=True, help="Measured output.")
+@click.option("--input", "input", metavar="COL", multiple=True, help="Known input.")
 @click.option(
     "--input-gain",
     type=float,
     metavar="B0",
     help="n-th derivative of the output for one unit of input (with --input; default 1).",
 )
-@click.option("--observer", metavar="NAME", required=True, help=f"One of {', '.join(OBSERVERS)}.")
-@click.option("--order", type=int, required=True, help="Number of states.")
-@click.option("--gain", type=float, required=True, help="The gain L (ell), 1/s.")
+@click.option("--observer", metavar="NAME", help=f"One of {', '.join(OBSERVERS)}.")
+@click.option("--order", type=int, help="Number of states.")
+@click.option("--gain", type=float, help="The gain L (ell), 1/s.")
 @click.option("--dt", type=float, help="Sampling period, s: for a log without a time column.")
 @click.option("--poles", type=_Numbers(), help="Poles at gain 1, for example -1,-2,-3.")
 @click.option("--method", help="Discretisation; by default the observer's own.")
+@click.option("--timing", help="current (the estimate at a sample uses it) or predictor.")
 @click.option("--saturation", type=_Numbers(), help="Bounds on the states 2 to n (peaking-free).")
 @click.option("--allow-unstable", is_flag=True, help="Go beyond the step limit of the method.")
+@click.option(
+    "--resets",
+    type=click.Choice(["refuse", "split"]),
+    help="A clock that starts again: an error (default), or a new start of the observer.",
+)
+@click.option(
+    "--save-config",
+    type=click.Path(path_type=Path),
+    help="Write what --config and the options say as an observer.toml.",
+)
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -428,62 +441,105 @@ class _Numbers(click.ParamType):
 )
 def estimate_command(
     log: Path,
-    time_column: str | None,
-    output: str,
-    input_column: str | None,
-    input_gain: float | None,
-    observer: str,
-    order: int,
-    gain: float,
-    dt: float | None,
-    poles: list[Any] | None,
-    method: str | None,
-    saturation: list[Any] | None,
-    allow_unstable: bool,
+    config: Path | None,
+    save_config: Path | None,
     out: Path | None,
     figure: Path | None,
+    **options: Any,
 ) -> int:
     """Run an observer over the recorded LOG (CSV, Parquet, .mat, .npz).
 
     Empty cells and NaN are missing samples: the observer predicts over them. Uneven steps are
-    honoured.
+    honoured. Options may be repeated for several columns.
 
     \b
     Example: velocity and acceleration from a measured position
       hgo estimate axis.csv --time t --output q --observer low-power --order 3 --gain 60
     """
     out = out if out is not None else Path(f"{log.stem}.estimates.csv")
-    if input_gain is not None and input_column is None:
-        raise HgoError("--input-gain has no meaning without --input: name the input's column")
     check_writable_format(out)
     draw = _can_draw(figure)
     figure = figure if figure is not None else out.with_suffix(".png")
-    for path in (out, figure) if draw else (out,):
+    told = _configuration(config, options)
+    law = told.observer()
+    arguments = told.log
+    check_fit(law, arguments, f"{told.place(('log',))}: " if config else "")
+    for path in (out, *([figure] if draw else []), *([save_config] if save_config else [])):
         _check_writable(path, log)
-    law = _build_observer(
-        observer,
-        {
-            "n": order,
-            "gain": gain,
-            "poles": poles,
-            "method": method,
-            "saturation": saturation,
-            "model": None if input_column is None else _input_model(input_gain),
-            "allow_unstable": allow_unstable or None,
-        },
-    )
-    record = read_log(log, time_column, output, input_column, dt=dt)
-    click.echo(f"{log}: {record.describe()}")
-    result = law.run(record.t, record.y, record.u)
-    write_table(out, _columns(record, result))
+    summary, gaps, trace = LogSummary(), _LongestGaps(), _Trace()
+
+    def seen(chunks: Iterable[Log]) -> Iterator[Log]:
+        for chunk in chunks:
+            summary.add(chunk)
+            yield chunk
+
+    piece = -1
+    with TableWriter(out) as writer:
+        for chunk, result in run_chunks(law, seen(read_chunks(log, **arguments))):
+            piece += len(chunk.starts)
+            split = arguments.get("resets") == "split"
+            writer.write(_columns(chunk, result, piece if split else None))
+            gaps.add(law, result)
+            if draw:
+                trace.add(chunk, result)
+    click.echo(f"{log}: {summary.describe()}")
+    gaps.tell()
     written = [str(out)]
     if draw:
-        _draw_estimate(record, result, f"{observer}, order {order}, gain {gain:g} 1/s", figure)
         written.append(str(figure))
+        trace.draw(law, arguments["output"], told.data["observer"], figure)
     else:
         click.echo("no figure: pip install 'hgo_rs[plot]'", err=True)
+    if save_config is not None:
+        told.save(save_config)
+        written.append(str(save_config))
     click.echo(f"written: {', '.join(written)}")
     return 0
+
+
+def _configuration(path: Path | None, options: dict[str, Any]) -> Config:
+    """What the file says, and over it the options that were given."""
+    given = {k: v for k, v in options.items() if v is not None and v is not False and v != ()}
+    columns: dict[str, Any] = {
+        key: given.pop(key)[0] if len(given[key]) == 1 else list(given.pop(key))
+        for key in ("time", "output", "input")
+        if key in given
+    }
+    columns |= {key: given.pop(key) for key in ("unit", "dt", "resets") if key in given}
+    base = None if path is None else load(path)
+    b0 = given.pop("input_gain", None)
+    if b0 is not None and "input" not in {**(base.log if base else {}), **columns}:
+        raise HgoError("--input-gain has no meaning without --input: name the input's column")
+    if b0 is not None or (base is None and "input" in columns):
+        given["model"] = {"kind": "input", "b0": 1.0 if b0 is None else b0}
+    _check_options(given, base)
+    if base is not None:
+        return base.replace(columns, **given)
+    return Config({"format": FORMAT, "observer": given.pop("observer")}).replace(columns, **given)
+
+
+def _check_options(given: dict[str, Any], base: Config | None) -> None:
+    """Refuse options that the observer has no use for, and without a file, missing ones."""
+    import hgo_rs
+
+    name = given.get("observer", base.data["observer"] if base else None)
+    if name is None:
+        raise HgoError("--observer is needed, or a --config that names one")
+    if name not in OBSERVERS:
+        raise HgoError(_unknown("observer", name, list(OBSERVERS)))
+    accepted = inspect.signature(getattr(hgo_rs, OBSERVERS[name])).parameters
+    for key in given:
+        if key != "observer" and {"order": "n"}.get(key, key) not in accepted:
+            option = "--" + {"model": "input"}.get(key, key).replace("_", "-")
+            raise HgoError(f"{option} has no meaning for --observer {name}")
+    if base is not None:
+        return
+    needed = [key for key, p in accepted.items() if p.default is inspect.Parameter.empty]
+    for key in (*needed, *(["gain"] if "epsilon" in accepted else [])):
+        key = {"n": "order"}.get(key, key)
+        if key not in given:
+            option = "--" + key.replace("_", "-")
+            raise HgoError(f"{option} is needed for --observer {name}, or a --config that says it")
 
 
 def _can_draw(figure: Path | None) -> bool:
@@ -517,67 +573,154 @@ def _check_writable(path: Path, log: Path) -> None:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-def _input_model(input_gain: float | None) -> Any:
-    """A chain of integrators driven by the recorded input."""
-    from hgo_rs.models import InputGain
+def _columns(log: Log, result: RunResult, piece: int | None) -> dict[str, np.ndarray]:
+    """t, y, u, x_hat1 ... x_hatN, innovation, missing (0 or 1), and the piece where asked for.
 
-    return InputGain(1.0 if input_gain is None else input_gain)
+    Several outputs and inputs are numbered: y1, y2, ...
+    """
+    columns: dict[str, np.ndarray] = {"t": log.t}
 
+    def add(name: str, values: np.ndarray) -> None:
+        if values.ndim == 1:
+            columns[name] = values
+        else:
+            columns.update({f"{name}{i + 1}": column for i, column in enumerate(values.T)})
 
-def _build_observer(name: str, arguments: dict[str, Any]) -> Any:
-    """The observer of this name with the arguments that were given."""
-    if name not in OBSERVERS:
-        raise HgoError(_unknown("observer", name, list(OBSERVERS)))
-    import hgo_rs
-
-    law = getattr(hgo_rs, OBSERVERS[name])
-    given = {key: value for key, value in arguments.items() if value is not None}
-    accepted = inspect.signature(law).parameters
-    for key in given:
-        if key not in accepted:
-            option = "--" + {"n": "order"}.get(key, key).replace("_", "-")
-            raise HgoError(f"{option} has no meaning for --observer {name}")
-    for key, parameter in accepted.items():
-        if parameter.default is inspect.Parameter.empty and key not in given:
-            raise HgoError(f"--{key.replace('_', '-')} is needed for --observer {name}")
-    return law(**given)
-
-
-def _columns(log: Log, result: Any) -> dict[str, np.ndarray]:
-    """t, y, u, x_hat1 ... x_hatN, innovation, missing (0 or 1)."""
-    x_hat = np.asarray(result.x_hat)
-    columns: dict[str, np.ndarray] = {"t": log.t, "y": log.y}
+    add("y", log.y)
     if log.u is not None:
-        columns["u"] = log.u
-    columns.update({f"x_hat{i + 1}": x_hat[:, i] for i in range(x_hat.shape[1])})
-    columns["innovation"] = np.asarray(result.innovation, dtype=float).reshape(len(log.t))
-    columns["missing"] = log.missing.astype(np.int64)
+        add("u", log.u)
+    add("x_hat", result.x_hat)
+    add("innovation", result.innovation.reshape(log.y.shape))
+    add("missing", log.missing.astype(np.int64))
+    if piece is not None:
+        columns["piece"] = np.full(len(log.t), piece)
     return columns
 
 
-def _draw_estimate(log: Log, result: Any, title: str, path: Path) -> None:
-    order = np.asarray(result.x_hat).shape[1]
-    output = str(log.names["output"])
-    output = f"column {output}" if output.isdigit() else output
+class _LongestGaps:
+    """The longest gaps of a log, and the error to expect at their ends."""
+
+    COUNT = 3
+
+    def __init__(self) -> None:
+        self.found: list[tuple[float, float, Gap, np.ndarray]] = []
+
+    def add(self, law: Observer, result: RunResult) -> None:
+        """Look at a chunk; what a gap costs is computed for those that are among the longest."""
+        if not result.missing.any():
+            return
+        least = self.found[-1][0] if len(self.found) == self.COUNT else 0.0
+        gaps = sorted(result.gaps, key=lambda gap: -gap.duration)[: self.COUNT]
+        gaps = [gap for gap in gaps if gap.duration > least]
+        if not gaps:
+            return
+        errors = gap_error(law, result, result.inputs, gaps)
+        for gap, error in zip(gaps, errors, strict=True):
+            self.found.append((gap.duration, float(result.time[gap.start]), gap, error))
+        self.found = sorted(self.found, key=lambda f: -f[0])[: self.COUNT]
+
+    def tell(self) -> None:
+        for duration, t, gap, error in self.found:
+            states = ", ".join(
+                f"x_hat{i + 1} {e:.3g}" for i, e in enumerate(error) if np.isfinite(e)
+            )
+            told = f"error to expect at its end: {states}" if states else "no error estimate"
+            click.echo(f"gap of {duration:.4g} s ({gap.length} samples) at t = {t:g} s: {told}")
+
+
+class _Trace:
+    """What a figure shows of a log of any length: every row, or every 2nd, 4th, ..."""
+
+    MOST = 200_000
+
+    def __init__(self) -> None:
+        self.parts: dict[str, list[np.ndarray]] = {}
+        self.stride, self.count, self.kept = 1, 0, 0
+        self.end = self.offset = math.nan
+
+    def add(self, log: Log, result: RunResult) -> None:
+        if not log.t[0] > self.end:  # the clock starts again: draw it behind what there is
+            self.offset = 0.0 if math.isnan(self.end) else self.end + self.offset - log.t[0]
+        self.end = float(log.t[-1])
+        rows = slice(-self.count % self.stride, None, self.stride)
+        single = log.y.ndim == 1
+        signals: dict[str, np.ndarray] = {"time": log.t + self.offset, "x_hat": result.x_hat}
+        if single:
+            signals |= {"y": log.y, "innovation": result.innovation.ravel()}
+        signals["missing"] = result.missing
+        if result.gain is not None:
+            signals["gain"] = result.gain
+        for name, values in signals.items():
+            self.parts.setdefault(name, []).append(np.array(values[rows]))
+        self.count += len(log.t)
+        self.kept += len(self.parts["time"][-1])
+        while self.kept > self.MOST:
+            self.stride *= 2
+            self.parts = {n: [np.concatenate(p)[::2]] for n, p in self.parts.items()}
+            self.kept = len(self.parts["time"][0])
+
+    def draw(self, law: Observer, output: Any, kind: str, path: Path) -> None:
+        signals: dict[str, Any] = {n: np.concatenate(p) for n, p in self.parts.items()}
+        gain = f", gain {law.gain:g} 1/s" if law.spec.get("gain", {}) and law.gain else ""
+        moves = law._gain_index() is not None
+        if not moves:
+            signals.pop("gain", None)
+        title = f"{kind}, order {law.n}" + ("" if moves else gain)
+        if self.stride > 1:
+            title += f" (every {self.stride}th row)"
+        name = f"column {output}" if str(output).isdigit() else str(output)
+        figure = plotting.estimate_figure(
+            signals.pop("time"),
+            signals.pop("x_hat"),
+            names=_state_names(law, name),
+            output=f"{name}, measured",
+            title=title,
+            **signals,
+        )
+        try:
+            plotting.save(figure, path)
+        except OSError as error:
+            raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def _state_names(law: Observer, output: str) -> list[str] | None:
+    """The names of the states: the model's own, or the output and its derivatives."""
+    own = law.spec["model"].get("names", {}).get("states")
+    if own or law.n_y > 1:
+        return list(own) if own and len(own) == law.n else None
     ordinals = ("first", "second", "third", "fourth", "fifth")
     names = [output]
-    for i in range(1, order):
+    for i in range(1, law.n):
         which = f"{ordinals[i - 1]} derivative" if i <= len(ordinals) else f"derivative {i}"
         names.append(f"{which} of {output}")
-    figure = plotting.estimate_figure(
-        log.t,
-        result.x_hat,
-        y=log.y,
-        innovation=result.innovation,
-        missing=log.missing,
-        names=names,
-        output=f"{output}, measured",
-        title=title,
+    return names
+
+
+# --- export ----------------------------------------------------------------------------------
+
+
+@command.command("export", short_help="Write an observer as C or Rust source.")
+@click.argument("config", type=click.Path(path_type=Path))
+@click.option("--to", type=click.Choice(["c", "rust"]), required=True, help="C99 or no_std Rust.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option("--name", help="Name of files and functions; by default the file's.")
+@click.option("--precision", type=click.Choice(["double", "single"]), default="double")
+def export_command(config: Path, to: str, out: Path, name: str | None, precision: str) -> int:
+    """Write the observer of CONFIG, an observer.toml, as source code that needs nothing else.
+
+    Its steps have the bits of this package's; a test vector and a program that runs it are beside
+    it.
+    """
+    from hgo_rs.config import load
+    from hgo_rs.exports import export
+
+    told = load(config)
+    name = name if name is not None else config.stem.lower().replace("-", "_")
+    files = export(
+        told.observer(), to=to, out=out, name=name, precision=precision, dt=told.log.get("dt")
     )
-    try:
-        plotting.save(figure, path)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+    click.echo(f"written to {out}: {', '.join(str(file.relative_to(out)) for file in files)}")
+    return 0
 
 
 if __name__ == "__main__":

@@ -13,12 +13,24 @@ import numpy as np
 
 from hgo_rs.errors import check, check_array, check_number
 
-__all__ = ["Crackle", "InputGain", "Lee", "Model", "SanfelicePraly", "Ship", "Unknown", "VanDerPol"]
+__all__ = [
+    "Crackle",
+    "InputGain",
+    "Lee",
+    "SanfelicePraly",
+    "Ship",
+    "System",
+    "Unknown",
+    "VanDerPol",
+]
 
 
 @dataclass(frozen=True)
-class Model:
-    """What an observer knows of a system, and, for a plant, the system itself."""
+class System:
+    """What an observer knows of a system, and, for a plant, the system itself.
+
+    Base of the systems here and of the user's own, `hgo_rs.Model` and `hgo_rs.Plant`.
+    """
 
     @property
     def spec(self) -> dict[str, Any]:
@@ -36,13 +48,13 @@ class Model:
         return None
 
     @property
-    def inputs(self) -> int:
+    def n_u(self) -> int:
         """Number of known inputs u."""
         return 0
 
 
 @dataclass(frozen=True)
-class Unknown(Model):
+class Unknown(System):
     """Nothing is known: phi = 0. The observer is then a differentiator. Any order."""
 
     @property
@@ -51,7 +63,7 @@ class Unknown(Model):
 
 
 @dataclass(frozen=True)
-class InputGain(Model):
+class InputGain(System):
     """A chain of integrators driven by one known input: phi = b0 u. Any order.
 
     Parameters
@@ -70,12 +82,12 @@ class InputGain(Model):
         return {"kind": "input", "b0": float(self.b0)}
 
     @property
-    def inputs(self) -> int:
+    def n_u(self) -> int:
         return 1
 
 
 @dataclass(frozen=True)
-class Lee(Model):
+class Lee(System):
     """x1' = x2, x2' = -x1/(1 + x1^2) - x2, y = x1. Lee, Choi and Khalil (38). State (2,)."""
 
     @property
@@ -88,7 +100,7 @@ class Lee(Model):
 
 
 @dataclass(frozen=True)
-class SanfelicePraly(Model):
+class SanfelicePraly(System):
     """x1' = x2 + nu1 x1 + nu2, x2' = 0, y = x1. Sanfelice and Praly (19). State (2,).
 
     An observer knows nu1 [1/s] and not nu2.
@@ -118,7 +130,7 @@ class SanfelicePraly(Model):
 
 
 @dataclass(frozen=True)
-class VanDerPol(Model):
+class VanDerPol(System):
     """dx1 = x2 dt, dx2 = [-x1 + epsilon (1 - x1^2) x2] dt + g dW, y = x1. Fu, Kang and Li (18).
 
     g = sigma, or sigma x2 where `multiplicative`. State (2,).
@@ -147,7 +159,7 @@ class VanDerPol(Model):
 
 
 @dataclass(frozen=True)
-class Crackle(Model):
+class Crackle(System):
     """The chaotic crackle system, order 5. Astolfi, Marconi, Praly and Teel (1), (20). State (5,).
 
     x_i' = x_{i+1}, x5' = phi(x) = 0.2 (x1^2 - 1) - x2 - x3 - 4 x4 - x5, y = x1. An observer uses
@@ -179,7 +191,7 @@ class Crackle(Model):
 
 
 @dataclass(frozen=True)
-class Ship(Model):
+class Ship(System):
     """A ship of three degrees of freedom under its tracking controller. Katayama (20), (21).
 
     State (6,): position x1, x2 [m] and heading x3 [rad], then surge z1, sway z2 [m/s] and yaw
@@ -207,5 +219,5 @@ class Ship(Model):
         return {"kind": "ship", "delta": float(self.delta), "w": [float(v) for v in self.w]}
 
     @property
-    def inputs(self) -> int:
+    def n_u(self) -> int:
         return 2

@@ -7,13 +7,16 @@ stands) that `step` moves. `run` works on a memory of its own and leaves the obj
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from hgo_rs import _core
+from hgo_rs.design.discrete import METHODS, TIMINGS
 from hgo_rs.design.discretisation import StepLimit, check_step, step_limit
+from hgo_rs.design.response import bandwidth, noise_gain, peaking, settling
 from hgo_rs.errors import (
     DesignError,
     HgoError,
@@ -25,12 +28,16 @@ from hgo_rs.errors import (
     explain,
 )
 from hgo_rs.gains import AdaptiveGain, ConstantGain, DeadZoneGain
-from hgo_rs.models import Model, Ship, Unknown, VanDerPol
+from hgo_rs.models import Ship, System, Unknown, VanDerPol
 from hgo_rs.results import RunResult
+
+if TYPE_CHECKING:
+    from hgo_rs.own import Model
 
 __all__ = [
     "LowPowerObserver",
     "ModifiedObserver",
+    "MultiOutputObserver",
     "Observer",
     "PeakingFreeObserver",
     "ReducedOrderObserver",
@@ -43,14 +50,9 @@ Array = npt.NDArray[np.float64]
 Gain = float | ConstantGain | AdaptiveGain | DeadZoneGain
 Poles = Sequence[complex] | npt.ArrayLike
 
-METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine")
-"""Discretisations of a continuous law.
-
-`rk4` and `bogacki-shampine` hold the measurement over a step, `rk4-innovation-held` the innovation.
-"""
-
 _TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
 _MARK = "mark a missing sample as NaN"
+_UNDEFINED = 2  # status of a step at which the model has no value
 
 
 class Observer(_core.Online):
@@ -62,33 +64,49 @@ class Observer(_core.Online):
         What the observer is, as plain data.
     n, n_y, n_u : int
         Numbers of estimated states, measured outputs, known inputs.
+    timing : "predictor" or "current"
+        Whether the estimate at sample k uses samples up to k - 1, or up to k.
     memory : (m,) ndarray
-        Where it stands: x_hat first, then auxiliary states, then the gain r where it moves. A step
-        makes a new one.
+        Where it stands: x_hat first, then auxiliary states, then the gain r where it moves; with
+        current timing then the period and the inputs before the sample. A step makes a new one.
+    model : System or None
+        What it knows of the system; None: nothing, or what its class takes by default.
     allow_unstable : bool
         Let `step` and `run` use a step beyond the stability limit.
     """
 
-    def __init__(self, spec: dict[str, Any], *, allow_unstable: bool = False) -> None:
+    model: System | None = None
+
+    def __init__(
+        self, spec: dict[str, Any], *, model: System | None = None, allow_unstable: bool = False
+    ) -> None:
         self.spec = spec
-        self._core = _core.Observer(spec)
+        if model is not None:
+            self.model = model
+        self._interpreted = getattr(model, "compiled", True) is False
+        if self._interpreted:
+            from hgo_rs.own.callables import stand_in
+
+            self._core = _core.Observer(stand_in(spec, cast("Model", model)))
+            self.__dict__["step"] = self._interpreted_step  # in the place of the compiled method
+        else:
+            self._core = _core.Observer(spec)
         self.n: int = self._core.n
         self.n_y: int = self._core.n_y
         self.n_u: int = self._core.n_u
-        law = spec.get("gain")
-        ell = law["ell"] if isinstance(law, dict) and "ell" in law else 1.0
-        with np.errstate(over="ignore"):  # start-up peaks reach ell^(n-1), Astolfi et al.
-            lift = float(np.power(max(1.0, ell), self.n))
-        super().__init__(self._core, lift, bool(allow_unstable))
+        self.timing: str = TIMINGS[self._core.is_current]
+        super().__init__(self._core, _lift(spec), bool(allow_unstable))
 
     def __getstate__(self) -> tuple[dict[str, Any], bool, Array, float]:
         """All that a copy needs, or a pickle."""
-        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
+        own = {
+            name: value for name, value in self.__dict__.items() if name not in ("_core", "step")
+        }
         return own, self.allow_unstable, self.memory.copy(), self._time
 
     def __setstate__(self, state: tuple[dict[str, Any], bool, Array, float]) -> None:
         own, allow_unstable, memory, time = state
-        Observer.__init__(self, own["spec"], allow_unstable=allow_unstable)
+        Observer.__init__(self, own["spec"], model=own.get("model"), allow_unstable=allow_unstable)
         self.__dict__.update(own)
         self.memory, self._time = memory, time
 
@@ -128,6 +146,32 @@ class Observer(_core.Online):
         if self.spec["kind"] in ("low-power", "peaking-free"):
             return 2 * self.n - 1
         return self.n
+
+    @property
+    def _law_len(self) -> int:
+        """Entries of the memory without what current timing holds beside the law's own."""
+        held = 1 + self.n_u if self.spec.get("timing") == "current" else 0
+        return int(self._core.memory_len) - held
+
+    def with_timing(self, timing: str) -> Observer:
+        """The same observer with this timing, at its initial memory; itself if that is its own.
+
+        Raises
+        ------
+        HgoError
+            A timing that is not known, or another than that of a law that is a recursion.
+        """
+        if check_choice("timing", timing, TIMINGS) == self.timing:
+            return self
+        check("timing" in self.spec, "timing", timing, repr(self.timing), "this law has no other")
+        other = type(self).__new__(type(self))
+        own = {
+            name: value for name, value in self.__dict__.items() if name not in ("_core", "step")
+        }
+        other.__dict__.update(own)
+        spec = self.spec | {"timing": timing}
+        Observer.__init__(other, spec, model=self.model, allow_unstable=self.allow_unstable)
+        return other
 
     def _check_start(self, memory: Array) -> None:
         """Refuse memories (..., m) from which the law cannot start."""
@@ -238,12 +282,13 @@ class Observer(_core.Online):
         x_hat0: npt.ArrayLike | None = None,
         r0: float | None = None,
         memory0: npt.ArrayLike | None = None,
+        timing: str | None = None,
         allow_unstable: bool | None = None,
     ) -> RunResult:
         """Run over a record of N samples.
 
-        Predictor timing: row k of the result uses samples up to k - 1. The reduced-order law
-        filters: row k uses samples up to k. Uneven steps are honoured.
+        Predictor timing: row k of the result uses samples up to k - 1; current timing: up to k.
+        Uneven steps are honoured.
 
         Parameters
         ----------
@@ -255,6 +300,8 @@ class Observer(_core.Online):
             Known inputs, each held until the next sample.
         x_hat0, r0, memory0 : optional
             Where to start, see `initial_memory`; or the whole memory.
+        timing : "predictor" or "current", optional
+            Default: the observer's own. The result says which.
         allow_unstable : bool, optional
             Run at a step beyond the stability limit. Default: the constructor's choice.
 
@@ -264,14 +311,30 @@ class Observer(_core.Online):
             Shapes that do not fit; NaN or infinity in t or u, infinity in y; time that does not
             increase; a step at or above the stability limit; an estimate that diverged.
         """
+        if timing is not None and timing != self.timing:
+            return self.with_timing(timing).run(
+                t_or_dt,
+                y,
+                u,
+                x_hat0=x_hat0,
+                r0=r0,
+                memory0=memory0,
+                allow_unstable=allow_unstable,
+            )
         allow = self.allow_unstable if allow_unstable is None else bool(allow_unstable)
         samples = _samples(y, self.n_y)
         clock = _clock(t_or_dt, len(samples))
         told = _inputs(u, len(samples), self.n_u)
         start = self._start(x_hat0, r0, memory0)
         self._check_start(start)
-        filters = self._core.is_current
-        track = self._core.run(clock, samples, told, start, innovation=filters)
+        # elsewhere the innovation is y - x_hat_1, which is computed when it is asked for
+        own_sampled = self.spec["kind"] == "sampled-data" and self.spec["model"]["kind"] == "own"
+        tells = self._core.is_current or self.spec["kind"] == "chains" or own_sampled
+        slowdown = 1.0
+        if self._interpreted:
+            track, slowdown = self._interpreted_run(clock, samples, told, start)
+        else:
+            track = self._core.run(clock, samples, told, start, innovation=tells)
         if not track["sound"]:
             _check_samples(track["y"], self.n_y)
             _check_times(clock)
@@ -294,23 +357,165 @@ class Observer(_core.Online):
         if not (track["largest"] <= bound or allow):  # NaN is not within
             k = int(np.argmin(np.all(np.abs(memory) <= bound, axis=1)))
             raise HgoError(f"the estimate diverged at sample {k} (t = {time(k):g} s): {_TAMER}")
-        return RunResult.of_run(
+        result = RunResult.of_run(
             clock,
             track.get("innovation"),
             x_hat=memory[:, : self.n],
-            auxiliary=memory[:, self.n :],
+            auxiliary=memory[:, self.n : self._law_len],
             missing=track["missing"],
             gain=self.gains(memory),
             y=track["y"],
             memory=memory,
+            timing=self.timing,
         )
+        result.__dict__["slowdown"] = slowdown
+        if track["missing"].any():  # for the error to expect after the gaps
+            result.__dict__["_run_of"] = (self, told.copy())
+        return result
+
+    # A model that is not compiled runs in the NumPy reference; what is asked of it stays the same.
+
+    def _reference(self) -> Any:
+        from hgo_rs import reference
+        from hgo_rs.own.callables import interpreted_spec
+
+        return reference.Observer(interpreted_spec(self.spec, self.model))
+
+    def _interpreted_step(
+        self, y: npt.ArrayLike, u: npt.ArrayLike | None = None, *, dt: float, out: Any = None
+    ) -> Array:
+        length, sample, told = self._checked_dt(dt), self._checked_sample(y), self._checked_input(u)
+        if self._time == 0.0:
+            self._check_start(self.memory)
+        moved, status = self._reference().step(self.memory, sample, told, self._time, length)
+        if status == _UNDEFINED or (status == 0 and not np.all(np.isfinite(moved))):
+            raise self._no_value(sample.tolist())
+        self.memory, self._time = moved, self._time + length
+        if out is None:
+            return self.x_hat
+        if not (isinstance(out, np.ndarray) and out.shape == (self.n,) and out.flags.writeable):
+            raise self._no_place(out)
+        out[:] = moved[: self.n]
+        return out
+
+    def _interpreted_run(
+        self, clock: float | Array, samples: Array, told: Array, start: Array
+    ) -> tuple[dict[str, Any], float]:
+        """The track as the core gives it, and how much longer it took than a compiled model."""
+        from hgo_rs.own.callables import clocked, warn_slow
+
+        _check_samples(samples, self.n_y)
+        _check_times(clock)
+        _check_inputs(told)
+        count = len(samples)
+        t = np.arange(count) * clock if isinstance(clock, float) else clock
+        track, interpreted = clocked(lambda: self._reference().run(t, samples, told, start))
+        _, compiled = clocked(lambda: self._core.run(clock, samples, told, start))
+        slowdown = warn_slow(
+            cast("Model", self.model), compiled / count, interpreted / count, "run"
+        )
+        steps, present = np.diff(t), ~np.all(np.isnan(samples), axis=1)
+        correcting = np.where(present[1:] if self._core.is_current else present[:-1], steps, 0.0)
+        k = int(np.argmax(correcting)) if count > 1 else 0
+        undefined = np.flatnonzero(track["status"] == _UNDEFINED)
+        seen = samples[np.isfinite(samples)]
+        return {
+            **track,
+            "y": samples.copy(),
+            "sound": True,
+            "longest_step": (k, float(correcting[k]) if count > 1 else 0.0),
+            "undefined": int(undefined[0]) if undefined.size else None,
+            "largest_sample": float(np.max(np.abs(seen), initial=0.0)),
+            "largest": float(np.max(np.abs(track["memory"]))),
+        }, slowdown
 
     def step_limit(self) -> StepLimit:
         """The largest stable step of this law under its discretisation, computed."""
         return step_limit(self.spec)
 
+    def export(self, *, to: str, out: str | Path, **options: Any) -> list[Path]:
+        """Write this observer as source code, see `hgo_rs.export`."""
+        from hgo_rs.exports import export
+
+        return export(self, to=to, out=out, **options)
+
+    def to_control(self, dt: float, *, name: str = "observer") -> Any:
+        """This law as a discrete-time system of the package `control`: see
+        `hgo_rs.exports.control.to_control`.
+        """
+        from hgo_rs.exports.control import to_control
+
+        return to_control(self, dt, name=name)
+
+    def bandwidth(self, dt: float | None = None, *, gain: float | None = None) -> Array:
+        """Cutoff of each estimate [rad/s], (n,): -3 dB against the ideal derivative of y.
+
+        Parameters
+        ----------
+        dt : float, optional
+            Step [s]: the observer as it runs, by its method and timing. Default: the law in
+            continuous time.
+        gain : float, optional
+            Where to freeze a gain that moves [1/s]. Default: where it stands.
+
+        Raises
+        ------
+        HgoError
+            A step that is not stable; a law of several chains. See `hgo_rs.design.bandwidth`.
+        """
+        return bandwidth(self.spec, dt, gain=self._frozen(gain))
+
+    def noise_gain(self, dt: float | None = None, *, gain: float | None = None) -> Array:
+        """Variance of each estimate per unit variance of white measurement noise, (n,).
+
+        Unit of entry i: s^(-2(i-1)). Exact, from a Lyapunov equation, the known part of the model
+        left out. Without `dt` per unit spectral density, the limit of noise_gain(dt)/dt.
+        Parameters and errors as in `bandwidth`; see `hgo_rs.design.noise_gain`.
+        """
+        return noise_gain(self.spec, dt, gain=self._frozen(gain))
+
+    def peaking(self, dt: float | None = None, *, gain: float | None = None) -> Array:
+        """Largest error of each estimate over time for x_hat_1 wrong by 1 at the start, (n,).
+
+        Unit of entry i: s^(-(i-1)); it grows as ell^(i-1).
+        Parameters and errors as in `bandwidth`; see `hgo_rs.design.peaking`.
+        """
+        return peaking(self.spec, dt, gain=self._frozen(gain))
+
+    def settling(
+        self, dt: float | None = None, *, within: float = 0.02, gain: float | None = None
+    ) -> Array:
+        """Time [s] after which the error of `peaking` stays below `within` of its peak, (n,).
+
+        Parameters and errors as in `bandwidth`; see `hgo_rs.design.settling`.
+        """
+        return settling(self.spec, dt, within=within, gain=self._frozen(gain))
+
+    def _frozen(self, gain: float | None) -> float | None:
+        """The gain at which the law is looked at: the one that acts, if it moves."""
+        return self.gain if gain is None and self._gain_index() is not None else gain
+
     def _check_dt(self, dt: float, allow_unstable: bool) -> None:
         check_step(self.spec, dt, allow_unstable=allow_unstable)
+
+    def save(self, path: str | Path, **log: Any) -> None:
+        """Write an `observer.toml` that says all of this observer, and where it stands.
+
+        Parameters
+        ----------
+        path
+            The file; `hgo_rs.load` reads it.
+        log
+            Keys of its table `[log]`: time, output, input, ...
+
+        Raises
+        ------
+        ConfigError
+            A file that cannot be written; a model that is Python code.
+        """
+        from hgo_rs.config import Config
+
+        Config.of(self, **log).save(path)
 
     def __repr__(self) -> str:
         inside = ", ".join(f"{k}={v!r}" for k, v in self.spec.items() if k != "kind")
@@ -341,10 +546,13 @@ class StandardObserver(Observer):
         [-2, -1].
     k : n numbers, optional
         The coefficients themselves, in place of `poles`.
-    model : Model, optional
+    model : System, optional
         What is known of the system. Default: nothing, phi = 0.
     method : str
         Discretisation, one of `METHODS`.
+    timing : "predictor" or "current"
+        Whether the estimate at sample k uses samples up to k - 1, as the papers' recursions do, or
+        up to k.
     allow_unstable : bool
         Let `step` and `run` use a step beyond the stability limit.
 
@@ -362,8 +570,9 @@ class StandardObserver(Observer):
         epsilon: float | None = None,
         poles: Poles | None = None,
         k: npt.ArrayLike | None = None,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "euler",
+        timing: str = "predictor",
         allow_unstable: bool = False,
     ) -> None:
         n = _order(n)
@@ -373,9 +582,9 @@ class StandardObserver(Observer):
             "k": _coefficients(n, poles, k),
             "gain": _gain(gain, epsilon),
             "model": _model(model, n),
-            "method": _method(method),
+            **_manner(method, timing),
         }
-        super().__init__(spec, allow_unstable=allow_unstable)
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
 
 class LowPowerObserver(Observer):
@@ -385,7 +594,7 @@ class LowPowerObserver(Observer):
     ----------
     n : int
         Order, 2 to 12.
-    gain, epsilon, model, method, allow_unstable
+    gain, epsilon, model, method, timing, allow_unstable
         As in `StandardObserver`. The model must be of phase-variable form.
     poles : 2 n - 1 numbers, optional
         Eigenvalues of M_n. Default: 2 n - 2 equidistant ones in [-2, -1], and -2; for n = 5 the
@@ -403,12 +612,13 @@ class LowPowerObserver(Observer):
         poles: Poles | None = None,
         alpha: npt.ArrayLike | None = None,
         beta: npt.ArrayLike | None = None,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "euler",
+        timing: str = "predictor",
         allow_unstable: bool = False,
     ) -> None:
-        spec = _low_power("low-power", n, gain, epsilon, poles, alpha, beta, model, method)
-        super().__init__(spec, allow_unstable=allow_unstable)
+        spec = _low_power("low-power", n, gain, epsilon, poles, alpha, beta, model, method, timing)
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
 
 class PeakingFreeObserver(Observer):
@@ -416,7 +626,7 @@ class PeakingFreeObserver(Observer):
 
     Parameters
     ----------
-    n, gain, epsilon, poles, alpha, beta, model, method, allow_unstable
+    n, gain, epsilon, poles, alpha, beta, model, method, timing, allow_unstable
         As in `LowPowerObserver`.
     saturation : float or n - 1 numbers
         Levels r_2 ... r_n >= max |x_i| (10).
@@ -441,16 +651,19 @@ class PeakingFreeObserver(Observer):
         poles: Poles | None = None,
         alpha: npt.ArrayLike | None = None,
         beta: npt.ArrayLike | None = None,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "euler",
+        timing: str = "predictor",
         allow_unstable: bool = False,
     ) -> None:
-        spec = _low_power("peaking-free", n, gain, epsilon, poles, alpha, beta, model, method)
+        spec = _low_power(
+            "peaking-free", n, gain, epsilon, poles, alpha, beta, model, method, timing
+        )
         spec |= {
             "saturation": _saturation(saturation, spec["n"], model),
             "clip": check_choice("clip", clip, ("hard", "smooth")),
         }
-        super().__init__(spec, allow_unstable=allow_unstable)
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
 
 class _Copies(Observer):
@@ -463,8 +676,9 @@ class _Copies(Observer):
         k: npt.ArrayLike,
         k_bar: npt.ArrayLike,
         copies: int,
-        model: Model | None,
+        model: System | None,
         method: str,
+        timing: str,
         allow_unstable: bool,
     ) -> None:
         check(
@@ -482,10 +696,10 @@ class _Copies(Observer):
             "copies": check_integer(copies, "copies", least=2, most=5),
             "gain": gain.spec,
             "model": _model(model, 2),
-            "method": _method(method),
+            **_manner(method, timing),
         }
         self.copies = copies
-        super().__init__(spec, allow_unstable=allow_unstable)
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
     def _starts(self, x_hat0: npt.ArrayLike, r0: npt.ArrayLike) -> Array:
         """Flat memory [x_hat_1, r_1, x_hat_2, r_2, ...] of starts that differ."""
@@ -504,16 +718,23 @@ class _Copies(Observer):
         self._check_apart(rows)
         return np.asarray(rows)
 
+    def _held(self, memory: Array) -> Array:
+        """The whole memory from the law's: no sample has been seen."""
+        return np.concatenate([memory, np.zeros(self._core.memory_len - self._law_len)])
+
+    def _copies_of(self, memory: npt.ArrayLike) -> Array:
+        """What of memories (..., m) is the copies', (..., copies (n + 1))."""
+        end = self._law_len
+        return np.asarray(memory, dtype=float)[..., end - self.copies * (self.n + 1) : end]
+
     def _check_start(self, memory: Array) -> None:
         """Every r_i >= 1, and copies that start apart."""
-        for value in np.ravel(memory[..., self.n :: self.n + 1]):
+        for value in np.ravel(memory[..., self.n : self._law_len : self.n + 1]):
             _initial_gain(float(value))
-        self._check_apart(memory)
+        self._check_apart(self._copies_of(memory))
 
-    def _check_apart(self, memory: Array) -> None:
-        width = self.n + 1
-        rows = memory.reshape(-1, memory.shape[-1])[:, -self.copies * width :]
-        for starts in rows.reshape(-1, self.copies, width):
+    def _check_apart(self, copies: Array) -> None:
+        for starts in copies.reshape(-1, self.copies, self.n + 1):
             check(
                 len(np.unique(starts, axis=0)) == self.copies,
                 "starts of the copies",
@@ -524,9 +745,8 @@ class _Copies(Observer):
 
     def nominal_gain(self, memory: npt.ArrayLike) -> Array:
         """r_bar = mean r_i (24) of the copies in memories (..., m)."""
-        width = self.n + 1
-        copies = np.asarray(memory, dtype=float)[..., -self.copies * width :]
-        return np.asarray(copies[..., self.n :: width].mean(axis=-1))
+        gains = self._copies_of(memory)[..., self.n :: self.n + 1]
+        return np.asarray(gains.mean(axis=-1))
 
 
 class RepelledCollection(_Copies):
@@ -541,7 +761,7 @@ class RepelledCollection(_Copies):
         Coefficients, and repulsion gains mu P^-1 (1, 0)' (`hgo_rs.design.repulsion_gains`).
     copies : int
         2 to 5.
-    model, method, allow_unstable
+    model, method, timing, allow_unstable
         As in `StandardObserver`.
     """
 
@@ -552,15 +772,18 @@ class RepelledCollection(_Copies):
         k: npt.ArrayLike,
         k_bar: npt.ArrayLike,
         copies: int = 3,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "rk4",
+        timing: str = "predictor",
         allow_unstable: bool = False,
     ) -> None:
-        super().__init__("collection", gain, k, k_bar, copies, model, method, allow_unstable)
+        super().__init__(
+            "collection", gain, k, k_bar, copies, model, method, timing, allow_unstable
+        )
 
     def spread(self, x_hat0: npt.ArrayLike, r0: npt.ArrayLike = 1.0) -> Array:
         """A memory from starts (copies, 2) that differ, and initial gains r >= 1."""
-        return self._starts(x_hat0, r0)
+        return self._held(self._starts(x_hat0, r0))
 
 
 class ModifiedObserver(_Copies):
@@ -576,11 +799,12 @@ class ModifiedObserver(_Copies):
         k: npt.ArrayLike,
         k_bar: npt.ArrayLike,
         copies: int = 3,
-        model: Model | None = None,
+        model: System | None = None,
         method: str = "rk4",
+        timing: str = "predictor",
         allow_unstable: bool = False,
     ) -> None:
-        super().__init__("modified", gain, k, k_bar, copies, model, method, allow_unstable)
+        super().__init__("modified", gain, k, k_bar, copies, model, method, timing, allow_unstable)
 
     @property
     def gain(self) -> float:
@@ -601,7 +825,7 @@ class ModifiedObserver(_Copies):
     ) -> Array:
         """A memory from the main observer's start (2,) and the copies' starts (copies, 2)."""
         main = [*_vector(x_hat0, "x_hat0", self.n), _initial_gain(r0)]
-        return np.concatenate([main, self._starts(copies_x_hat0, copies_r0)])
+        return self._held(np.concatenate([main, self._starts(copies_x_hat0, copies_r0)]))
 
 
 class SampledDataObserver(Observer):
@@ -611,62 +835,130 @@ class SampledDataObserver(Observer):
 
     Parameters
     ----------
-    model : VanDerPol
+    model : VanDerPol, or a Model of sampled-data form
     gain : "derived" or "printed"
-        l1 = (5 + mu) T, which gives the error matrix the constant spectrum {-2, -3}; or the
-        paper's (5 - mu) T. mu = epsilon (1 - y^2).
+        Of VanDerPol: l1 = (5 + mu) T, which gives the error matrix the constant spectrum {-2, -3};
+        or the paper's (5 - mu) T. mu = epsilon (1 - y^2).
     """
 
     def __init__(
         self,
-        model: VanDerPol | None = None,
+        model: VanDerPol | Model | None = None,
         *,
         gain: str = "derived",
         allow_unstable: bool = False,
     ) -> None:
         known = VanDerPol() if model is None else model
-        check(
-            isinstance(known, VanDerPol), "model", model, "a VanDerPol", "leave it out, or give one"
-        )
+        fits = isinstance(known, VanDerPol) or getattr(known, "form", None) == "sampled"
+        remedy = "leave it out, or write Model(states=..., f=[...], K_T=[...])"
+        check(fits, "model", model, "a VanDerPol, or a Model of sampled-data form", remedy)
         choice = check_choice("gain", gain, ("derived", "printed"))
         spec = {"kind": "sampled-data", "model": known.spec, "gain": choice}
-        super().__init__(spec, allow_unstable=allow_unstable)
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
 
 class ReducedOrderObserver(Observer):
     """High-gain reduced-order observer for sampled data. Katayama (8), (22).
 
-    Estimates the velocity z (3,) of a ship from samples of its position and heading y (N, 3) and
-    its inputs u (N, 2). It filters: the estimate at k uses y(k).
+    Estimates z (n_z,) of a system in strict-feedback form from samples of its measured states y
+    (N, n_x) and its inputs u (N, n_u): of a ship the velocity (3,) from position and heading. It
+    filters: the estimate at k uses y(k).
 
     Parameters
     ----------
     epsilon : float
         Small parameter > 0 [s]; stable for dt < 2 epsilon/max h_bar (A5).
-    h_bar : three numbers in (0, 1)
-    model : Ship, optional
+    h_bar : n_z numbers in (0, 1)
+        Default: the paper's (0.1, 0.2, 0.2) for the ship, 0.2 each for another model.
+    model : Ship, or a Model of strict-feedback form, optional
     """
 
     def __init__(
         self,
         epsilon: float,
         *,
-        h_bar: npt.ArrayLike = (0.1, 0.2, 0.2),
-        model: Ship | None = None,
+        h_bar: npt.ArrayLike | None = None,
+        model: Ship | Model | None = None,
         allow_unstable: bool = False,
     ) -> None:
         known = Ship() if model is None else model
-        check(isinstance(known, Ship), "model", model, "a Ship", "leave it out, or give one")
+        ship = isinstance(known, Ship)
+        fits = ship or getattr(known, "form", None) == "strict-feedback"
+        remedy = "leave it out, or write Model(states=..., f1=[...], g=[...], f2=[...])"
+        check(fits, "model", model, "a Ship, or a Model of strict-feedback form", remedy)
+        n_z = 3 if ship else known.order or 0
+        if h_bar is None:
+            h_bar = (0.1, 0.2, 0.2) if ship else np.full(n_z, 0.2)
         spec = {
             "kind": "reduced-order",
             "model": known.spec,
-            "h_bar": _vector(h_bar, "h_bar", 3).tolist(),
+            "h_bar": _vector(h_bar, "h_bar", n_z).tolist(),
             "epsilon": check_number(epsilon, "epsilon", above=0.0),
         }
-        super().__init__(spec, allow_unstable=allow_unstable)
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
+
+class MultiOutputObserver(Observer):
+    """An observer for each output of a model of several chains, which share their states.
+
+    Each observer estimates the chain of its output, x_c1' = x_c2, ..., x_cn' = phi_c(t, x, u), with
+    phi_c over the states of all chains; those of the other chains stand at their estimates at the
+    beginning of the step. A sample that is missing in one output is predicted over in that output.
+
+    Parameters
+    ----------
+    observers : sequence of StandardObserver, LowPowerObserver or PeakingFreeObserver
+        One for each output, made without a model: structure, gain, discretisation, timing. All of
+        the same timing.
+    model : Model
+        Of the form of chains: `Model(states=..., orders=[n_1, n_2, ...], phi=[phi_1, phi_2, ...])`.
+    allow_unstable : bool
+        As in `StandardObserver`.
+
+    The memory holds the estimates of all chains, one chain after the other, then the rest of each
+    observer's memory. `run` takes y of shape (N, number of chains).
+
+    Raises
+    ------
+    HgoError
+        Observers that do not fit the chains; another form of model.
+    """
+
+    def __init__(
+        self, observers: Sequence[Observer], *, model: Model, allow_unstable: bool = False
+    ) -> None:
+        chains = getattr(model, "orders", ())
+        remedy = "write Model(states=..., orders=[...], phi=[...])"
+        check(bool(chains), "model", model, "a Model of chains", remedy)
+        given = tuple(observer.n for observer in observers)
+        remedy = "give one observer for each chain, in order"
+        check(given == chains, "orders of the observers", given, f"{chains}", remedy)
+        specs = []
+        for observer in observers:
+            free = observer.model is None and observer.spec["kind"] in _CHAIN_KINDS
+            remedy = "a StandardObserver, LowPowerObserver or PeakingFreeObserver without a model"
+            check(free, "observers", observer, remedy, "the model of all chains is given once")
+            specs.append({k: v for k, v in observer.spec.items() if k != "model"})
+        same = len({observer.timing for observer in observers}) == 1
+        timings = [observer.timing for observer in observers]
+        check(same, "timing of the observers", timings, "the same", "give all the same timing=")
+        spec = {"kind": "chains", "observers": specs, "model": model.spec}
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
+
+
+_CHAIN_KINDS = ("standard", "low-power", "peaking-free")
 
 # --- checks -----------------------------------------------------------------------------------
+
+
+def _lift(spec: dict[str, Any]) -> float:
+    """By how much estimates may exceed the samples before a run counts as diverged: start-up peaks
+    reach ell^(n-1), Astolfi et al."""
+    law, n = spec.get("gain"), spec.get("n", 1)
+    ell = law["ell"] if isinstance(law, dict) and "ell" in law else 1.0
+    with np.errstate(over="ignore"):
+        lifts = [float(np.power(max(1.0, ell), n)), *map(_lift, spec.get("observers", ()))]
+    return max(lifts)
 
 
 def _order(n: Any, least: int = 1) -> int:
@@ -678,8 +970,11 @@ def _initial_gain(value: Any) -> float:
     return check_number(value, "r0", least=1.0, remedy="law (6) lives on r >= 1; start at 1")
 
 
-def _method(method: str) -> str:
-    return check_choice("method", method, METHODS)
+def _manner(method: str, timing: str) -> dict[str, str]:
+    return {
+        "method": check_choice("method", method, METHODS),
+        "timing": check_choice("timing", timing, TIMINGS),
+    }
 
 
 def _vector(values: npt.ArrayLike, parameter: str, length: int) -> Array:
@@ -730,8 +1025,9 @@ def _low_power(
     poles: Poles | None,
     alpha: npt.ArrayLike | None,
     beta: npt.ArrayLike | None,
-    model: Model | None,
+    model: System | None,
     method: str,
+    timing: str,
 ) -> dict[str, Any]:
     """What (5) and (11) share, as a spec."""
     n = _order(n, least=2)
@@ -743,7 +1039,7 @@ def _low_power(
         "beta": b,
         "gain": _gain(gain, epsilon),
         "model": _model(model, n),
-        "method": _method(method),
+        **_manner(method, timing),
     }
 
 
@@ -769,9 +1065,11 @@ def _gain(gain: Gain | None, epsilon: float | None) -> dict[str, Any]:
     return ConstantGain(check_number(gain, "gain", above=0.0)).spec
 
 
-def _model(model: Model | None, n: int) -> dict[str, Any]:
+def _model(model: System | None, n: int) -> dict[str, Any]:
     known = Unknown() if model is None else model
-    check(isinstance(known, Model), "model", model, "a Model", "see hgo_rs.models")
+    check(
+        isinstance(known, System), "model", model, "a Model or another System", "see hgo_rs.models"
+    )
     fits = known.order in (None, n) and not isinstance(known, Ship)
     remedy = f"its order is {known.order}"
     if isinstance(known, Ship):
@@ -780,7 +1078,7 @@ def _model(model: Model | None, n: int) -> dict[str, Any]:
     return known.spec
 
 
-def _saturation(levels: npt.ArrayLike, n: int, model: Model | None) -> list[float]:
+def _saturation(levels: npt.ArrayLike, n: int, model: System | None) -> list[float]:
     values = check_array(levels, "saturation")
     if values.ndim == 0:
         values = np.full(n - 1, float(values))

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from hgo_rs.tuning import Tuning
+
 __all__ = [
     "COLOURS",
     "estimate_figure",
@@ -30,6 +32,7 @@ __all__ = [
     "save",
     "shade_gaps",
     "style",
+    "tuning_figure",
 ]
 
 COLOURS = {
@@ -48,7 +51,6 @@ STYLE: dict[str, Any] = {
     "axes.axisbelow": True,
     "axes.edgecolor": "#4d4d4d",
     "axes.facecolor": "white",
-    "axes.formatter.use_mathtext": True,
     "axes.grid": True,
     "axes.labelsize": 10,
     "axes.linewidth": 0.8,
@@ -133,6 +135,7 @@ def render(draw: Callable[[Figure], None]) -> dict[str, bytes]:
             buffer = io.BytesIO()
             figure.savefig(buffer, format=kind, metadata=metadata)
             images[kind] = buffer.getvalue()
+            figure.set_layout_engine("none")  # the next one is laid out as the first
         return images
 
 
@@ -333,6 +336,62 @@ def sweep_figure(
         ax.margins(x=0.03)
         if len(lines) > 1:
             ax.legend()
+    return figure
+
+
+def tuning_figure(tuning: Tuning, figure: Figure | None = None) -> Figure:
+    """Draw the trade-off of `tune` with the chosen point marked: error over the gain, noise and
+    peaking against bandwidth and, from a log, the innovation.
+    """
+    require_matplotlib()
+    several = len(tuning.curves) > 1
+    measured = any(np.isfinite(curve.innovation).any() for curve in tuning.curves.values())
+    point = {**tuning.point, "ell": tuning.ell}
+    panels: list[tuple[str, str, str, tuple[str, ...]]] = [
+        ("error of the estimate", "gain (1/s)", "ell", ("error", "noise", "model")),
+        ("noise of the estimate", "bandwidth (rad/s)", "bandwidth", ("noise",)),
+        ("peaking", "bandwidth (rad/s)", "bandwidth", ("peaking",)),
+    ]
+    if measured:
+        panels.insert(1, ("innovation, RMS over the log", "gain (1/s)", "ell", ("innovation",)))
+    looks = {"noise": "--", "model": ":"}
+    with style():
+        size = (9.4, 6.4) if measured else (11.0, 3.6)
+        figure = new_figure(size) if figure is None else figure
+        figure.set_size_inches(*size)
+        shape = (2, 2) if measured else (1, 3)
+        axes = list(figure.subplots(*shape, squeeze=False).flat)
+        colours = [COLOURS[c] for c in ("blue", "green", "purple", "orange", "sky", "grey")]
+        for ax, (title, label, across, shown) in zip(axes, panels, strict=True):
+            for j, (name, curve) in enumerate(tuning.curves.items()):
+                for quantity in shown:
+                    x, y = getattr(curve, across), getattr(curve, quantity)
+                    there = np.isfinite(x) & np.isfinite(y) & (y > 0.0)
+                    if not there.any():
+                        continue
+                    told = name if several else quantity
+                    ax.plot(
+                        x[there],
+                        y[there],
+                        color=colours[j % len(colours)],
+                        linestyle=looks.get(quantity, "-") if len(shown) > 1 else "-",
+                        label=told if not several or quantity == shown[0] else None,
+                    )
+            y = point.get(shown[0], np.nan)
+            if y != y:
+                y = point.get("noise", np.nan)
+            if shown[0] == "innovation":
+                curve = tuning.curves[tuning.structure]
+                alive = np.isfinite(curve.innovation)
+                y = np.interp(np.log(tuning.ell), np.log(curve.ell[alive]), curve.innovation[alive])
+            if np.isfinite(point[across]) and np.isfinite(y):
+                mark = {"marker": "o", "markersize": 8, "linestyle": "none", "zorder": 5}
+                ax.plot(point[across], y, color=COLOURS["vermillion"], label="chosen", **mark)
+            ax.set(xscale="log", yscale="log", xlabel=label, title=title)
+        axes[0].legend(loc="best")
+        name = f"{tuning.structure}, " if tuning.structure else ""
+        title = f"{name}estimate {tuning.state}: gain {tuning.ell:.4g} /s by {tuning.criterion}"
+        figure.suptitle(title, x=0.01, ha="left")
     return figure
 
 

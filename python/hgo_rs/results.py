@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +19,22 @@ __all__ = ["Gap", "RunResult", "SimulationResult"]
 Array = npt.NDArray[np.float64]
 
 
+def timing_of(observer: Mapping[str, Any]) -> str:
+    """The timing of the observer that a spec describes, "predictor" or "current"."""
+    own = "current" if observer["kind"] == "reduced-order" else "predictor"
+    return str(observer.get("timing", own))
+
+
 @dataclass(frozen=True)
 class Gap:
-    """A run of missing samples: first index, number, duration until the next sample [s]."""
+    """A run of missing samples: first index, number, duration until the next sample [s], and the
+    output (counted from 0) that they are missing of.
+    """
 
     start: int
     length: int
     duration: float
+    channel: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +51,18 @@ class RunResult:
     innovation : (N, n_y)
         y - y_hat before the sample was used; NaN where it was missing.
     missing : (N,) bool
-        Samples that were missing and predicted over.
+        Samples of which an output was missing; it was predicted over.
     gain : (N,) or None
         ell, or r where it moves.
     y : (N, n_y)
         The samples.
     memory : (N, m)
         The whole memory.
+    timing : "predictor" or "current"
+        Whether row k uses samples up to k - 1, or up to k.
+    slowdown : float
+        How many times longer the run took than with a compiled model of the same size: 1 for every
+        compiled model, more for a Python callable that could not be compiled.
     """
 
     time: Array
@@ -58,6 +73,7 @@ class RunResult:
     gain: Array | None
     y: Array
     memory: Array
+    timing: str
 
     @classmethod
     def of_run(cls, clock: float | Array, innovation: Array | None, **fields: Any) -> RunResult:
@@ -75,6 +91,8 @@ class RunResult:
             made.__dict__["innovation"] = innovation
         return made
 
+    slowdown = 1.0
+
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
@@ -87,15 +105,77 @@ class RunResult:
             self.__dict__[name] = value
             return value
 
+    def rows(self, rows: slice) -> RunResult:
+        """Some rows of it."""
+        part = object.__new__(type(self))
+        part.__dict__.update(self.__dict__)
+        for name in ("_period", "_gap_error"):
+            part.__dict__.pop(name, None)
+        fields = ("time", "x_hat", "auxiliary", "innovation", "missing", "gain", "y", "memory")
+        for name in fields:
+            values = getattr(self, name)
+            part.__dict__[name] = None if values is None else values[rows]
+        if "_run_of" in self.__dict__:
+            observer, u = self.__dict__["_run_of"]
+            part.__dict__["_run_of"] = (observer, u[rows])
+        return part
+
+    @property
+    def inputs(self) -> Array | None:
+        """The inputs (N, n_u) of a run with missing samples, which what gaps cost is computed with;
+        None: not kept.
+        """
+        run: tuple[Any, Array] = self.__dict__.get("_run_of", (None, None))
+        return run[1]
+
     @property
     def gaps(self) -> list[Gap]:
-        """Every run of missing samples."""
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.missing, [False]])))
+        """Every run of missing samples, output by output.
+
+        With several outputs each has a rate of its own: a gap of it is a wait of more than one and
+        a half times its median one, and begins where its next sample was due.
+        """
         out = []
-        for start, stop in zip(edges[::2], edges[1::2], strict=True):
-            end = self.time[min(stop, len(self.time) - 1)]
-            out.append(Gap(int(start), int(stop - start), float(end - self.time[start])))
+        t, rows = self.time, len(self.y)
+        for channel, values in enumerate(self.y.T):
+            there = np.flatnonzero(~np.isnan(values))
+            runs = [(0, rows)] if not len(there) else []
+            if len(there):
+                first, last = int(there[0]), int(there[-1])
+                begins, ends = there[:-1] + 1, there[1:]
+                gap = ends > begins
+                head, tail = (0, first), (last + 1, rows)
+                if self.y.shape[1] > 1 and len(there) > 1:
+                    wait = np.diff(t[there])
+                    usual = float(np.median(wait))
+                    gap = wait > 1.5 * usual
+                    begins = np.searchsorted(t, t[there[:-1]] + 0.75 * usual)
+                    head = head if t[first] - t[0] > 1.5 * usual else (0, 0)
+                    tail = (int(np.searchsorted(t, t[last] + 1.5 * usual)), rows)
+                inner = zip(begins[gap].tolist(), ends[gap].tolist(), strict=True)
+                runs = [run for run in (head, *inner, tail) if run[1] > run[0]]
+            for start, stop in runs:
+                duration = float(t[min(stop, rows - 1)] - t[start])
+                out.append(Gap(start, stop - start, duration, channel))
         return out
+
+    @property
+    def gap_error(self) -> Array:
+        """Error to expect at the end of each of `gaps`, (number of gaps, n), NaN where unknown.
+
+        What the same gaps, put into the complete parts of the record, do to the estimate; see
+        `hgo_rs.gaps`. Computed when it is first asked for.
+        """
+        if "_gap_error" not in self.__dict__:
+            from hgo_rs.gaps import gap_error
+
+            if self.gaps and "_run_of" not in self.__dict__:
+                raise HgoError("gap_error: only a result of Observer.run knows its observer")
+            empty = np.empty((0, self.x_hat.shape[1]))
+            observer, u = self.__dict__.get("_run_of", (None, None))
+            self.__dict__["_gap_error"] = gap_error(observer, self, u) if observer else empty
+        error: Array = self.__dict__["_gap_error"]
+        return error
 
     def plot(self, figure: Figure | None = None) -> Figure:
         """Draw estimates, innovation and gain. Needs the extra `plot`."""
@@ -182,6 +262,11 @@ class SimulationResult:
     histogram: dict[str, Array] | None
     n: int
     spec: dict[str, Any]
+
+    @property
+    def timing(self) -> str:
+        """Whether the estimate at sample k uses samples up to k - 1, or up to k."""
+        return timing_of(self.spec["observer"])
 
     def _metric(self, name: str) -> Array:
         if name not in self.metrics:

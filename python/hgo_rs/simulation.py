@@ -15,7 +15,7 @@ from hgo_rs import _core
 from hgo_rs.design.discretisation import check_step
 from hgo_rs.errors import HgoError, check, check_array, check_choice, check_integer, check_number
 from hgo_rs.gains import FixedStep, StochasticApproximation
-from hgo_rs.models import Model, Ship, VanDerPol
+from hgo_rs.models import Ship, System, VanDerPol
 from hgo_rs.noise import Noise, RecordedNoise
 from hgo_rs.observers import Observer
 from hgo_rs.results import SimulationResult
@@ -80,7 +80,7 @@ class Experiment:
 
 
 def simulate(
-    plant: Model,
+    plant: System,
     observer: Observer,
     *,
     x0: npt.ArrayLike,
@@ -110,8 +110,9 @@ def simulate(
 
     Parameters
     ----------
-    plant : Model
-        A plant of `hgo_rs.models`, of the observer's order.
+    plant : System
+        A plant of `hgo_rs.models`, of the observer's order; or a `Plant`, of which the observer
+        estimates the first n states.
     observer : Observer
     x0 : (nx,) or (runs, nx)
         Initial state of the plant.
@@ -128,7 +129,7 @@ def simulate(
         equation by the observer's method.
     plant_method, substeps
         One of `PLANT_METHODS` (default: rk4; with process noise taylor-1.5, milstein where it is
-        multiplicative); equal substeps of the plant in each step.
+        multiplicative, euler-maruyama for a `Plant`); equal substeps of the plant in each step.
     noise : Noise, optional
         Measurement noise.
     runs : int
@@ -158,6 +159,8 @@ def simulate(
     given = locals()
     backend = check_choice("backend", given.pop("backend"), BACKENDS)
     experiment = plan(**given)
+    if any(getattr(system, "compiled", True) is False for system in (plant, observer.model)):
+        backend = "numpy"  # Python callables: `run` says how slow they are
     kept = runs * experiment.numbers
     remedy = f"as it is the result would hold {kept:.3g} numbers; fewer runs or a larger every"
     check(kept <= _LARGEST, "runs", runs, f"such that {_LARGEST:.3g} numbers do", remedy)
@@ -165,7 +168,7 @@ def simulate(
 
 
 def plan(
-    plant: Model,
+    plant: System,
     observer: Observer,
     *,
     x0: npt.ArrayLike,
@@ -219,7 +222,7 @@ def plan(
     runs = check_integer(runs, "runs", least=1, most=_LARGEST)
     every = check_integer(every, "every", least=0, most=_LONGEST)
 
-    nx, m = 6 if isinstance(plant, Ship) else observer.n, len(observer.memory)
+    nx, m = 6 if isinstance(plant, Ship) else plant.order or observer.n, len(observer.memory)
     x0 = _start(x0, "x0", nx, runs)
     start = observer.initial_memory() if memory0 is None else _start(memory0, "memory0", m, runs)
     observer._check_start(start)
@@ -233,8 +236,8 @@ def plan(
     check(listed, "windows", windows, "pairs (from, to)", "give a list of them")
     seed = int(rng.integers(2**63)) if isinstance(rng, np.random.Generator) else rng
     spec: dict[str, Any] = {
-        "plant": plant.spec,
-        "observer": observer.spec,
+        "plant": _runnable(plant.spec, plant),
+        "observer": _runnable(observer.spec, observer.model),
         "mode": mode,
         "steps": steps,
         "schedule": clock.spec,
@@ -258,12 +261,13 @@ def plan(
         spec["settle"] = check_number(settle, "settle", above=0.0)
     if histogram is not None:
         spec["histogram"] = _window(check_array(histogram, "histogram"), "histogram", period, steps)
-    return Experiment(spec, observer.n, _shapes(spec, observer.n, nx, m, n_y))
+    # a ship's filters are no signals, nor is what current timing holds beside the law's memory
+    signals = observer.n if isinstance(plant, Ship) else observer._law_len
+    return Experiment(spec, observer.n, _shapes(spec, signals, nx, m, n_y))
 
 
-def _shapes(spec: Mapping[str, Any], n: int, nx: int, m: int, n_y: int) -> dict[str, Any]:
+def _shapes(spec: Mapping[str, Any], signals: int, nx: int, m: int, n_y: int) -> dict[str, Any]:
     """Shape of each output of one run."""
-    signals = n if spec["plant"]["kind"] == "ship" else m  # its filters are no signals
     window = (len(spec["windows"]), signals)
     shapes = {"mean": window, "rms": window, "max": window, "peak": (signals,)}
     asked = spec.get("metrics")
@@ -319,23 +323,42 @@ def result_of(out: dict[str, Any], experiment: Experiment) -> SimulationResult:
     )
 
 
-def _plant_method(plant: Model) -> str:
+def _plant_method(plant: System) -> str:
     """The scheme of highest order for the plant."""
+    if _is_own(plant) and plant.spec["noisy"]:
+        return "euler-maruyama"
     if isinstance(plant, VanDerPol) and plant.sigma != 0.0:
         return "milstein" if plant.multiplicative else "taylor-1.5"
     return "rk4"
 
 
-def _check_fit(plant: Model, observer: Observer) -> int:
+def _runnable(spec: dict[str, Any], system: System | None) -> dict[str, Any]:
+    """The spec, with Python callables where its system is not compiled."""
+    if getattr(system, "compiled", True):
+        return spec
+    from hgo_rs.own.callables import interpreted_spec
+
+    return interpreted_spec(spec, system)
+
+
+def _is_own(plant: System) -> bool:
+    return plant.spec["kind"] == "own-plant"
+
+
+def _check_fit(plant: System, observer: Observer) -> int:
     """Refuse an observer that does not fit the plant; its number of outputs."""
-    check(isinstance(plant, Model), "plant", plant, "a Model", "see hgo_rs.models")
+    check(
+        isinstance(plant, System), "plant", plant, "a Model or another System", "see hgo_rs.models"
+    )
     check(isinstance(observer, Observer), "observer", observer, "an Observer", "see hgo_rs")
     ship = isinstance(plant, Ship)
     order, n_y = (3, 3) if ship else (plant.order, 1)
     remedy = "it is what an observer knows of a plant"
     check(order is not None, "plant", plant, "a system that moves by itself", remedy)
-    allowed = f"{order} for the plant {plant!r}"
-    check(observer.n == order, "n of the observer", observer.n, allowed, "choose another")
+    own = _is_own(plant)  # of its states the first n are estimated
+    allowed = f"{'at most ' if own else ''}{order} for the plant {plant!r}"
+    fits = observer.n == order or (own and order is not None and observer.n <= order)
+    check(fits, "n of the observer", observer.n, allowed, "choose another")
     allowed = f"{n_y} for the plant {plant!r}"
     check(observer.n_y == n_y, "n_y of the observer", observer.n_y, allowed, "choose another")
     return n_y

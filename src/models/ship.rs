@@ -17,6 +17,8 @@ const M11: f64 = 198.8;
 const M22: f64 = 206.0;
 const M23: f64 = 15.6;
 const M33: f64 = 101.5;
+/// Determinant of the coupled part of M.
+const DET: f64 = M22 * M33 - M23 * M23;
 const D11: f64 = 56.1;
 const D22: f64 = 90.9;
 const D23: f64 = -21.8;
@@ -62,11 +64,10 @@ impl<T: Scalar> Ship<T> {
         let f1 = -c1 * z.z + c(D11) * z.x;
         let f2 = -c2 * z.z + c(D22) * z.y + c(D23) * z.z;
         let f3 = c1 * z.x + c2 * z.y + c(D32) * z.y + c(D33) * z.z;
-        let det = c(M22 * M33 - M23 * M23);
         Vector3::new(
-            -f1 / c(M11),
-            -(c(M33) * f2 - c(M23) * f3) / det,
-            -(c(M22) * f3 - c(M23) * f2) / det,
+            c(-1.0 / M11) * f1,
+            c(M23 / DET) * f3 - c(M33 / DET) * f2,
+            c(M23 / DET) * f2 - c(M22 / DET) * f3,
         )
     }
 
@@ -117,14 +118,15 @@ impl<T: Scalar> Plant<T> for Ship<T> {
         let [l21, l22, l31, l32] = Self::lambda(z);
         let (sin, cos) = (x.z.sin(), x.z.cos());
         let gamma = c(6.0) / (c(36.0) + x.y * x.y);
-        let k = c(0.3) / (dt + c(0.3));
+        let rate = T::ONE / (dt + c(0.3));
+        let k = c(0.3) * rate;
         let x3_error = x.z - (-x.y / c(6.0)).atan();
         let v = z.x * sin + z.y * cos;
         let z3_error = z.z + k * x3_error + gamma * v;
         let kappa = -k * (z.z + gamma * v) + gamma * gamma * x.y * v * v / c(3.0)
             - gamma * (d1 * sin + (d2 + l22) * cos + (z.x * cos - z.y * sin) * z.z);
         let xi = l31 + l21 * gamma * cos;
-        let u1 = -(z.x - c(0.8)) / (dt + c(0.3)) - d1;
+        let u1 = (c(0.8) - z.x) * rate - d1;
         let u2 = (-d3 - l32 + kappa - k * z3_error - gamma * u1 * sin) / xi;
         Vector2::new(u1, u2)
     }

@@ -10,13 +10,15 @@
 //! Here `sat` is the identity; with a saturation it is the peaking-free observer (11) of
 //! [`super::PeakingFreeObserver`].
 
-use super::{checked, folded};
+use super::{checked, driven, folded};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
+use crate::injection::{Injected, Placement, Poles, ahead, chain_gains};
 use crate::memory::Memory;
 use crate::model::PhaseVariable;
 use crate::observer::ContinuousLaw;
+use crate::polynomial::{low_power_inner_polynomial, low_power_steps, roots, times_root};
 use crate::saturation::{NoSaturation, Saturation};
 use nalgebra::SVector;
 
@@ -190,7 +192,7 @@ where
 
     #[inline(always)]
     fn innovation(&self, (z, _): &Self::State, y: T) -> T {
-        if y.is_finite() { y - z.x_hat[0] } else { T::ZERO } // (5b)
+        y.innovation(z.x_hat[0]) // (5b)
     }
 
     #[inline(always)]
@@ -224,6 +226,19 @@ where
     }
 
     #[inline(always)]
+    fn injection(&self, _: T, (_, m): &Self::State, e1: &T, _: &Self::Input) -> Self::State {
+        let r = self.gain.moving(m);
+        let first = |i: usize, injected: T| if i == 0 { injected } else { T::ZERO };
+        let z = LowPowerState {
+            x_hat: SVector::from_fn(|i, _| first(i, self.alpha[0] * r * *e1)),
+            eta: SVector::from_fn(|i, _| {
+                first(i + usize::from(N < 2), self.beta[0] * (r * r) * *e1)
+            }),
+        };
+        (z, driven::<T, G, N>(&self.gain, m, *e1))
+    }
+
+    #[inline(always)]
     fn stagger(&self, (old, _): &Self::State, (mut new, m): Self::State, dt: T) -> Self::State {
         for i in (1..N - 1).rev() {
             let moved = self.saturation.apply(i, new.eta[i]) - self.saturation.apply(i, old.eta[i]);
@@ -248,5 +263,139 @@ where
     #[inline(always)]
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
         z.0.x_hat.as_slice()
+    }
+}
+
+/// What a correction moves: block i moves x̂ᵢ by aᵢ eᵢ and ηᵢ by bᵢ eᵢ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct BlockGains<T, const N: usize> {
+    a: SVector<T, N>,
+    b: SVector<T, N>,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar, const N: usize]
+    BlockGains<T, N>: gains => { a: SVector<T, N> = gains.a, b: SVector<T, N> = gains.b }
+    => Ok(Self { a, b })
+}
+
+/// The observer in discrete time, with eigenvalues that are placed.
+///
+/// Over a step the blocks move along the chain, each by its own ηᵢ and by what the blocks above pass
+/// on, s = sat(η) and φ held:
+///
+///   x̂ᵢ⁻ = x̂ᵢ + T ηᵢ + T²/2 sᵢ₊₁ + T³/6 sᵢ₊₂ + …        ηᵢ⁻ = ηᵢ + T sᵢ₊₁ + T²/2 sᵢ₊₂ + …
+///
+/// and a sample corrects them, e₁ = y − x̂₁⁻, eᵢ = sat(ηᵢ₋₁⁻) − x̂ᵢ⁻:
+///
+///   x̂ᵢ⁺ = x̂ᵢ⁻ + aᵢ eᵢ        ηᵢ⁺ = ηᵢ⁻ + bᵢ eᵢ
+///
+/// so that, as in continuous time, eᵢ⁺ = (1 − aᵢ) eᵢ + bᵢ₋₁ eᵢ₋₁, and Lemma 1 of the paper, carried over
+/// to z, finds the aᵢ and bᵢ that place all 2n − 1 eigenvalues ([`crate::polynomial`]).
+///
+/// Without saturations these eigenvalues are all there is to stability. With them a block may be left
+/// alone with bounded company, and aᵢ, bᵢ need not make it stable then. So the part of eᵢ that asks for
+/// more than ηᵢ may be, eᵢ − sat(b′ᵢeᵢ)/b′ᵢ, corrects by a′ᵢ and b′ᵢ, which place the two eigenvalues of
+/// the block alone. Every block is then a stable linear system driven by bounded signals, for any T.
+impl<T, G, Md, S, const N: usize, const M: usize> Injected<T> for LowPower<T, G, Md, S, N, M>
+where
+    T: Scalar,
+    G: GainLaw<T>,
+    Md: PhaseVariable<T, N, M>,
+    S: Saturation<T>,
+{
+    type Poles = [Poles<T, N>; 2];
+    /// a and b; a′ and b′.
+    type Gains = [BlockGains<T, N>; 2];
+    const CONSTANT: bool = G::Memory::LEN == 0;
+
+    /// The roots of Pₙ₋₁; the last one of each half is not used.
+    fn poles(&self, at: Placement) -> Result<Self::Poles, DesignError> {
+        at.hold::<N>(4)?;
+        let (mut trailing, mut found) = ([[0.0; N]; 2], [[(0.0, 0.0); N]; 2]);
+        let alpha: [f64; N] = core::array::from_fn(|i| self.alpha[i].to_f64());
+        let beta: [f64; N] = core::array::from_fn(|i| self.beta[i].to_f64());
+        let degree = 2 * N.saturating_sub(1);
+        if let (Some(inner), Some(trailing), Some(found)) = (
+            alpha.get(..N.saturating_sub(1)),
+            trailing.as_flattened_mut().get_mut(..degree),
+            found.as_flattened_mut().get_mut(..degree),
+        ) {
+            low_power_inner_polynomial(inner, &beta, trailing);
+            roots(trailing, found);
+        }
+        Ok(found.map(Poles::from))
+    }
+
+    fn gains(&self, at: Placement, poles: &Self::Poles, z: &Self::State, dt: T) -> Self::Gains {
+        let r = self.speed(z);
+        // constants of the run: in double precision, whatever T
+        let (known, dt) = if dt > T::ZERO { (r.to_f64(), dt.to_f64()) } else { (1.0, 0.0) };
+        let r = if r > T::ZERO { known } else { 1.0 };
+        let alpha: [f64; N] = core::array::from_fn(|i| self.alpha[i].to_f64());
+        let beta: [f64; N] = core::array::from_fn(|i| self.beta[i].to_f64());
+        let alone = alpha.map(|alpha| -at.image((-alpha, 0.0), r, dt).0);
+
+        let (mut d, mut polynomial) = ([[(0.0, 0.0); N]; 2], [[0.0; N]; 2]);
+        let degree = 2 * N.saturating_sub(1);
+        for (i, (re, im)) in poles.iter().flat_map(Poles::iter).take(degree).enumerate() {
+            let pole = (re.to_f64(), im.to_f64());
+            times_root(d.as_flattened_mut(), i, at.image(pole, r, dt));
+        }
+        for (c, (re, _)) in polynomial.as_flattened_mut().iter_mut().zip(d.as_flattened()) {
+            *c = *re;
+        }
+        let inner = polynomial.as_flattened().get(..degree).unwrap_or(&[]);
+        let (mut a, b) = low_power_steps::<N>(inner, alone, dt);
+        if let (Some(a), Some(alone)) = (a.last_mut(), alone.last()) {
+            *a = *alone; // it moves no other block: its eigenvalue is its own
+        }
+        let blocks: [[f64; 2]; N] = core::array::from_fn(|i| {
+            if i + 1 == N {
+                return [a[i] * dt, 0.0];
+            }
+            let mut pair = [(0.0, 0.0); 2];
+            roots(&[alpha[i], beta[i]], &mut pair);
+            chain_gains::<f64, 2>(&at.images(&Poles::from(pair), r, dt), dt).into()
+        });
+        let scaled = |values: [f64; N]| SVector::from_fn(|i, _| T::from_f64(values[i] * dt));
+        let block = |part: usize| SVector::from_fn(|i, _| T::from_f64(blocks[i][part]));
+        [BlockGains { a: scaled(a), b: scaled(b) }, BlockGains { a: block(0), b: block(1) }]
+    }
+
+    #[inline(always)]
+    fn flow(&self, t: T, (z, m): &Self::State, u: &Self::Input, dt: T) -> Self::State {
+        let LowPowerState { x_hat, eta } = z;
+        let phi = self.model.phi(t, x_hat, u);
+        let above: SVector<T, N> =
+            SVector::from_fn(|i, _| if i + 1 < N { self.saturation.apply(i, eta[i]) } else { phi });
+        let moved = ahead(&SVector::from_element(T::ZERO), &above, dt);
+        let x_hat = SVector::from_fn(|i, _| {
+            let own = if i + 1 < N { dt * (eta[i] - above[i]) } else { T::NEG_ZERO };
+            x_hat[i] + moved[i] + own
+        });
+        let eta = SVector::from_fn(|i, _| if i + 1 < N { eta[i] + moved[i + 1] } else { T::ZERO });
+        (LowPowerState { x_hat, eta }, m.plus(dt, &self.gain.rate::<N>(m, T::ZERO)))
+    }
+
+    #[inline(always)]
+    fn inject(&self, (z, m): &Self::State, e1: &T, k: &Self::Gains, dt: T) -> Self::State {
+        let ([placed, alone], mut new) = (k, *z);
+        for i in 0..N {
+            let e =
+                if i == 0 { *e1 } else { self.saturation.apply(i - 1, z.eta[i - 1]) - z.x_hat[i] };
+            if i + 1 == N {
+                new.x_hat[i] += placed.a[i] * e;
+                continue;
+            }
+            let asked = alone.b[i] * e;
+            // no time: nothing moves
+            let beyond = (asked - self.saturation.apply(i, asked)) / alone.b[i].or(T::ONE);
+            let within = e - beyond;
+            new.x_hat[i] += placed.a[i] * within + alone.a[i] * beyond;
+            new.eta[i] += placed.b[i] * within + alone.b[i] * beyond;
+        }
+        (new, m.plus(dt, &driven::<T, G, N>(&self.gain, m, *e1)))
     }
 }

@@ -8,7 +8,7 @@ mod sampled_data;
 mod standard;
 
 pub use collection::{CopyState, ModifiedObserver, RepelledCollection};
-pub use low_power::{LowPower, LowPowerObserver, LowPowerState};
+pub use low_power::{BlockGains, LowPower, LowPowerObserver, LowPowerState};
 pub use peaking_free::PeakingFreeObserver;
 pub use reduced_order::{ReducedOrderObserver, ReducedOrderState};
 pub use sampled_data::SampledDataObserver;
@@ -18,6 +18,8 @@ pub use crate::saturation::{HardClip, NoSaturation, Saturation, SmoothSaturation
 
 use crate::Scalar;
 use crate::error::{DesignError, finite};
+use crate::gain::GainLaw;
+use crate::memory::Memory;
 use nalgebra::SVector;
 
 /// Orders that the package is built and tested for.
@@ -74,6 +76,16 @@ fn unfolded<T: Scalar, const N: usize>(
 #[inline(always)]
 fn chain<T: Scalar, const N: usize>(x: &SVector<T, N>) -> SVector<T, N> {
     SVector::from_fn(|i, _| if i + 1 < N { x[i + 1] } else { T::NEG_ZERO })
+}
+
+/// What of the gain's rate is due to the innovation.
+#[inline(always)]
+fn driven<T: Scalar, G: GainLaw<T>, const N: usize>(
+    gain: &G,
+    memory: &G::Memory,
+    e: T,
+) -> G::Memory {
+    gain.rate::<N>(memory, e).zip(&gain.rate::<N>(memory, T::ZERO), |rate, free| rate - free)
 }
 
 /// Staggered sweep of a chain: xᵢ⁺ += dt·(xᵢ₊₁⁺ − xᵢ₊₁), from the bottom up.

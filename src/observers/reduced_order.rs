@@ -218,7 +218,7 @@ where
     }
 
     #[inline(always)]
-    fn innovation(&self, z: &Self::State, y: &Self::Measurement) -> Self::Measurement {
+    fn innovation(&self, _: T, z: &Self::State, y: &Self::Measurement) -> Self::Measurement {
         let (f1, g) = (self.model.f1(&z.y), self.model.g(&z.y));
         SVector::from_fn(|i, _| {
             let mut rate = f1[i];

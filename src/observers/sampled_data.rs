@@ -48,7 +48,7 @@ impl<T: Scalar, Md: SampledModel<T, N, M>, const N: usize, const M: usize> Obser
     }
 
     #[inline(always)]
-    fn innovation(&self, x_hat: &Self::State, y: &T) -> T {
+    fn innovation(&self, _: T, x_hat: &Self::State, y: &T) -> T {
         *y - x_hat[0]
     }
 }

@@ -8,10 +8,12 @@
 //! Lee, Choi and Khalil (39), whose forward Euler form under a fixed step is (42) and under the
 //! decreasing steps a(k) of [`crate::schedule::StochasticApproximation`] is (44).
 
-use super::{chain, checked, folded, stagger_chain};
+use super::{chain, checked, driven, folded, stagger_chain};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
+use crate::injection::{Injected, Placement, Poles, ahead, chain_gains};
+use crate::memory::Memory;
 use crate::model::Model;
 use crate::observer::ContinuousLaw;
 use nalgebra::SVector;
@@ -80,12 +82,17 @@ where
         e: T,
         u: &SVector<T, M>,
     ) -> SVector<T, N> {
+        chain(x_hat) + self.model.f_hat(t, x_hat, u) + self.injected(r, e) // (5)
+    }
+
+    /// Λ(r) K e.
+    #[inline(always)]
+    fn injected(&self, r: T, e: T) -> SVector<T, N> {
         let mut injection = e;
-        let injected = SVector::from_fn(|i, _| {
+        SVector::from_fn(|i, _| {
             injection *= r; // rⁱ e
             self.k[i] * injection
-        });
-        chain(x_hat) + self.model.f_hat(t, x_hat, u) + injected // (5)
+        })
     }
 
     /// The gain law.
@@ -113,12 +120,17 @@ where
 
     #[inline(always)]
     fn innovation(&self, (x_hat, _): &Self::State, y: T) -> T {
-        if y.is_finite() { y - x_hat[0] } else { T::ZERO } // (7)
+        y.innovation(x_hat[0]) // (7)
     }
 
     #[inline(always)]
     fn rate(&self, t: T, (x_hat, m): &Self::State, e: &T, u: &Self::Input) -> Self::State {
         (self.rate_under(t, x_hat, self.gain.moving(m), *e, u), self.gain.rate::<N>(m, *e))
+    }
+
+    #[inline(always)]
+    fn injection(&self, _: T, (_, m): &Self::State, e: &T, _: &Self::Input) -> Self::State {
+        (self.injected(self.gain.moving(m), *e), driven::<T, G, N>(&self.gain, m, *e))
     }
 
     #[inline(always)]
@@ -139,5 +151,38 @@ where
     #[inline(always)]
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
         z.0.as_slice()
+    }
+}
+
+impl<T, G, Md, const N: usize, const M: usize> Injected<T> for StandardObserver<T, G, Md, N, M>
+where
+    T: Scalar,
+    G: GainLaw<T>,
+    Md: Model<T, N, M>,
+{
+    type Poles = Poles<T, N>;
+    type Gains = SVector<T, N>;
+    const CONSTANT: bool = G::Memory::LEN == 0;
+
+    fn poles(&self, at: Placement) -> Result<Poles<T, N>, DesignError> {
+        at.hold::<N>(6)?;
+        Ok(Poles::of(&self.k))
+    }
+
+    #[inline]
+    fn gains(&self, at: Placement, poles: &Self::Poles, z: &Self::State, dt: T) -> SVector<T, N> {
+        chain_gains(&at.images(poles, self.speed(z), dt), dt)
+    }
+
+    #[inline(always)]
+    fn flow(&self, t: T, (x_hat, m): &Self::State, u: &Self::Input, dt: T) -> Self::State {
+        let rate = chain(x_hat) + self.model.f_hat(t, x_hat, u);
+        (ahead(x_hat, &rate, dt), m.plus(dt, &self.gain.rate::<N>(m, T::ZERO)))
+    }
+
+    #[inline(always)]
+    fn inject(&self, (x_hat, m): &Self::State, e: &T, k: &SVector<T, N>, dt: T) -> Self::State {
+        let corrected = SVector::from_fn(|i, _| x_hat[i] + k[i] * *e);
+        (corrected, m.plus(dt, &driven::<T, G, N>(&self.gain, m, *e)))
     }
 }

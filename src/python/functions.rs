@@ -3,6 +3,7 @@
 use super::errors::refused;
 use super::interrupt::interruptible;
 use super::observers::build;
+use super::program_study;
 use super::spec::{Spec, matrix, numbers};
 use super::study::{Plan, STOCHASTIC_METHODS, stochastic};
 use super::systems::AnyPlant;
@@ -25,6 +26,9 @@ use rayon::prelude::*;
 #[pyfunction]
 pub fn simulate<'py>(py: Python<'py>, spec: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
     let spec = Spec::new(spec, "simulation")?;
+    if program_study::is_programmed(&spec)? {
+        return program_study::simulate(py, &spec);
+    }
     let observer = build(&spec.sub("observer")?)?;
     let plan = Plan::read(&spec, observer.initial().len(), &[])?;
     let result = interruptible(py, |stop| observer.study(&plan, stop))?;

@@ -35,7 +35,7 @@ const FORCE: &str = "HGO_INSTRUCTION_SET";
 
 /// The instructions of a study that gains from them and asks for nothing that only single runs give:
 /// the widest of this processor, or those that the environment allows. `None`: one run at a time.
-fn vectors(plan: &Plan) -> PyResult<Option<Vectors>> {
+pub fn vectors(plan: &Plan) -> PyResult<Option<Vectors>> {
     let refuse = |given: &str, allowed: &str| {
         Err(refused(&format!("{FORCE} = {given:?} is not allowed: {allowed}, or leave it unset")))
     };
@@ -131,13 +131,20 @@ where
     P: Plant<f64> + Send + Sync,
     O: Observer<f64, Measurement = P::Output, Input = P::Input> + Sync,
 {
-    let vectors = match vectors(plan) {
-        Ok(vectors) => vectors?,
-        Err(error) => return Some(Err(error)),
-    };
-    plan.execute_blocks::<P, O::State>(plant, kept, |experiment, first_run, block, metrics| {
-        vectors.run(Sampled { experiment, observer: &observer, first_run, block, metrics, stop })
-    })
+    plan.execute_blocks::<P, O::State>(
+        plant,
+        kept,
+        |vectors, experiment, first_run, block, metrics| {
+            vectors.run(Sampled {
+                experiment,
+                observer: &observer,
+                first_run,
+                block,
+                metrics,
+                stop,
+            })
+        },
+    )
 }
 
 /// All runs of a study of a continuous law, sampled or joint.
@@ -164,14 +171,10 @@ where
         if !plan.has_no_sines() {
             return None;
         }
-        let vectors = match vectors(plan) {
-            Ok(vectors) => vectors?,
-            Err(error) => return Some(Err(error)),
-        };
         return plan.execute_blocks::<P, L::State>(
             plant,
             kept,
-            |experiment, first_run, block, metrics| {
+            |vectors, experiment, first_run, block, metrics| {
                 vectors.run(Joint {
                     experiment,
                     law: &law,

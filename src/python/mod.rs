@@ -5,14 +5,20 @@
 mod design;
 mod errors;
 mod functions;
+mod halves;
 mod interrupt;
 mod lanes;
 mod observers;
 mod online;
+mod program_study;
+mod programs;
 mod record;
 mod spec;
 mod study;
 mod systems;
+mod table;
+mod tabled;
+mod trace;
 
 use pyo3::prelude::*;
 
@@ -30,4 +36,9 @@ mod _core {
     use super::observers::Observer;
     #[pymodule_export]
     use super::online::Online;
+    #[pymodule_export]
+    use super::programs::{evaluate_table, run_single, trace_step};
+    /// The source of the elementary functions: `hgo_rs.exports` prints them into other programs.
+    #[pymodule_export]
+    const ELEMENTARY: &str = include_str!("../elementary.rs");
 }

@@ -2,13 +2,17 @@
 
 use super::design::order_refused;
 use super::errors::refused;
+use super::halves::{Halved, Halves, Known};
 use super::interrupt::StopFlag;
+use super::programs;
 use super::record::{self, Block, Clock};
 use super::spec::{Spec, contiguous};
 use super::study::{self, Plan, StudyResult};
 use super::systems::{AnyModel, read_ship, read_van_der_pol};
+use crate::Scalar;
 use crate::dispatch_order;
 use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
+use crate::injection::{Injected, Placed, Placement};
 use crate::memory::Memory;
 use crate::model::Unknown;
 use crate::models::Correction;
@@ -27,34 +31,34 @@ use pyo3::types::{PyDict, PyFloat, PyFloatMethods};
 
 /// The adaptive and the dead-zone law behind one memory r.
 #[derive(Clone, Copy)]
-pub enum MovingGain {
-    Adaptive(AdaptiveGain<f64>),
-    DeadZone(DeadZoneGain<f64>),
+pub enum MovingGain<T = f64> {
+    Adaptive(AdaptiveGain<T>),
+    DeadZone(DeadZoneGain<T>),
 }
 
-impl GainLaw<f64> for MovingGain {
-    type Memory = f64;
+impl<T: Scalar> GainLaw<T> for MovingGain<T> {
+    type Memory = T;
     #[inline(always)]
-    fn initial(&self) -> f64 {
-        1.0
+    fn initial(&self) -> T {
+        T::ONE
     }
     #[inline(always)]
-    fn fixed(&self) -> f64 {
-        1.0
+    fn fixed(&self) -> T {
+        T::ONE
     }
     #[inline(always)]
-    fn moving(&self, r: &f64) -> f64 {
+    fn moving(&self, r: &T) -> T {
         *r
     }
     #[inline(always)]
-    fn rate<const N: usize>(&self, r: &f64, e: f64) -> f64 {
+    fn rate<const N: usize>(&self, r: &T, e: T) -> T {
         match self {
             Self::Adaptive(law) => law.rate::<N>(r, e),
             Self::DeadZone(law) => law.rate::<N>(r, e),
         }
     }
     #[inline(always)]
-    fn admissible(&self, r: f64) -> f64 {
+    fn admissible(&self, r: T) -> T {
         match self {
             Self::Adaptive(law) => law.admissible(r),
             Self::DeadZone(law) => law.admissible(r),
@@ -62,20 +66,20 @@ impl GainLaw<f64> for MovingGain {
     }
 }
 
-enum AnyGain {
-    Constant(ConstantGain<f64>),
-    Moving(MovingGain),
+pub enum AnyGain<T = f64> {
+    Constant(ConstantGain<T>),
+    Moving(MovingGain<T>),
 }
 
-impl AnyGain {
-    fn read(spec: &Spec<'_>) -> PyResult<Self> {
+impl<T: Scalar> AnyGain<T> {
+    pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
         let law = spec.text("law")?;
         if law == "constant" {
             spec.only(&["law", "ell"])?;
-            return Ok(Self::Constant(ConstantGain::new(spec.f64("ell")?)?));
+            return Ok(Self::Constant(ConstantGain::new(T::from_f64(spec.f64("ell")?))?));
         }
         let moving = ["law", "p1", "p2", "b"];
-        let of = |key| spec.f64(key);
+        let of = |key| spec.f64(key).map(T::from_f64);
         match law.as_str() {
             "adaptive" => {
                 spec.only(&moving)?;
@@ -93,15 +97,15 @@ impl AnyGain {
 }
 
 #[derive(Clone, Copy)]
-pub enum AnySaturation<const N: usize> {
+pub enum AnySaturation<const N: usize, T = f64> {
     None,
-    Hard(HardClip<f64, N>),
-    Smooth(SmoothSaturation<f64, N>),
+    Hard(HardClip<T, N>),
+    Smooth(SmoothSaturation<T, N>),
 }
 
-impl<const N: usize> Saturation<f64> for AnySaturation<N> {
+impl<T: Scalar, const N: usize> Saturation<T> for AnySaturation<N, T> {
     #[inline(always)]
-    fn apply(&self, i: usize, eta: f64) -> f64 {
+    fn apply(&self, i: usize, eta: T) -> T {
         match self {
             Self::None => NoSaturation.apply(i, eta),
             Self::Hard(clip) => clip.apply(i, eta),
@@ -110,14 +114,112 @@ impl<const N: usize> Saturation<f64> for AnySaturation<N> {
     }
 }
 
-/// What [`METHODS`] are called.
-const METHOD_NAMES: [&str; 5] =
-    ["euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine"];
+impl<T: Scalar, const N: usize> AnySaturation<N, T> {
+    /// The saturation of a low-power (none) or peaking-free observer, whose keys are checked.
+    pub fn read(spec: &Spec<'_>, saturated: bool) -> PyResult<Self> {
+        let mut known = vec!["kind", "n", "alpha", "beta", "gain", "model", "method", "timing"];
+        if !saturated {
+            spec.only(&known)?;
+            return Ok(Self::None);
+        }
+        known.extend(["saturation", "clip"]);
+        spec.only(&known)?;
+        let levels = spec.vector::<N>("saturation", N - 1)?.map(T::from_f64);
+        let clip = spec.text_or("clip", "hard")?;
+        match clip.as_str() {
+            "hard" => Ok(Self::Hard(HardClip::new(levels)?)),
+            "smooth" => Ok(Self::Smooth(SmoothSaturation::new(levels)?)),
+            other => Err(spec.unknown("clip", other, &["hard", "smooth"])),
+        }
+    }
+}
 
-fn read_method(spec: &Spec<'_>) -> PyResult<Discretisation> {
-    let method = spec.text_or("method", "euler")?;
-    let known = METHOD_NAMES.iter().position(|name| *name == method);
-    known.map(|k| METHODS[k]).ok_or_else(|| spec.unknown("method", &method, &METHOD_NAMES))
+/// What [`METHODS`] are called.
+const METHOD_NAMES: [&str; 7] = [
+    "euler",
+    "staggered-euler",
+    "rk4",
+    "rk4-innovation-held",
+    "bogacki-shampine",
+    "zoh",
+    "bilinear",
+];
+
+pub const NOT_PLACED: &str = "method = 'zoh' or 'bilinear' is not allowed here: it is defined for the \
+    standard, the low-power and the peaking-free law; choose another method";
+
+/// How a continuous law is stepped.
+#[derive(Clone, Copy)]
+pub struct Manner {
+    pub method: AnyMethod,
+    pub timing: Timing,
+}
+
+#[derive(Clone, Copy)]
+pub enum AnyMethod {
+    Known(Discretisation),
+    Placed(Placement),
+}
+
+impl Manner {
+    pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
+        let method = spec.text_or("method", "euler")?;
+        let method = match METHOD_NAMES.iter().position(|name| *name == method) {
+            Some(5) => AnyMethod::Placed(Placement::Exact),
+            Some(6) => AnyMethod::Placed(Placement::Bilinear),
+            Some(k) => AnyMethod::Known(METHODS[k]),
+            None => return Err(spec.unknown("method", &method, &METHOD_NAMES)),
+        };
+        let timing = spec.text_or("timing", "predictor")?;
+        let timing = match timing.as_str() {
+            "predictor" => Timing::Predictor,
+            "current" => Timing::Current,
+            other => return Err(spec.unknown("timing", other, &["predictor", "current"])),
+        };
+        Ok(Self { method, timing })
+    }
+
+    /// The scheme of a law that is compiled as one loop.
+    pub fn whole(self) -> Option<Discretisation> {
+        match self {
+            Self { method: AnyMethod::Known(scheme), timing: Timing::Predictor } => Some(scheme),
+            _ => None,
+        }
+    }
+
+    /// The halves of a law whose eigenvalues cannot be placed.
+    fn known_halves<L>(
+        self,
+        law: L,
+        free: impl FnOnce(Discretisation) -> Box<dyn Recursion>,
+    ) -> PyResult<Box<dyn Halves>>
+    where
+        L: ContinuousLaw<f64, Input: Memory<f64>> + Send + Sync + 'static,
+    {
+        match self.method {
+            AnyMethod::Known(scheme) => Ok(Box::new(Known { free: free(scheme), law })),
+            AnyMethod::Placed(_) => Err(refused(NOT_PLACED)),
+        }
+    }
+
+    /// The halves of a law whose eigenvalues can be placed.
+    fn halves<L>(
+        self,
+        law: L,
+        free: impl FnOnce(Discretisation) -> Box<dyn Recursion>,
+    ) -> PyResult<Box<dyn Halves>>
+    where
+        L: Injected<f64, Input: Memory<f64>> + Send + Sync + 'static,
+        L::Poles: Send + Sync,
+        L::Gains: Send + Sync,
+    {
+        Ok(match self.method {
+            AnyMethod::Known(scheme) => Box::new(Known { free: free(scheme), law }),
+            AnyMethod::Placed(placement) => {
+                Box::new(Discretised { law, scheme: Placed::new(&law, placement)? })
+            }
+        })
+    }
 }
 
 /// A law in discrete time, with its memory as a flat vector.
@@ -229,38 +331,54 @@ where
 }
 
 /// Orders 2 and 5 are those of the plants, so only their laws carry a study function.
+///
+/// `$recursion` makes a recursion of a scheme, `$halves` the halves of a step from that.
 macro_rules! boxed {
-    ($n:ident, $law:expr, $scheme:expr, $model:expr, $recursion:expr) => {
+    ($n:ident, $law:expr, $manner:expr, $model:expr, $recursion:expr, $halves:expr) => {{
+        let Some(scheme) = $manner.whole() else {
+            let n_u = usize::from(matches!($model, AnyModel::Input(_)));
+            return Ok(Box::new(Halved::new($halves, $n, n_u, $manner.timing)));
+        };
+        let recursion = $recursion(scheme);
         match $n {
-            2 => Ok(continuous($law, $scheme, $model, $recursion, study::of_order_2)),
-            5 => Ok(continuous($law, $scheme, $model, $recursion, study::of_order_5)),
-            _ => Ok(continuous($law, $scheme, $model, $recursion, |_, _, _| {
+            2 => Ok(continuous($law, scheme, $model, recursion, study::of_order_2)),
+            5 => Ok(continuous($law, scheme, $model, recursion, study::of_order_5)),
+            _ => Ok(continuous($law, scheme, $model, recursion, |_, _, _| {
                 Err(refused(study::NO_PLANT))
             })),
         }
-    };
+    }};
 }
+
+/// Orders up to which laws that know nothing or an input are compiled for that alone. Above, choosing
+/// the model costs little beside the rest, and the code is large.
+const TYPED: usize = 6;
 
 fn standard<const N: usize>(
     spec: &Spec<'_>,
     model: AnyModel,
-    scheme: Discretisation,
+    manner: Manner,
 ) -> PyResult<Box<dyn AnyObserver>> {
-    spec.only(&["kind", "n", "k", "gain", "model", "method"])?;
+    spec.only(&["kind", "n", "k", "gain", "model", "method", "timing"])?;
     let k = spec.vector::<N>("k", N)?;
     match AnyGain::read(&spec.sub("gain")?)? {
         AnyGain::Constant(gain) => {
             let law = StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?;
-            let recursion = match model {
-                AnyModel::Unknown => recursion(law.typed::<_, _, 0>(gain, Unknown), scheme),
-                AnyModel::Input(known) => recursion(law.typed::<_, _, 1>(gain, known), scheme),
+            let whole = |scheme| match model {
+                AnyModel::Unknown if const { N <= TYPED } => {
+                    recursion(law.typed::<_, _, 0>(gain, Unknown), scheme)
+                }
+                AnyModel::Input(known) if const { N <= TYPED } => {
+                    recursion(law.typed::<_, _, 1>(gain, known), scheme)
+                }
                 _ => recursion(law, scheme),
             };
-            boxed!(N, law, scheme, model, recursion)
+            boxed!(N, law, manner, model, whole, manner.halves(law, whole)?)
         }
         AnyGain::Moving(gain) => {
             let law = StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?;
-            boxed!(N, law, scheme, model, recursion(law, scheme))
+            let whole = |scheme| recursion(law, scheme);
+            boxed!(N, law, manner, model, whole, manner.halves(law, whole)?)
         }
     }
 }
@@ -268,23 +386,10 @@ fn standard<const N: usize>(
 fn low_power<const N: usize>(
     spec: &Spec<'_>,
     model: AnyModel,
-    scheme: Discretisation,
+    manner: Manner,
     saturated: bool,
 ) -> PyResult<Box<dyn AnyObserver>> {
-    let mut known = vec!["kind", "n", "alpha", "beta", "gain", "model", "method"];
-    let saturation = if saturated {
-        known.extend(["saturation", "clip"]);
-        let levels = spec.vector::<N>("saturation", N - 1)?;
-        let clip = spec.text_or("clip", "hard")?;
-        match clip.as_str() {
-            "hard" => AnySaturation::Hard(HardClip::new(levels)?),
-            "smooth" => AnySaturation::Smooth(SmoothSaturation::new(levels)?),
-            other => return Err(spec.unknown("clip", other, &["hard", "smooth"])),
-        }
-    } else {
-        AnySaturation::None
-    };
-    spec.only(&known)?;
+    let saturation = AnySaturation::<N>::read(spec, saturated)?;
     if matches!(model, AnyModel::SanfelicePraly(_)) {
         return Err(refused(
             "model = 'sanfelice-praly' is not allowed here: the low-power and the peaking-free \
@@ -296,20 +401,38 @@ fn low_power<const N: usize>(
     match AnyGain::read(&spec.sub("gain")?)? {
         AnyGain::Constant(gain) => {
             let law = LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
-            let recursion = match (model, saturation) {
-                (AnyModel::Unknown, AnySaturation::None) => {
+            let whole = |scheme| match (model, saturation) {
+                (AnyModel::Unknown, AnySaturation::None) if const { N <= TYPED } => {
                     recursion(law.typed::<_, _, 0>(Unknown, NoSaturation), scheme)
                 }
-                (AnyModel::Input(known), AnySaturation::None) => {
+                (AnyModel::Input(known), AnySaturation::None) if const { N <= TYPED } => {
                     recursion(law.typed::<_, _, 1>(known, NoSaturation), scheme)
                 }
                 _ => recursion(law, scheme),
             };
-            boxed!(N, law, scheme, model, recursion)
+            boxed!(N, law, manner, model, whole, manner.halves(law, whole)?)
         }
         AnyGain::Moving(gain) => {
             let law = LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
-            boxed!(N, law, scheme, model, recursion(law, scheme))
+            let whole = |scheme| recursion(law, scheme);
+            boxed!(N, law, manner, model, whole, manner.halves(law, whole)?)
+        }
+    }
+}
+
+fn copies<L>(law: L, manner: Manner, model: AnyModel) -> PyResult<Box<dyn AnyObserver>>
+where
+    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Send + Sync + 'static,
+{
+    match manner.whole() {
+        None => {
+            let n_u = usize::from(matches!(model, AnyModel::Input(_)));
+            let halves = manner.known_halves(law, |scheme| recursion(law, scheme))?;
+            Ok(Box::new(Halved::new(halves, L::ESTIMATED, n_u, manner.timing)))
+        }
+        Some(scheme) => {
+            let recursion = recursion(law, scheme);
+            Ok(continuous(law, scheme, model, recursion, study::of_copies))
         }
     }
 }
@@ -317,27 +440,31 @@ fn low_power<const N: usize>(
 fn collection<const C: usize>(
     spec: &Spec<'_>,
     model: AnyModel,
-    scheme: Discretisation,
+    manner: Manner,
     modified: bool,
 ) -> PyResult<Box<dyn AnyObserver>> {
     const N: usize = 2;
-    spec.only(&["kind", "n", "k", "k_bar", "copies", "gain", "model", "method"])?;
+    spec.only(&["kind", "n", "k", "k_bar", "copies", "gain", "model", "method", "timing"])?;
     let AnyGain::Moving(MovingGain::Adaptive(gain)) = AnyGain::read(&spec.sub("gain")?)? else {
         return Err(refused("a collection needs the adaptive gain law, Sanfelice and Praly (23)"));
     };
     let (k, k_bar) = (spec.vector::<N>("k", N)?, spec.vector::<N>("k_bar", N)?);
     let collection = RepelledCollection::<f64, _, N, C, 1>::new(k, k_bar, gain, model)?;
     if modified {
-        let law = ModifiedObserver { collection };
-        boxed!(N, law, scheme, model, recursion(law, scheme))
+        copies(ModifiedObserver { collection }, manner, model)
     } else {
-        boxed!(N, collection, scheme, model, recursion(collection, scheme))
+        copies(collection, manner, model)
     }
 }
 
 /// An observer from its spec.
 pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
     let kind = spec.text("kind")?;
+    if kind == "chains"
+        || (spec.get("model")?.is_some() && spec.sub("model")?.text_or("kind", "")? == "own")
+    {
+        return programs::build(spec);
+    }
     match kind.as_str() {
         "sampled-data" => {
             spec.only(&["kind", "model", "gain"])?;
@@ -376,7 +503,7 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
         None => AnyModel::Unknown,
         Some(_) => AnyModel::read(&spec.sub("model")?)?,
     };
-    let scheme = read_method(spec)?;
+    let manner = Manner::read(spec)?;
     let n = spec.count("n")?;
     if let Some(order) = model.order()
         && order != n
@@ -386,11 +513,11 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
     }
     match kind.as_str() {
         "standard" => {
-            dispatch_order!(n, N => standard::<N>(spec, model, scheme), else Err(order_refused(n)))
+            dispatch_order!(n, N => standard::<N>(spec, model, manner), else Err(order_refused(n)))
         }
         "low-power" | "peaking-free" => {
             let saturated = kind == "peaking-free";
-            dispatch_order!(n, N => low_power::<N>(spec, model, scheme, saturated),
+            dispatch_order!(n, N => low_power::<N>(spec, model, manner, saturated),
                             else Err(order_refused(n)))
         }
         "collection" | "modified" => {
@@ -400,10 +527,10 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
             }
             let modified = kind == "modified";
             match spec.count("copies")? {
-                2 => collection::<2>(spec, model, scheme, modified),
-                3 => collection::<3>(spec, model, scheme, modified),
-                4 => collection::<4>(spec, model, scheme, modified),
-                5 => collection::<5>(spec, model, scheme, modified),
+                2 => collection::<2>(spec, model, manner, modified),
+                3 => collection::<3>(spec, model, manner, modified),
+                4 => collection::<4>(spec, model, manner, modified),
+                5 => collection::<5>(spec, model, manner, modified),
                 copies => {
                     let message = format!("copies = {copies} is not allowed: 2 to 5 from Python");
                     Err(refused(&message))

@@ -137,8 +137,8 @@ impl Online {
 
     /// Take one sample; return the estimate, (n,).
     ///
-    /// A law with predictor timing returns the estimate for the next sample, dt later; the
-    /// reduced-order law filters and returns the estimate for this sample.
+    /// With predictor timing the estimate is for the next sample, dt later; with current timing it
+    /// is for this sample.
     ///
     /// Parameters
     /// ----------

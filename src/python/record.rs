@@ -74,7 +74,7 @@ where
         let y = O::Measurement::read(y);
         let u = O::Input::read(u.get(k * q..).unwrap_or(&[]));
         if filters && let Some(row) = innovation.get_mut(k * p..(k + 1) * p) {
-            observer.innovation(&z, &y).write(row);
+            observer.innovation(*t, &z, &y).write(row);
         }
         let before = z;
         *status = observer.step(&mut z, &y, &u, *t, *dt) as u8;
@@ -85,10 +85,10 @@ where
     }
     z.write(memory);
     if !filters {
-        let given = rows.chunks_exact(m).zip(y.chunks_exact(p));
-        for (innovation, (z, y)) in innovation.chunks_exact_mut(p).zip(given) {
+        let given = t.iter().zip(rows.chunks_exact(m)).zip(y.chunks_exact(p));
+        for (innovation, ((t, z), y)) in innovation.chunks_exact_mut(p).zip(given) {
             let (z, y) = (O::State::read(z), O::Measurement::read(y));
-            observer.innovation(&z, &y).write(innovation);
+            observer.innovation(*t, &z, &y).write(innovation);
         }
     }
     let mut most = 0.0;

@@ -67,6 +67,18 @@ impl<'py> Spec<'py> {
         Spec::new(&self.need(key)?, key)
     }
 
+    /// The dict itself.
+    pub fn to_any(&self) -> Py<PyAny> {
+        self.dict.clone().into_any().unbind()
+    }
+
+    /// A list of dicts.
+    pub fn list(&self, key: &str) -> PyResult<Vec<Spec<'py>>> {
+        let value = self.need(key)?;
+        let rows = value.try_iter().map_err(|e| self.wrong(e, key, &value, "a list of dicts"))?;
+        rows.map(|row| Spec::new(&row?, key)).collect()
+    }
+
     pub fn text(&self, key: &str) -> PyResult<String> {
         let value = self.need(key)?;
         value.extract().map_err(|e| self.wrong(e, key, &value, "a string"))

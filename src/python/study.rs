@@ -1,8 +1,10 @@
 //! Experiments with many runs: threads, interruption, results as arrays.
 
 use super::errors::refused;
+use super::halves::Watched;
 use super::interrupt::StopFlag;
 use super::lanes::{self, BlockOf};
+use super::observers::Manner;
 use super::spec::{Spec, matrix};
 use super::systems::AnyPlant;
 use crate::ensemble::Block;
@@ -17,11 +19,13 @@ use crate::observer::{ContinuousLaw, Discretisation, Discretised, Hold, Measurem
 use crate::observers::{ReducedOrderObserver, SampledDataObserver};
 use crate::schedule::{FixedStep, Schedule, StochasticApproximation};
 use crate::simulate::{Experiment, Finish, Probe, RunMetrics, Sample};
+use crate::vectors::Vectors;
 use nalgebra::{SVector, Vector2};
 use numpy::{IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
+use std::slice::ChunksExactMut;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 pub const NO_PLANT: &str = "this observer's order fits none of the plants: simulate takes \
@@ -317,6 +321,7 @@ impl Plan {
         }
     }
 
+    /// The noise of the runs from `run` on.
     fn noise(&self, run: usize) -> Noise<'_, f64> {
         let draw = match &self.draw {
             DrawKind::None => Draw::None,
@@ -324,7 +329,8 @@ impl Plan {
             DrawKind::Normal(mean, std) => Draw::Normal { mean: *mean, std: *std },
             DrawKind::Samples(values, 0) => Draw::Samples(values),
             DrawKind::Samples(values, per_run) => {
-                Draw::Samples(values.get(run * per_run..(run + 1) * per_run).unwrap_or(&[]))
+                let values = values.get(run * per_run..).unwrap_or(&[]);
+                Draw::RunSamples { values, draws: *per_run }
             }
         };
         Noise { draw, hold: self.hold, sines: &self.sines }
@@ -340,17 +346,28 @@ impl Plan {
         self.joint
     }
 
+    /// The integrator of a joint study, from the observer's spec.
+    pub fn joint_integrator(&self, observer: &Spec<'_>) -> PyResult<Option<Integrator>> {
+        if !self.joint {
+            return Ok(None);
+        }
+        let scheme = Manner::read(observer)?.whole().ok_or_else(|| refused(PREDICTOR_ONLY))?;
+        joint_integrator(scheme).map(Some)
+    }
+
+    /// The sines of the noise.
+    pub fn sines(&self) -> &[Sine<f64>] {
+        &self.sines
+    }
+
     /// Whether the noise is drawn only.
     pub fn has_no_sines(&self) -> bool {
         self.sines.is_empty()
     }
 
-    /// Whether there are runs for a block, and nothing is asked for that only single runs give:
-    /// frames, each run's own recorded noise.
+    /// Whether there are runs for a block, and no frames are asked for, which only single runs give.
     pub fn fits_lanes(&self) -> bool {
-        self.runs >= LANES / 4
-            && self.every == 0
-            && !matches!(self.draw, DrawKind::Samples(_, per_run) if per_run > 0)
+        self.runs >= LANES / 4 && self.every == 0
     }
 
     /// All runs of the experiment with `plant`, a block at a time; `kept` entries of the memory have
@@ -360,6 +377,7 @@ impl Plan {
         plant: P,
         kept: usize,
         go: impl Fn(
+            Vectors,
             &Experiment<'_, f64, P, AnySchedule>,
             u64,
             BlockOf<P::State, Z>,
@@ -371,19 +389,13 @@ impl Plan {
         P: Plant<f64> + Send + Sync,
         Z: Memory<f64>,
     {
-        let experiment = Experiment {
-            plant,
-            plant_scheme: self.plant_scheme,
-            substeps: self.substeps,
-            schedule: self.schedule,
-            plant_schedule: self.plant_schedule,
-            noise: self.noise(0),
-            steps: self.steps,
-            seed: self.seed,
+        let vectors = match lanes::vectors(self).and_then(|vectors| {
+            self.check(plant)?;
+            Ok(vectors)
+        }) {
+            Ok(vectors) => vectors?,
+            Err(error) => return Some(Err(error)),
         };
-        if let Err(error) = self.check_method(&plant).and_then(|()| Ok(experiment.check()?)) {
-            return Some(Err(error));
-        }
         // Whole numbers: the sum does not depend on the order in which blocks end.
         let bins = if self.histogram.is_some() { LogHistogram::BINS } else { 0 };
         let pooled: Vec<AtomicU64> = (0..bins).map(|_| AtomicU64::new(0)).collect();
@@ -407,11 +419,12 @@ impl Plan {
             for lane in 0..LANES {
                 // the last block is filled up with its last run
                 let run = (first + lane).min(self.runs - 1);
-                P::State::read(row(&self.x0, P::State::LEN, run)).store(&mut x, lane);
-                Z::read(row(&self.memory0, Z::LEN, run)).store(&mut z, lane);
+                P::State::read(row(&self.x0, self.plant.len(), run)).store(&mut x, lane);
+                Z::read(row(&self.memory0, self.memory_len, run)).store(&mut z, lane);
             }
             let index = self.first_run.wrapping_add(first as u64);
-            let end = go(&experiment, index, Block::new(x, z), &mut metrics)?;
+            let experiment = self.experiment(plant, first);
+            let end = go(vectors, &experiment, index, Block::new(x, z), &mut metrics)?;
             let of_lane = |lane: usize| {
                 let sound = end.sound.0[lane];
                 let of_window = |w| (0..kept).map(move |s| (w, s));
@@ -420,9 +433,9 @@ impl Plan {
                     moments: all.map(|(w, s)| metrics.moments(w, s, lane, sound)).collect(),
                     peak: (0..kept).map(|entry| metrics.peak(entry, lane)).collect(),
                     settling_time: self.settle.map_or(f64::NAN, |_| metrics.settling_time(lane)),
-                    frames: Frames::default(),
-                    final_x: vec![0.0; P::State::LEN],
-                    final_memory: vec![0.0; Z::LEN],
+                    missing: 0,
+                    final_x: vec![0.0; self.plant.len()],
+                    final_memory: vec![0.0; self.memory_len],
                     diverged_at: Some(sound).filter(|k| *k <= self.steps),
                     undefined_at: Some(end.undefined_at.0[lane]).filter(|k| *k != u64::MAX),
                 };
@@ -440,7 +453,32 @@ impl Plan {
         let done: Option<Vec<Vec<RunResult>>> = (0..blocks).into_par_iter().map(one).collect();
         let runs = done?.into_iter().flatten().collect();
         let counts = pooled.into_iter().map(AtomicU64::into_inner).collect();
-        Some(Ok(StudyResult { runs, signals: kept, counts }))
+        let frames = Frames::default();
+        Some(Ok(StudyResult { runs, signals: kept, counts, frames }))
+    }
+
+    /// Refuse what does not go together.
+    fn check<P: Plant<f64>>(&self, plant: P) -> PyResult<()> {
+        self.check_method(&plant)?;
+        Ok(self.experiment(plant, 0).check()?)
+    }
+
+    /// The experiment of the runs from `run` on.
+    fn experiment<P: Plant<f64>>(
+        &self,
+        plant: P,
+        run: usize,
+    ) -> Experiment<'_, f64, P, AnySchedule> {
+        Experiment {
+            plant,
+            plant_scheme: self.plant_scheme,
+            substeps: self.substeps,
+            schedule: self.schedule,
+            plant_schedule: self.plant_schedule,
+            noise: self.noise(run),
+            steps: self.steps,
+            seed: self.seed,
+        }
     }
 
     /// Refuse, by its name, a scheme that the plant does not take.
@@ -469,7 +507,7 @@ impl Plan {
     }
 
     /// All runs of the experiment with `plant`; `go` performs one.
-    fn execute<P, Z>(
+    pub fn execute<P, Z>(
         &self,
         plant: P,
         signals: usize,
@@ -488,22 +526,11 @@ impl Plan {
         P: Plant<f64> + Send + Sync,
         Z: Memory<f64>,
     {
-        let experiment = |run| Experiment {
-            plant,
-            plant_scheme: self.plant_scheme,
-            substeps: self.substeps,
-            schedule: self.schedule,
-            plant_schedule: self.plant_schedule,
-            noise: self.noise(run),
-            steps: self.steps,
-            seed: self.seed,
-        };
-        self.check_method(&plant)?;
-        experiment(0).check()?;
+        self.check(plant)?;
         // Whole numbers: the sum does not depend on the order in which runs end.
         let bins = if self.histogram.is_some() { LogHistogram::BINS } else { 0 };
         let pooled: Vec<AtomicU64> = (0..bins).map(|_| AtomicU64::new(0)).collect();
-        let one = |run: usize| -> RunResult {
+        let one = |(run, frames): (usize, FramesOfRun<'_>)| -> RunResult {
             let mut moments = vec![Moments::default(); self.windows.len() * signals];
             let mut peak = vec![0.0; peaks];
             let mut counts = vec![0; bins];
@@ -519,24 +546,24 @@ impl Plan {
                         .map(|window| (window, LogHistogram::new(&mut counts))),
                 },
                 every: self.every,
-                frames: Frames::default(),
+                frames,
                 stop,
                 patience: (4096 / u64::from(self.substeps.max(1))).max(1),
             };
-            let x0 = P::State::read(row(&self.x0, P::State::LEN, run));
-            let z0 = Z::read(row(&self.memory0, Z::LEN, run));
+            let x0 = P::State::read(row(&self.x0, self.plant.len(), run));
+            let z0 = Z::read(row(&self.memory0, self.memory_len, run));
             let index = self.first_run.wrapping_add(run as u64);
-            let end = go(&experiment(run), index, x0, z0, &mut watch);
+            let end = go(&self.experiment(plant, run), index, x0, z0, &mut watch);
             let settling_time =
                 watch.metrics.settling.as_ref().map_or(f64::NAN, SettlingTime::time);
-            let frames = std::mem::take(&mut watch.frames);
+            let missing = watch.frames.end();
             let mut result = RunResult {
                 moments,
                 peak,
                 settling_time,
-                frames,
-                final_x: vec![0.0; P::State::LEN],
-                final_memory: vec![0.0; Z::LEN],
+                missing,
+                final_x: vec![0.0; self.plant.len()],
+                final_memory: vec![0.0; self.memory_len],
                 diverged_at: end.diverged_at,
                 undefined_at: end.undefined_at,
             };
@@ -547,9 +574,12 @@ impl Plan {
             }
             result
         };
-        let runs: Vec<RunResult> = (0..self.runs).into_par_iter().map(one).collect();
+        let mut frames = Frames::new(self, [self.plant.len(), self.memory_len, P::Output::LEN]);
+        let runs: Vec<RunResult> =
+            frames.of_runs(self.runs).into_par_iter().enumerate().map(one).collect();
+        frames.close(self, runs.iter().map(|run| run.missing).min().unwrap_or(0));
         let counts = pooled.into_iter().map(AtomicU64::into_inner).collect();
-        Ok(StudyResult { runs, signals, counts })
+        Ok(StudyResult { runs, signals, counts, frames })
     }
 }
 
@@ -587,20 +617,95 @@ fn read_plant_scheme(spec: &Spec<'_>, method: &str) -> PyResult<PlantScheme> {
     })
 }
 
-/// Kept frames of one run.
+/// Kept frames of all runs: arrays (runs, length, width), which Python gets as they are.
 #[derive(Default)]
 struct Frames {
     t: Vec<f64>,
-    x: Vec<f64>,
-    memory: Vec<f64>,
-    y: Vec<f64>,
+    length: usize,
+    /// Numbers in a frame of the plant's state, the memory and the measurement.
+    widths: [usize; 3],
+    values: [Vec<f64>; 3],
+}
+
+/// Frames of one run that are still to be written.
+struct FramesOfRun<'a> {
+    x: ChunksExactMut<'a, f64>,
+    memory: ChunksExactMut<'a, f64>,
+    y: ChunksExactMut<'a, f64>,
+}
+
+impl Frames {
+    /// Room for all frames that are asked for.
+    fn new(plan: &Plan, widths: [usize; 3]) -> Self {
+        let length = plan.steps.checked_div(plan.every).map_or(0, |last| last + 1);
+        let length = usize::try_from(length).unwrap_or(usize::MAX);
+        let room = |width| vec![0.0; plan.runs.saturating_mul(length).saturating_mul(width)];
+        Self { t: Vec::new(), length, widths, values: widths.map(room) }
+    }
+
+    /// Each run's part.
+    fn of_runs(&mut self, runs: usize) -> Vec<FramesOfRun<'_>> {
+        let (length, widths) = (self.length, self.widths);
+        let mut rest = self.values.each_mut().map(Vec::as_mut_slice);
+        let mut take = |i: usize| {
+            let part = rest[i].split_off_mut(..length * widths[i]).unwrap_or_default();
+            part.chunks_exact_mut(widths[i])
+        };
+        (0..runs).map(|_| FramesOfRun { x: take(0), memory: take(1), y: take(2) }).collect()
+    }
+
+    /// Put the times beside the frames; cut off the last ones, `missing` in every run.
+    fn close(&mut self, plan: &Plan, missing: usize) {
+        let (whole, length) = (self.length, self.length - missing);
+        let (mut t, mut k) = (0.0, 0);
+        while self.t.len() < length {
+            if k % plan.every == 0 {
+                self.t.push(t);
+            }
+            t = plan.schedule.next_time(t, k, plan.schedule.dt(k));
+            k += 1;
+        }
+        if missing > 0 {
+            for (values, width) in self.values.iter_mut().zip(self.widths) {
+                for run in 1..plan.runs {
+                    let start = run * whole * width;
+                    values.copy_within(start..start + length * width, run * length * width);
+                }
+                values.truncate(plan.runs * length * width);
+            }
+        }
+    }
+}
+
+impl FramesOfRun<'_> {
+    /// Write the next frame.
+    #[inline(always)]
+    fn keep<X: Memory<f64>, Z: Memory<f64>, Y: Measurement<f64>>(
+        &mut self,
+        sample: &Sample<'_, f64, X, Z, Y>,
+    ) {
+        if let (Some(x), Some(z), Some(y)) = (self.x.next(), self.memory.next(), self.y.next()) {
+            sample.x.write(x);
+            sample.z.write(z);
+            sample.y.write(y);
+        }
+    }
+
+    /// NaN where the run did not come; how many frames that are.
+    fn end(&mut self) -> usize {
+        let missing = self.x.len();
+        for frames in [&mut self.x, &mut self.memory, &mut self.y] {
+            frames.for_each(|frame| frame.fill(f64::NAN));
+        }
+        missing
+    }
 }
 
 /// Metrics, frames and the user's Ctrl-C.
-struct Watch<'a> {
+pub struct Watch<'a> {
     metrics: RunMetrics<'a, f64>,
     every: u64,
-    frames: Frames,
+    frames: FramesOfRun<'a>,
     stop: &'a StopFlag,
     /// Steps between two looks at `stop`.
     patience: u64,
@@ -614,10 +719,7 @@ impl Probe<f64> for Watch<'_> {
     ) {
         self.metrics.sample(sample);
         if self.every > 0 && sample.k.is_multiple_of(self.every) {
-            self.frames.t.push(sample.t);
-            sample.x.visit(&mut |v| self.frames.x.push(v));
-            sample.z.visit(&mut |v| self.frames.memory.push(v));
-            sample.y.each(&mut |v| self.frames.y.push(v));
+            self.frames.keep(sample);
         }
     }
     #[inline(always)]
@@ -630,7 +732,8 @@ struct RunResult {
     moments: Vec<Moments<f64>>,
     peak: Vec<f64>,
     settling_time: f64,
-    frames: Frames,
+    /// Frames that it did not reach.
+    missing: usize,
     final_x: Vec<f64>,
     final_memory: Vec<f64>,
     diverged_at: Option<u64>,
@@ -642,6 +745,7 @@ pub struct StudyResult {
     runs: Vec<RunResult>,
     signals: usize,
     counts: Vec<u64>,
+    frames: Frames,
 }
 
 #[allow(clippy::cast_possible_wrap)]
@@ -696,24 +800,11 @@ impl StudyResult {
             out.set_item("histogram", histogram)?;
         }
         if plan.every > 0 {
-            let longest = self.runs.iter().max_by_key(|r| r.frames.t.len());
-            let t = longest.map_or_else(Vec::new, |r| r.frames.t.clone());
-            let frames = t.len();
+            let Frames { t, widths, values, .. } = self.frames;
+            let length = t.len();
             out.set_item("t", t.into_pyarray(py))?;
-            for (key, of) in [
-                ("x", (|r| &r.frames.x) as fn(&RunResult) -> &Vec<f64>),
-                ("memory", |r| &r.frames.memory),
-                ("y", |r| &r.frames.y),
-            ] {
-                // a run that stopped early is filled up with NaN
-                let full = self.runs.iter().map(|r| of(r).len()).max().unwrap_or(0);
-                let mut values = Vec::with_capacity(full * rows);
-                for run in &self.runs {
-                    values.extend_from_slice(of(run));
-                    values.resize(values.len() + full - of(run).len(), f64::NAN);
-                }
-                let width = full.checked_div(frames).unwrap_or(0);
-                out.set_item(key, values.into_pyarray(py).reshape([rows, frames, width])?)?;
+            for ((key, values), width) in ["x", "memory", "y"].into_iter().zip(values).zip(widths) {
+                out.set_item(key, values.into_pyarray(py).reshape([rows, length, width])?)?;
             }
         }
         Ok(out)
@@ -721,6 +812,19 @@ impl StudyResult {
 }
 
 type Continuous<L> = Discretised<L, Discretisation>;
+
+/// The integrator of plant and observer as one differential equation.
+fn joint_integrator(scheme: Discretisation) -> PyResult<Integrator> {
+    match scheme {
+        Discretisation::Euler => Ok(Integrator::Euler),
+        Discretisation::RungeKutta(RungeKutta { integrator, hold: Hold::Measurement }) => {
+            Ok(integrator)
+        }
+        _ => Err(refused(
+            "method is not allowed in mode 'joint': choose euler, rk4 or bogacki-shampine",
+        )),
+    }
+}
 
 /// A SISO plant with a continuous law, sampled or joint.
 fn with_plant<P, L>(
@@ -740,17 +844,7 @@ where
             experiment.sampled(observer, tell, run, x0, z0, watch)
         });
     }
-    let integrator = match observer.scheme {
-        Discretisation::Euler => Integrator::Euler,
-        Discretisation::RungeKutta(RungeKutta { integrator, hold: Hold::Measurement }) => {
-            integrator
-        }
-        _ => {
-            return Err(refused(
-                "method is not allowed in mode 'joint': choose euler, rk4 or bogacki-shampine",
-            ));
-        }
-    };
+    let integrator = joint_integrator(observer.scheme)?;
     plan.execute(plant, m, m, stop, |experiment, run, x0, z0, watch| {
         experiment.joint(&observer.law, tell, integrator, run, x0, z0, watch)
     })
@@ -772,6 +866,17 @@ where
     }
 }
 
+/// Collections with the plant that they are made for; with others they run as programs.
+pub fn of_copies<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult>
+where
+    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync + 'static,
+{
+    match plan.plant {
+        AnyPlant::SanfelicePraly(plant) => with_plant(o, plant, plan, stop),
+        _ => Err(refused(NO_PLANT)),
+    }
+}
+
 /// Laws of order 5 with the plant of order 5.
 pub fn of_order_5<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult>
 where
@@ -786,7 +891,49 @@ where
     }
 }
 
-const SAMPLED_ONLY: &str = "mode = 'joint' is not allowed: this observer is a recursion in \
+/// Laws whose step is cut in two, with the plants of their order.
+pub fn of_halved<const N: usize, const CURRENT: bool>(
+    observer: &Watched<'_, N, CURRENT>,
+    plan: &Plan,
+    stop: &StopFlag,
+) -> PyResult<StudyResult> {
+    if plan.joint {
+        return Err(refused(PREDICTOR_ONLY));
+    }
+    let prepared = observer.whole.halves.prepared(plan.schedule.dt(0));
+    let observer = match &prepared {
+        Some(halves) => &observer.with(&**halves),
+        None => observer,
+    };
+    match plan.plant {
+        AnyPlant::Lee(plant) if N == 2 => halved_with(observer, plant, plan, stop),
+        AnyPlant::SanfelicePraly(plant) if N == 2 => halved_with(observer, plant, plan, stop),
+        AnyPlant::VanDerPol(plant) if N == 2 => halved_with(observer, plant, plan, stop),
+        AnyPlant::Crackle(plant) if N == 5 => halved_with(observer, plant, plan, stop),
+        _ => Err(refused(NO_PLANT)),
+    }
+}
+
+fn halved_with<P, const N: usize, const CURRENT: bool>(
+    observer: &Watched<'_, N, CURRENT>,
+    plant: P,
+    plan: &Plan,
+    stop: &StopFlag,
+) -> PyResult<StudyResult>
+where
+    P: Plant<f64, Output = f64, Input = SVector<f64, 0>> + Send + Sync,
+{
+    let tell = |_: &SVector<f64, 0>| SVector::<f64, 1>::new(0.0);
+    let m = observer.whole.law_len; // period and input are no signals
+    plan.execute(plant, m, m, stop, |experiment, run, x0, z0, watch| {
+        experiment.sampled(observer, tell, run, x0, z0, watch)
+    })
+}
+
+const PREDICTOR_ONLY: &str = "mode = 'joint' is not allowed: plant and law are one differential \
+    equation there, whose method is euler, rk4 or bogacki-shampine and whose timing is predictor";
+
+pub const SAMPLED_ONLY: &str = "mode = 'joint' is not allowed: this observer is a recursion in \
     discrete time; use mode 'sampled'";
 
 pub fn of_sampled_data(

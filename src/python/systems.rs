@@ -10,24 +10,24 @@ use pyo3::prelude::*;
 /// The model that an observer knows, chosen at run time; its order was checked against the
 /// observer's when it was built.
 #[derive(Clone, Copy)]
-pub enum AnyModel {
+pub enum AnyModel<T = f64> {
     Unknown,
-    Input(InputGain<f64>),
+    Input(InputGain<T>),
     Lee(Lee),
-    SanfelicePraly(SanfelicePraly<f64>),
-    VanDerPol(VanDerPol<f64>),
-    Crackle(Crackle<f64>),
+    SanfelicePraly(SanfelicePraly<T>),
+    VanDerPol(VanDerPol<T>),
+    Crackle(Crackle<T>),
 }
 
 /// The first K entries of x̂.
 #[inline(always)]
-fn head<const K: usize, const N: usize>(x: &SVector<f64, N>) -> SVector<f64, K> {
-    SVector::from_fn(|i, _| if i < N { x[i] } else { 0.0 })
+fn head<T: Scalar, const K: usize, const N: usize>(x: &SVector<T, N>) -> SVector<T, K> {
+    SVector::from_fn(|i, _| if i < N { x[i] } else { T::ZERO })
 }
 
-impl<const N: usize> Model<f64, N, 1> for AnyModel {
+impl<T: Scalar, const N: usize> Model<T, N, 1> for AnyModel<T> {
     #[inline(always)]
-    fn f_hat(&self, t: f64, x: &SVector<f64, N>, u: &SVector<f64, 1>) -> SVector<f64, N> {
+    fn f_hat(&self, t: T, x: &SVector<T, N>, u: &SVector<T, 1>) -> SVector<T, N> {
         match self {
             Self::SanfelicePraly(_) => self.known_vector(t, x),
             _ => last(self.phi(t, x, u)),
@@ -35,11 +35,11 @@ impl<const N: usize> Model<f64, N, 1> for AnyModel {
     }
 }
 
-impl<const N: usize> PhaseVariable<f64, N, 1> for AnyModel {
+impl<T: Scalar, const N: usize> PhaseVariable<T, N, 1> for AnyModel<T> {
     #[inline(always)]
-    fn phi(&self, t: f64, x: &SVector<f64, N>, u: &SVector<f64, 1>) -> f64 {
+    fn phi(&self, t: T, x: &SVector<T, N>, u: &SVector<T, 1>) -> T {
         match self {
-            Self::Unknown | Self::SanfelicePraly(_) => Scalar::NEG_ZERO,
+            Self::Unknown | Self::SanfelicePraly(_) => T::NEG_ZERO,
             Self::Input(model) => model.phi(t, x, u),
             Self::Lee(_) | Self::VanDerPol(_) | Self::Crackle(_) => self.known(t, x),
         }
@@ -47,27 +47,27 @@ impl<const N: usize> PhaseVariable<f64, N, 1> for AnyModel {
 }
 
 // Apart, so that a law under a scheme of many stages holds no model many times.
-impl AnyModel {
+impl<T: Scalar> AnyModel<T> {
     #[inline(never)]
-    fn known_vector<const N: usize>(&self, t: f64, x: &SVector<f64, N>) -> SVector<f64, N> {
+    fn known_vector<const N: usize>(&self, t: T, x: &SVector<T, N>) -> SVector<T, N> {
         match self {
             Self::SanfelicePraly(model) => head(&model.f_hat(t, &head(x), &no_input())),
-            _ => last(Scalar::NEG_ZERO),
+            _ => last(T::NEG_ZERO),
         }
     }
 
     #[inline(never)]
-    fn known<const N: usize>(&self, t: f64, x: &SVector<f64, N>) -> f64 {
+    fn known<const N: usize>(&self, t: T, x: &SVector<T, N>) -> T {
         match self {
             Self::Lee(model) => model.phi(t, &head(x), &no_input()),
             Self::VanDerPol(model) => model.phi(t, &head(x), &no_input()),
             Self::Crackle(model) => model.phi(t, &head(x), &no_input()),
-            Self::Unknown | Self::Input(_) | Self::SanfelicePraly(_) => Scalar::NEG_ZERO,
+            Self::Unknown | Self::Input(_) | Self::SanfelicePraly(_) => T::NEG_ZERO,
         }
     }
 }
 
-impl AnyModel {
+impl<T: Scalar> AnyModel<T> {
     pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
         let kind = spec.text("kind")?;
         Ok(match kind.as_str() {
@@ -77,7 +77,8 @@ impl AnyModel {
             }
             "input" => {
                 spec.only(&["kind", "b0"])?;
-                Self::Input(InputGain { b0: crate::error::finite("b0", spec.f64("b0")?)? })
+                let b0 = crate::error::finite("b0", spec.f64("b0")?)?;
+                Self::Input(InputGain { b0: T::from_f64(b0) })
             }
             "lee" => Self::Lee(read_lee(spec)?),
             "sanfelice-praly" => Self::SanfelicePraly(read_sanfelice_praly(spec)?),
@@ -105,12 +106,16 @@ pub fn read_lee(spec: &Spec<'_>) -> PyResult<Lee> {
     Ok(Lee)
 }
 
-pub fn read_sanfelice_praly(spec: &Spec<'_>) -> PyResult<SanfelicePraly<f64>> {
+pub fn read_sanfelice_praly<T: Scalar>(spec: &Spec<'_>) -> PyResult<SanfelicePraly<T>> {
     spec.only(&["kind", "nu1", "nu2"])?;
-    Ok(SanfelicePraly::new(spec.f64("nu1")?, spec.f64_or("nu2", 0.1)?)?)
+    let [nu1, nu2] = [spec.f64("nu1")?, spec.f64_or("nu2", 0.1)?].map(T::from_f64);
+    Ok(SanfelicePraly::new(nu1, nu2)?)
 }
 
-pub fn read_van_der_pol(spec: &Spec<'_>, correction: Correction) -> PyResult<VanDerPol<f64>> {
+pub fn read_van_der_pol<T: Scalar>(
+    spec: &Spec<'_>,
+    correction: Correction,
+) -> PyResult<VanDerPol<T>> {
     spec.only(&["kind", "epsilon", "sigma", "multiplicative"])?;
     let diffusion = if spec.flag_or("multiplicative", false)? {
         Diffusion::Multiplicative
@@ -118,31 +123,36 @@ pub fn read_van_der_pol(spec: &Spec<'_>, correction: Correction) -> PyResult<Van
         Diffusion::Additive
     };
     let (epsilon, sigma) = (spec.f64_or("epsilon", 0.8)?, spec.f64_or("sigma", 0.5)?);
+    let [epsilon, sigma] = [epsilon, sigma].map(T::from_f64);
     Ok(VanDerPol::new(epsilon, sigma, diffusion, correction)?)
 }
 
-pub fn read_crackle(spec: &Spec<'_>) -> PyResult<Crackle<f64>> {
+pub fn read_crackle<T: Scalar>(spec: &Spec<'_>) -> PyResult<Crackle<T>> {
     spec.only(&["kind", "phi_max"])?;
-    Ok(Crackle::new(spec.f64_or("phi_max", 3.0)?)?)
+    Ok(Crackle::new(T::from_f64(spec.f64_or("phi_max", 3.0)?))?)
 }
 
-pub fn read_ship(spec: &Spec<'_>) -> PyResult<Ship<f64>> {
+pub fn read_ship<T: Scalar>(spec: &Spec<'_>) -> PyResult<Ship<T>> {
     spec.only(&["kind", "delta", "w"])?;
     let w = if spec.get("w")?.is_some() { spec.vector::<3>("w", 3)? } else { [0.0; 3] };
-    Ok(Ship::new(spec.f64_or("delta", 0.0)?, w)?)
+    Ok(Ship::new(T::from_f64(spec.f64_or("delta", 0.0)?), w.map(T::from_f64))?)
 }
 
 /// The papers' plants.
 #[derive(Clone, Copy)]
-pub enum AnyPlant {
+pub enum AnyPlant<T = f64> {
     Lee(Lee),
-    SanfelicePraly(SanfelicePraly<f64>),
-    VanDerPol(VanDerPol<f64>),
-    Crackle(Crackle<f64>),
-    Ship(Ship<f64>),
+    SanfelicePraly(SanfelicePraly<T>),
+    VanDerPol(VanDerPol<T>),
+    Crackle(Crackle<T>),
+    Ship(Ship<T>),
+    /// One of the user's own, with n states.
+    Own {
+        n: usize,
+    },
 }
 
-impl AnyPlant {
+impl<T: Scalar> AnyPlant<T> {
     pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
         let kind = spec.text("kind")?;
         Ok(match kind.as_str() {
@@ -151,8 +161,10 @@ impl AnyPlant {
             "van-der-pol" => Self::VanDerPol(read_van_der_pol(spec, Correction::Derived)?),
             "crackle" => Self::Crackle(read_crackle(spec)?),
             "ship" => Self::Ship(read_ship(spec)?),
+            "own-plant" => Self::Own { n: spec.count("n")? },
             other => {
-                let known = ["lee", "sanfelice-praly", "van-der-pol", "crackle", "ship"];
+                let known =
+                    ["lee", "sanfelice-praly", "van-der-pol", "crackle", "ship", "own-plant"];
                 return Err(spec.unknown("kind", other, &known));
             }
         })
@@ -163,6 +175,7 @@ impl AnyPlant {
             Self::Lee(_) | Self::SanfelicePraly(_) | Self::VanDerPol(_) => 2,
             Self::Crackle(_) => 5,
             Self::Ship(_) => 6,
+            Self::Own { n } => *n,
         }
     }
 }

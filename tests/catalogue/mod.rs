@@ -1,10 +1,14 @@
 //! Every observer of the crate, under every scheme that it takes, in a chosen precision.
 
 use hgo_rs::gain::{AdaptiveGain, ConstantGain, DeadZoneGain};
+use hgo_rs::injection::{Injected, Placed, Placement};
 use hgo_rs::integrate::Integrator;
+use hgo_rs::memory::Memory;
 use hgo_rs::model::{InputGain, Unknown};
 use hgo_rs::models::{Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, VanDerPol};
-use hgo_rs::observer::{ContinuousLaw, Discretisation, Discretised, Hold, RungeKutta};
+use hgo_rs::observer::{
+    ContinuousLaw, Current, Discretisation, Discretised, Euler, Hold, RungeKutta,
+};
 use hgo_rs::observers::{
     HardClip, LowPowerObserver, ModifiedObserver, NoSaturation, PeakingFreeObserver,
     ReducedOrderObserver, RepelledCollection, SampledDataObserver, SmoothSaturation,
@@ -86,6 +90,30 @@ fn each_scheme<T, L>(
     }
 }
 
+/// A law whose eigenvalues can be placed, under both timings.
+fn each_placement<T, L>(
+    visitor: &mut impl Visitor<T>,
+    name: &'static str,
+    law: L,
+    input: fn(T) -> L::Input,
+) -> Result<(), DesignError>
+where
+    T: Scalar + Stored + Logged,
+    L: Injected<T, Input: Memory<T> + PartialEq + Debug + Stored + Logged>,
+    L: Debug + PartialEq + Stored + Logged,
+    L::State: PartialEq + Debug + Stored + Logged,
+    L::Poles: PartialEq + Debug + Stored + Logged,
+    L::Gains: PartialEq + Debug + Stored + Logged,
+{
+    each_scheme(visitor, name, law, input);
+    visitor.visit(name, "euler, current", Current { law, scheme: Euler }, input);
+    let scheme = Placed::new(&law, Placement::Exact)?;
+    let prepared = Discretised { law, scheme }.prepared(T::from_f64(1e-3));
+    visitor.visit(name, "zoh", prepared, input);
+    visitor.visit(name, "zoh, current", Current { law, scheme }, input);
+    Ok(())
+}
+
 fn fill<T: Scalar, const M: usize>(value: T) -> SVector<T, M> {
     SVector::from_element(value)
 }
@@ -110,16 +138,16 @@ where
     let standard = StandardObserver::<T, _, _, 1>::new([c(1.0)], ell(20.0)?, Unknown)?;
     each_scheme(visitor, "standard, n = 1", standard, fill::<T, 0>);
     let standard = StandardObserver::<T, _, _, 2>::new(two, ell(20.0)?, Lee)?;
-    each_scheme(visitor, "standard, n = 2", standard, fill::<T, 0>);
+    each_placement(visitor, "standard, n = 2", standard, fill::<T, 0>)?;
     let standard = StandardObserver::<T, _, _, 5>::new(five, ell(4.0)?, crackle)?;
-    each_scheme(visitor, "standard, n = 5", standard, fill::<T, 0>);
+    each_placement(visitor, "standard, n = 5", standard, fill::<T, 0>)?;
     let standard = StandardObserver::<T, _, _, 12>::new(twelve, ell(2.0)?, Unknown)?;
     each_scheme(visitor, "standard, n = 12", standard, fill::<T, 0>);
     let driven = InputGain { b0: c(3.0) };
     let standard = StandardObserver::<T, _, _, 2, 1>::new(two, ell(20.0)?, driven)?;
     each_scheme(visitor, "standard with an input", standard, fill::<T, 1>);
     let standard = StandardObserver::<T, _, _, 2>::new(two, adaptive, linear)?;
-    each_scheme(visitor, "adaptive", standard, fill::<T, 0>);
+    each_placement(visitor, "adaptive", standard, fill::<T, 0>)?;
     let standard = StandardObserver::<T, _, _, 2>::new(two, dead_zone, linear)?;
     each_scheme(visitor, "dead zone", standard, fill::<T, 0>);
 
@@ -128,7 +156,7 @@ where
     each_scheme(visitor, "low-power, n = 1", low_power, fill::<T, 0>);
     let low_power =
         LowPowerObserver::<T, _, _, 5>::new(alpha, beta, ell(7.0)?, crackle, NoSaturation)?;
-    each_scheme(visitor, "low-power, n = 5", low_power, fill::<T, 0>);
+    each_placement(visitor, "low-power, n = 5", low_power, fill::<T, 0>)?;
     let low_power = LowPowerObserver::<T, _, _, 2>::new(
         [c(2.0), c(2.0)],
         [c(2.0), c(0.0)],
@@ -136,11 +164,11 @@ where
         Unknown,
         NoSaturation,
     )?;
-    each_scheme(visitor, "low-power, adaptive", low_power, fill::<T, 0>);
+    each_placement(visitor, "low-power, adaptive", low_power, fill::<T, 0>)?;
     let hard = HardClip::new(levels)?;
     let peaking_free =
         PeakingFreeObserver::<T, _, _, _, 5>::new(alpha, beta, ell(7.0)?, crackle, hard)?;
-    each_scheme(visitor, "peaking-free, hard clip", peaking_free, fill::<T, 0>);
+    each_placement(visitor, "peaking-free, hard clip", peaking_free, fill::<T, 0>)?;
     let smooth = SmoothSaturation::new(levels)?;
     let peaking_free =
         PeakingFreeObserver::<T, _, _, _, 5>::new(alpha, beta, ell(7.0)?, crackle, smooth)?;

@@ -1,5 +1,6 @@
-//! Elementary functions against the operating system's, in units in the last place.
+//! Elementary functions against the operating system's and mpmath's, in units in the last place.
 
+use super::exact::VALUES;
 use hgo_rs::Scalar;
 use hgo_rs::noise::{Channel, Stream};
 
@@ -56,12 +57,46 @@ fn all<T: Scalar>(far: f64, smallest: f64, tiny: f64) {
         close(worst::<T>("cos", (-span, span), cos, exact_cos));
     }
     close(worst::<T>("sin of little", (tiny, 0.1), T::sin, f64::sin));
+    let few = |error: f64| assert!(error <= 4.0, "{error}");
+    few(worst::<T>("tan", (-1.5, 1.5), T::tan, f64::tan));
+    few(worst::<T>("tan", (1.6, 3.1), T::tan, f64::tan));
+    few(worst::<T>("tan of little", (tiny, 0.1), T::tan, f64::tan));
+    few(worst::<T>("tanh", (-1.0, 1.0), T::tanh, f64::tanh));
+    few(worst::<T>("tanh", (-30.0, 30.0), T::tanh, f64::tanh));
+    few(worst::<T>("tanh of little", (tiny, 0.5), T::tanh, f64::tanh));
+    for x in [-2.0, -1e-3, 0.7, 3.0] {
+        let atan2 = |y: T| y.atan2(T::from_f64(x));
+        let exact = |y: f64| y.atan2(T::from_f64(x).to_f64());
+        few(worst::<T>("atan2", (-5.0, 5.0), atan2, exact));
+        few(worst::<T>("atan2", (1e-30, 1e30), atan2, exact));
+    }
     close(worst::<T>("atan", (-3.0, 3.0), T::atan, f64::atan));
     close(worst::<T>("atan", (1e-30, 1e30), T::atan, f64::atan));
     for power in [-1.0, 0.183, 0.634, 2.5] {
         let p = T::from_f64(power);
         let error = worst::<T>("powf", (1e-3, 1e3), |x| x.powf(p), |x| x.powf(p.to_f64()));
         assert!(error < 2.0 * (1.0 + power.abs() * 1e3_f64.ln()), "{error}");
+    }
+}
+
+/// Where the core is worst, beside values that are good to far more digits.
+#[test]
+fn to_a_fraction_of_the_last_place() {
+    for (name, values) in VALUES {
+        let (ours, bound): (fn(f64) -> f64, f64) = match name {
+            "exp" => (Scalar::exp, 1.1),
+            "ln" => (Scalar::ln, 1.0),
+            "sin" => (Scalar::sin, 1.6),
+            "cos" => (Scalar::cos, 1.6),
+            "atan" => (Scalar::atan, 1.6),
+            "tan" => (Scalar::tan, 3.0),
+            _ => (Scalar::tanh, 3.0),
+        };
+        for &[x, near, beyond] in values {
+            let place = near.abs().next_up() - near.abs();
+            let error = ((ours(x) - near) / place - beyond).abs();
+            assert!(error <= bound, "{name} {x}: off by {error}");
+        }
     }
 }
 
@@ -91,8 +126,9 @@ fn special<T: Scalar>() {
     let (nan, inf) = (c(f64::NAN), c(f64::INFINITY));
     let is_nan = |x: T| x.to_f64().is_nan();
     assert!(
-        [nan.exp(), nan.ln(), nan.sin(), nan.cos(), nan.atan(), nan.powf(T::ONE)]
+        [nan.exp(), nan.ln(), nan.sin(), nan.cos(), nan.tan(), nan.tanh(), nan.atan()]
             .into_iter()
+            .chain([nan.powf(T::ONE), inf.tan()])
             .all(is_nan)
     );
     assert!(
@@ -109,14 +145,38 @@ fn special<T: Scalar>() {
     );
     assert_eq!([T::ZERO.ln(), -inf], [-inf; 2]);
     assert_eq!(T::ZERO.powf(c(0.5)), T::ZERO);
+    assert_eq!([inf.tanh(), c(50.0).tanh(), -(-inf).tanh()], [T::ONE; 3]);
+    assert_eq!([T::ZERO.tan(), T::ZERO.tanh(), T::ZERO.atan2(T::ZERO)], [T::ZERO; 3]);
+    assert!((-T::ZERO).tanh().to_f64().is_sign_negative());
     assert!(is_nan(c(-2.0).powf(c(2.0))));
     assert!((inf.atan().to_f64() - core::f64::consts::FRAC_PI_2).abs() < 1e-7);
     assert!(((-inf).atan().to_f64() + core::f64::consts::FRAC_PI_2).abs() < 1e-7);
     assert!((-T::ZERO).atan().to_f64().is_sign_negative());
 }
 
+/// Zeros, infinities and numbers at either end, beside the operating system's.
+fn atan2_at_the_ends<T: Scalar>(tiny: f64, huge: f64) {
+    let ends = [0.0, tiny, 4.0 * tiny, 1.0, huge, f64::INFINITY].map(|x| T::from_f64(x).to_f64());
+    let ends: Vec<f64> = ends.into_iter().chain(ends.map(|x| -x)).collect();
+    for &y in &ends {
+        for &x in &ends {
+            let (ours, exact) = (T::from_f64(y).atan2(T::from_f64(x)).to_f64(), y.atan2(x));
+            assert!(
+                (ours - exact).abs() <= 2e-7 * exact.abs() + tiny,
+                "{y}, {x}: {ours}, not {exact}"
+            );
+            assert_eq!(ours.is_sign_negative(), y.is_sign_negative(), "{y}, {x}");
+        }
+        let nan = T::from_f64(f64::NAN);
+        assert!(nan.atan2(T::from_f64(y)).to_f64().is_nan());
+        assert!(T::from_f64(y).atan2(nan).to_f64().is_nan());
+    }
+}
+
 #[test]
 fn special_values() {
+    atan2_at_the_ends::<f64>(5e-324, f64::MAX);
+    atan2_at_the_ends::<f32>(2e-45, f64::from(f32::MAX));
     special::<f64>();
     special::<f32>();
 }

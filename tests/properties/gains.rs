@@ -15,7 +15,7 @@ use proptest::prelude::*;
 fn r_after<G, S>(gain: G, scheme: S, samples: &[f64], dt: f64, start: f64) -> Vec<f64>
 where
     G: GainLaw<f64, Memory = f64>,
-    S: hgo_rs::observer::Scheme<f64>,
+    S: hgo_rs::observer::Scheme<f64, StandardObserver<f64, G, Unknown, 2>>,
 {
     let law = StandardObserver::<f64, _, _, 2>::new([2.0, 2.0], gain, Unknown).unwrap();
     let observer = Discretised { law, scheme };

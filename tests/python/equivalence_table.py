@@ -21,6 +21,7 @@ from hgo_rs.reference.noise import Streams
 
 STEPS = 10_000
 METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine")
+PLACED = ("zoh", "bilinear")
 JOINT = ("euler", "rk4", "bogacki-shampine")
 TOLERANCE = 1e-12
 
@@ -198,6 +199,31 @@ def records() -> Iterator[Case]:
     yield Case("reduced-order", "record", "record", {"observer": REDUCED_ORDER})
 
 
+def timed() -> Iterator[Case]:
+    """Current timing, and the methods that place eigenvalues under both timings."""
+    small, large = (LEE, [1.0, 0.0], 0.004), (CRACKLE, [-0.8, 0.0, 0.0, 0.0, 0.0], 0.001)
+    laws = [
+        ("standard", standard(2, CONSTANT, "euler", LEE), small),
+        ("standard", standard(2, CONSTANT, "rk4-innovation-held", LEE), small),
+        ("standard", standard(2, CONSTANT, "zoh", LEE), small),
+        ("standard", standard(2, CONSTANT, "bilinear", LEE), small),
+        ("standard, adaptive gain", standard(2, ADAPTIVE, "zoh", LEE), small),
+        ("low-power", low_power(5, CONSTANT, "zoh", CRACKLE), large),
+        ("peaking-free", peaking_free(5, CONSTANT, "zoh", CRACKLE), large),
+        ("low-power", low_power(2, CONSTANT, "staggered-euler", LEE), small),
+    ]
+    for law, observer, (plant, x0, dt) in laws:
+        for timing in ("predictor", "current"):
+            method = observer["method"]
+            if timing == "predictor" and method in METHODS:
+                continue  # stands above
+            spec = study(plant, {**observer, "timing": timing}, x0, dt)
+            yield Case(law, f"{method} {timing}", "simulate", spec)
+    for method in ("bogacki-shampine", "zoh"):
+        observer = {**standard(3, CONSTANT, method), "timing": "current"}
+        yield Case("standard", f"n=3 {method} current record", "record", {"observer": observer})
+
+
 def repelled() -> Iterator[Case]:
     for kind, method in itertools.product(("collection", "modified"), METHODS):
         observer = copies(kind, method)
@@ -332,6 +358,7 @@ def streams() -> Iterator[Case]:
 CASES = [
     *with_plants(),
     *records(),
+    *timed(),
     *repelled(),
     *recursions(),
     *plants_and_noise(),

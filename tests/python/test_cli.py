@@ -1,6 +1,7 @@
 """The `hgo` command: statuses, one-line errors, what is written, Ctrl-C."""
 
 import base64
+import inspect
 import json
 import os
 import re
@@ -14,10 +15,17 @@ import numpy as np
 import pytest
 
 import hgo_rs
-from hgo_rs import cli, plotting, reproduce, scenarios
+from hgo_rs import cli, data, plotting, reproduce, scenarios
 from hgo_rs.data import read_log
 from hgo_rs.errors import MissingExtraError
 from hgo_rs.scenarios.base import Context, Outcome, Row, Scenario, row
+
+# What a log is run with unless told otherwise, where the classes have both timings.
+LOGGED = (
+    {"timing": "current"}
+    if "timing" in inspect.signature(hgo_rs.StandardObserver).parameters
+    else {}
+)
 
 HGO = [sys.executable, "-m", "hgo_rs.cli"]
 
@@ -321,9 +329,9 @@ def test_a_figure_that_fails_keeps_the_rows(fakes):
 
 
 def test_processes_give_the_same_rows():
-    chosen = [scenarios.find("lee-stability"), scenarios.find("astolfi-design")]
-    alone = list(reproduce.run(chosen, backend="numpy", figures=False))
-    shared = list(reproduce.run(chosen, backend="numpy", jobs=2, figures=False))
+    chosen = [scenarios.find("katayama-fig1"), scenarios.find("astolfi-limits")]
+    alone = list(reproduce.run(chosen, figures=False))
+    shared = list(reproduce.run(chosen, jobs=2, figures=False))
     assert {r.id: r.rows for r in alone} == {r.id: r.rows for r in shared}
     assert all(r.ok for r in alone)
 
@@ -366,6 +374,12 @@ def axis(tmp_path, monkeypatch):
     return path
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Figures take longer than the rest: leave them out where they are not the point."""
+    monkeypatch.setattr(cli._Trace, "draw", lambda *_: None)
+
+
 ESTIMATE = ["--time", "t", "--output", "q", "--order", 3, "--gain", 20]
 
 
@@ -381,7 +395,7 @@ def test_estimate_gives_the_derivatives(capsys, axis, observer):
     assert header == "t,y,x_hat1,x_hat2,x_hat3,innovation,missing"
 
     log = read_log("axis.csv", "t", "q")
-    law = getattr(hgo_rs, cli.OBSERVERS[observer])(3, gain=20.0)
+    law = getattr(hgo_rs, cli.OBSERVERS[observer])(3, gain=20.0, **LOGGED)
     expected = law.run(log.t, log.y)
     velocity = read_log("axis.estimates.csv", "t", "x_hat2").y
     np.testing.assert_array_equal(velocity, np.asarray(expected.x_hat)[:, 1])
@@ -405,7 +419,7 @@ def test_estimate_with_a_sampling_period_and_poles(capsys, axis):
     poles = ["--poles", "-1+1j,-1-1j"]
     assert hgo(capsys, "estimate", axis, *args, "--dt", 5e-3, *poles)[0] == 0
     log = read_log(axis, None, "q", dt=5e-3)
-    law = hgo_rs.StandardObserver(2, gain=20.0, poles=[-1 + 1j, -1 - 1j])
+    law = hgo_rs.StandardObserver(2, gain=20.0, poles=[-1 + 1j, -1 - 1j], **LOGGED)
     velocity = read_log("axis.estimates.csv", "t", "x_hat2").y
     np.testing.assert_array_equal(velocity, np.asarray(law.run(log.t, log.y).x_hat)[:, 1])
 
@@ -472,12 +486,177 @@ def test_estimate_of_an_absent_or_broken_log(capsys, axis):
     assert "line 2003: 2 cells where 3 cells are expected" in one_line(err)
 
 
+OBSERVER = """\
+format = 1
+observer = "standard"
+order = 2
+gain = 20.0
+poles = [-1, -2]
+
+[log]
+time = "t"
+output = "q"
+"""
+
+
+def test_estimate_from_a_configuration(capsys, axis, undrawn):
+    Path("observer.toml").write_text(OBSERVER)
+    assert hgo(capsys, "estimate", axis, "--config", "observer.toml")[0] == 0
+    log = read_log(axis, "t", "q")
+    law = hgo_rs.StandardObserver(2, gain=20.0, poles=[-1, -2], **LOGGED)
+    velocity = read_log("axis.estimates.csv", "t", "x_hat2").y
+    np.testing.assert_array_equal(velocity, law.run(log.t, log.y).x_hat[:, 1])
+    # options go before the file, and both can be written down
+    args = ["--config", "observer.toml", "--order", 3, "--gain", 30, "--poles", "-1,-1+1j,-1-1j"]
+    status, out, err = hgo(
+        capsys,
+        "estimate",
+        axis,
+        *args,
+        "--input",
+        "u",
+        "--input-gain",
+        2,
+        "--save-config",
+        "o.toml",
+    )
+    assert (status, err) == (0, "")
+    assert "written: axis.estimates.csv, axis.estimates.png, o.toml" in out
+    law = hgo_rs.StandardObserver(
+        3, gain=30.0, poles=[-1, -1 + 1j, -1 - 1j], model=hgo_rs.InputGain(2.0), **LOGGED
+    )
+    saved = hgo_rs.load("o.toml")
+    assert saved.observer().spec == law.spec
+    log = read_log(axis, "t", "q", "u")
+    expected = law.run(log.t, log.y, log.u).x_hat
+    acceleration = read_log("axis.estimates.csv", "t", "x_hat3").y
+    np.testing.assert_array_equal(acceleration, expected[:, 2])
+    np.testing.assert_array_equal(hgo_rs.estimate(axis, saved).x_hat, expected)
+
+
+@pytest.mark.parametrize(
+    ("change", "args", "message"),
+    [
+        (("gain = 20.0", "gian = 20.0"), [], "o.toml, line 4: gian is not a known key; nearest: g"),
+        (("gain = 20.0\n", ""), [], "gain: give either gain"),
+        (("format = 1", "format = 2"), [], "o.toml, line 1: format = 2: the file is of format 2"),
+        (('"q"', '"Q_m"'), [], "has no column 'Q_m'; nearest: q"),
+        (("", ""), ["--observer", "low-pover"], "unknown observer 'low-pover'; nearest: low-power"),
+        (("", ""), ["--saturation", "1"], "--saturation has no meaning for --observer standard"),
+        (("", ""), ["--input", "u"], "input: 1 named (u), the observer has 0"),
+        (("", ""), ["--input-gain", "2"], "--input-gain has no meaning without --input"),
+        (("", ""), ["--save-config", "absent/o.toml"], "cannot write absent/o.toml"),
+        (("", ""), ["--unit", "ms"], "axis.csv"),
+        (('output = "q"', 'output = "q"\nunit = "us"'), ["--dt", "5e-3"], "leave dt out"),
+    ],
+)
+def test_estimate_refuses_a_configuration_in_one_line(capsys, axis, undrawn, change, args, message):
+    Path("o.toml").write_text(OBSERVER.replace(*change, 1))
+    status, _, err = hgo(capsys, "estimate", axis, "--config", "o.toml", *args)
+    if args == ["--unit", "ms"]:  # no error: steps of 5 us
+        assert (status, err) == (0, "")
+        return
+    assert status == 2
+    assert message in one_line(err)
+    assert sorted(p.name for p in Path().iterdir()) == ["axis.csv", "o.toml"]
+
+
+def test_estimate_needs_an_observer(capsys, axis):
+    for args, message in (
+        (["--output", "q", "--dt", 1], "--observer is needed, or a --config that names one"),
+        (["--observer", "standard", "--order", 2], "--gain is needed for --observer standard"),
+        (["--observer", "standard", "--gain", 2], "--order is needed for --observer standard"),
+    ):
+        status, _, err = hgo(capsys, "estimate", axis, *args)
+        assert status == 2
+        assert message in one_line(err)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_estimate_in_chunks_gives_the_same_file(capsys, axis, undrawn, monkeypatch, suffix):
+    if suffix == "parquet":
+        pytest.importorskip("pyarrow")
+    args = [*ESTIMATE, "--observer", "low-power"]
+    out = hgo(capsys, "estimate", axis, *args, "--out", f"whole.{suffix}")[1]
+    monkeypatch.setattr(data, "CHUNK", 17)
+    said = hgo(capsys, "estimate", axis, *args, "--out", f"parts.{suffix}")[1]
+    gaps = re.findall(r"gap of .* at its end: x_hat1 [\d.e-]+, x_hat2 [\d.e-]+, x_hat3", out)
+    assert len(gaps) == 1
+    assert out.splitlines()[:2] == said.splitlines()[:2]
+    for column in ("t", "y", "x_hat1", "x_hat3", "innovation", "missing"):
+        whole = read_log(f"whole.{suffix}", "t", column)
+        parts = read_log(f"parts.{suffix}", "t", column)
+        np.testing.assert_array_equal(parts.y, whole.y)
+    if suffix == "csv":
+        assert Path("parts.csv").read_bytes() == Path("whole.csv").read_bytes()
+
+
+def test_a_figure_shows_every_so_manieth_row_of_a_long_log():
+    trace = cli._Trace()
+    trace.MOST = 100
+    law = hgo_rs.StandardObserver(2, gain=5.0)
+    t = np.arange(1000) * 0.01
+    result = law.run(t, t)
+    for a in range(0, 1000, 37):
+        rows = slice(a, a + 37)
+        none = np.zeros(len(t[rows]), bool)
+        names = {"time": "t", "output": "q", "input": None}
+        trace.add(data.Log(t[rows], t[rows], None, names, "", none), result.rows(rows))
+    assert trace.stride == 16
+    np.testing.assert_array_equal(np.concatenate(trace.parts["time"]), t[::16])
+    np.testing.assert_array_equal(np.concatenate(trace.parts["x_hat"]), result.x_hat[::16])
+
+
+def test_estimate_over_resets_of_the_clock(capsys, axis, undrawn):
+    lines = axis.read_text().splitlines()
+    axis.write_text("\n".join([*lines, *lines[1:501]]) + "\n")
+    args = [*ESTIMATE, "--observer", "standard"]
+    status, _, err = hgo(capsys, "estimate", axis, *args)
+    assert status == 2
+    assert "line 2003: time 0 does not come after 10 (line 2002); the clock was set back" in err
+    assert not Path("axis.estimates.csv").exists()
+    status, out, _ = hgo(capsys, "estimate", axis, *args, "--resets", "split")
+    assert status == 0
+    assert "2 pieces between resets of the clock" in out
+    log = read_log("axis.estimates.csv", "t", ["x_hat2", "piece"], resets="split")
+    first, second = log.pieces
+    np.testing.assert_array_equal(second.y[:, 0], first.y[:500, 0])
+    assert (first.y[:, 1] == 0).all() and (second.y[:, 1] == 1).all()
+
+
+def test_estimate_of_several_outputs_and_inputs(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(200) * 0.05
+    signals = [t, 3.0 * t, 0.4 * np.sin(t), 0.1 * t, np.full(200, 0.3), 0.1 * np.sin(t)]
+    lines = [",".join(map(repr, row)) for row in np.array(signals).T.tolist()]
+    Path("ship.csv").write_text("t,x,y,psi,f,d\n" + "\n".join(lines) + "\n")
+    law = hgo_rs.ReducedOrderObserver(0.3)
+    law.save("o.toml", time="t", output=["x", "y", "psi"], input=["f", "d"])
+    assert hgo(capsys, "estimate", "ship.csv", "--config", "o.toml")[0] == 0
+    written = read_log("ship.estimates.csv", "t", ["x_hat1", "x_hat2", "x_hat3", "y3"], ["u2"])
+    expected = law.run(t, np.array(signals[1:4]).T, np.array(signals[4:]).T)
+    np.testing.assert_array_equal(written.y[:, :3], expected.x_hat)
+    np.testing.assert_array_equal(written.y[:, 3], signals[3])
+    np.testing.assert_array_equal(written.u[:, 0], signals[5])
+    assert Path("ship.estimates.png").exists()
+
+
 # --- the process itself ----------------------------------------------------------------------
 
 
 def test_import_is_light():
     """`import hgo_rs` leaves SciPy and every optional or command-line library alone."""
-    heavy = ["scipy", "matplotlib", "pandas", "pyarrow", "xarray", "cvxpy", "click", "rich"]
+    heavy = [
+        "scipy",
+        "matplotlib",
+        "pandas",
+        "pyarrow",
+        "xarray",
+        "cvxpy",
+        "click",
+        "rich",
+        "tomlkit",
+    ]
     code = f"import sys, hgo_rs; print([m for m in {heavy} if m in sys.modules])"
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True

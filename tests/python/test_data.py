@@ -4,10 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hgo_rs.data import DataError, read_log, write_table
+from hgo_rs import data
+from hgo_rs.data import DataError, LogSummary, TableWriter, read_chunks, read_log, write_table
 from hgo_rs.errors import HgoError
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
@@ -218,6 +219,240 @@ def test_any_text_is_read_or_refused(tmp_path_factory, text):
     else:
         assert len(log.t) == len(log.y) >= 2
         assert (np.diff(log.t) > 0).all()
+
+
+# --- several outputs -------------------------------------------------------------------------
+
+
+def test_several_outputs_and_inputs(tmp_path):
+    path = write(tmp_path, "t,a,b,u,v\n0,1,,5,6\n1,,2,5,6\n2,,,7,8\n3,4,5,7,8\n")
+    log = read_log(path, "t", ["b", "a"], ["u", "v"])
+    nan = np.nan
+    np.testing.assert_array_equal(log.y, [[nan, 1], [2, nan], [nan, nan], [5, 4]])
+    np.testing.assert_array_equal(log.u, [[5, 6], [5, 6], [7, 8], [7, 8]])
+    np.testing.assert_array_equal(log.missing, np.isnan(log.y))
+    assert log.longest_gap == (2, 3)
+    told = log.describe().splitlines()
+    assert told[1] == "b: 2 missing samples; the longest gap has 1, from t = 0 s to 0 s"
+    assert told[2] == "a: 2 missing samples; the longest gap has 2, from t = 1 s to 2 s"
+    assert read_log(path, "t", ["a"]).y.shape == (4, 1)
+    path = write(tmp_path, "t,a,b\n0,1,\n1,2,\n")
+    assert "column 'b' holds no sample" in refusal(path, "t", ["a", "b"])
+
+
+def test_outputs_with_times_of_their_own(tmp_path):
+    path = write(
+        tmp_path,
+        "ta,a,tb,b,tu,u\n0.0,1,0.05,10,0,1\n0.1,2,0.25,20,0.12,2\n0.2,3,,,,\n0.3,4,,,,\n",
+    )
+    nan = np.nan
+    log = read_log(path, ["ta", "tb", "tu"], ["a", "b"], "u")
+    np.testing.assert_array_equal(log.t, [0.0, 0.05, 0.1, 0.12, 0.2, 0.25, 0.3])
+    np.testing.assert_array_equal(log.y[:, 0], [1, nan, 2, nan, 3, nan, 4])
+    np.testing.assert_array_equal(log.y[:, 1], [nan, 10, nan, nan, nan, 20, nan])
+    np.testing.assert_array_equal(log.u, [1, 1, 1, 2, 2, 2, 2])  # held
+    both = tmp_path / "log.npz"
+    np.savez(both, t1=np.arange(5.0), q=np.arange(5.0), t2=[0.5, 2.0], v=[7.0, 8.0])
+    log = read_log(both, ["t1", "t2"], ["q", "v"])
+    np.testing.assert_array_equal(log.t, [0, 0.5, 1, 2, 3, 4])
+    np.testing.assert_array_equal(log.y[:, 1], [nan, 7, nan, 8, nan, nan])
+    assert "time: 2 columns for 3 outputs" in refusal_of_names(path, ["ta", "tb"], ["a", "b", "u"])
+    for options in ({"dt": 0.1}, {"resets": "split"}):
+        with pytest.raises(DataError, match="several columns go without dt and resets"):
+            read_log(path, ["ta", "tb"], ["a", "b"], **options)
+    late = write(tmp_path, "ta,a,tu,u\n0,1,0.5,1\n1,2,0.7,2\n", "late.csv")
+    assert "begins at 0.5 s, after the first sample at 0 s" in refusal(
+        late, ["ta", "tu"], ["a"], "u"
+    )
+    back = write(tmp_path, "ta,a,tb,b\n0,1,0.5,1\n1,2,0.4,2\n", "back.csv")
+    assert "line 3: time 0.4 does not come after 0.5 (line 2)" in refusal(
+        back, ["ta", "tb"], ["a", "b"]
+    )
+
+
+def refusal_of_names(*args):
+    with pytest.raises(DataError) as caught:
+        read_log(*args)
+    return str(caught.value)
+
+
+# --- units and resets of time ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "scale", "remark"),
+    [
+        ("t", None, 1, ""),
+        ("t", "ms", 1e3, ""),
+        ("t_ms", None, 1e3, "times 't_ms' are in ms, as the name says"),
+        ("t_ms", "us", 1e6, ""),
+        ("time [us]", None, 1e6, "times 'time [us]' are in us, as the name says"),
+        ("Time (µs)", None, 1e6, "as the name says"),
+        ("stamp.ns", None, 1e9, "as the name says"),
+        ("time_s", None, 1, ""),
+        ("ms", None, 1, ""),  # a name, not a unit
+        ("items", None, 1, ""),
+    ],
+)
+def test_units_of_time(tmp_path, name, unit, scale, remark):
+    path = write(tmp_path, f"{name};q\n0;1\n5;2\n15;3\n")
+    log = read_log(path, name, "q", unit=unit)
+    np.testing.assert_array_equal(log.t, np.array([0.0, 5.0, 15.0]) / scale)
+    assert remark in " ".join(log.remarks)
+    assert bool(log.remarks) == bool(remark)
+    assert log.describe().endswith(remark)
+
+
+@pytest.mark.parametrize(("unit", "per_s"), [("ms", 10**3), ("us", 10**6), ("ns", 10**9)])
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_unix_times_keep_every_digit(tmp_path, unit, per_s, suffix):
+    base = 1_700_000_000 * per_s + 1
+    times = base + np.array([0, 3, 7, 10**6 + 1], dtype=np.int64)
+    path = tmp_path / f"log{suffix}"
+    if suffix == ".npz":
+        np.savez(path, stamp=times, q=np.arange(4.0))
+    else:
+        path.write_text("stamp,q\n" + "".join(f"{t},{k}\n" for k, t in enumerate(times)))
+    log = read_log(path, "stamp", "q")
+    assert f"read as Unix times in {unit}" in log.describe()
+    if unit == "ns":  # beyond the integers that float64 has
+        np.testing.assert_array_equal(log.t, (times - base) / 1e9)
+        assert f"t counts from stamp = {base}" in log.describe()
+    else:
+        np.testing.assert_array_equal(log.t, times / per_s)
+
+
+def test_units_that_make_no_sense(tmp_path):
+    path = write(tmp_path, "t,q\n0,1\n5,2\n")
+    with pytest.raises(HgoError, match="unit = 'min': must be one of s, ms, us, ns"):
+        read_log(path, "t", "q", unit="min")
+    with pytest.raises(DataError, match="unit: it is the time column's"):
+        read_log(path, None, "q", dt=0.1, unit="ms")
+
+
+RESET = "t,q\n0,1\n1,2\n2,3\n0,4\n1,5\n0.05,6\n1,7\n"
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3, 100])
+def test_a_clock_that_starts_again(tmp_path, rows):
+    path = write(tmp_path, RESET)
+    said = refusal(path, "t", "q")
+    assert "line 5: time 0 does not come after 2 (line 4); the clock was set back: cut the" in said
+    assert 'resets = "split"' in said
+    log = read_log(path, "t", "q", resets="split")
+    assert log.starts == (0, 3, 5)
+    assert [piece.t.tolist() for piece in log.pieces] == [[0, 1, 2], [0, 1], [0.05, 1]]
+    assert [piece.y.tolist() for piece in log.pieces] == [[1, 2, 3], [4, 5], [6, 7]]
+    assert "longest" not in log.describe()
+    assert "3 pieces between resets of the clock" in log.describe()
+    chunks = list(read_chunks(path, "t", "q", resets="split", rows=rows))
+    assert np.concatenate([c.t for c in chunks]).tolist() == log.t.tolist()
+    offsets = np.cumsum([0, *(len(c.t) for c in chunks)])
+    starts = [o + k for o, c in zip(offsets, chunks, strict=False) for k in c.starts]
+    assert tuple(starts) == log.starts
+    # a step back that is no restart stays an error
+    path = write(tmp_path, "t,q\n0,1\n1,2\n2,3\n1.5,4\n")
+    assert "sort the log" in refusal(path, "t", "q", resets="split")
+    exact = read_log(write(tmp_path, RESET), "t", "q", resets="split", dt=1.0)
+    np.testing.assert_array_equal(exact.t, [0, 1, 2, 0, 1, 0.05, 1.05])
+
+
+def test_times_of_a_schedule(tmp_path):
+    from hgo_rs import StochasticApproximation
+
+    law = StochasticApproximation(0.5, 0.1, 20.0, 0.9)
+    path = write(tmp_path, "q\n" + "1\n" * 50)
+    log = read_log(path, None, "q", schedule=law)
+    steps = [0.5 * 0.1 * (1 + k / 20.0) ** -0.9 for k in range(49)]
+    np.testing.assert_allclose(log.t, np.r_[0.0, np.cumsum(steps)], rtol=1e-14)
+    chunks = list(read_chunks(path, None, "q", schedule=law, rows=7))
+    np.testing.assert_array_equal(np.concatenate([c.t for c in chunks]), log.t)
+    with pytest.raises(DataError, match="schedule: give it alone"):
+        read_log(path, None, "q", schedule=law, dt=0.1)
+
+
+# --- chunks ----------------------------------------------------------------------------------
+
+
+def outcome(read):
+    try:
+        chunks = read()
+    except DataError as error:
+        return str(error)
+    y = np.concatenate([c.y for c in chunks])
+    return np.concatenate([c.t for c in chunks]).tobytes() + y.tobytes()
+
+
+@settings(deadline=None)
+@given(
+    st.lists(
+        st.text(alphabet='0123456789.,-eNa"#_ ', max_size=12)
+        | st.tuples(st.floats(0, 1e20), st.floats()).map(lambda v: f"{v[0]!r},{v[1]!r}")
+        | st.sampled_from(["1,", "2,NaN", "3,nan", ",", "4,NA", '5,"6"', "7 , 8", "9,\t1"]),
+        max_size=8,
+    ),
+    st.integers(1, 4),
+)
+def test_the_fast_way_and_chunks_are_the_slow_way(tmp_path_factory, lines, rows):
+    """NumPy's parser and any cutting into chunks give what looking at every cell gives."""
+    path = tmp_path_factory.mktemp("fuzz") / "log.csv"
+    path.write_text("t,q\n0,1\n" + "\n".join(lines), encoding="utf-8", newline="")
+    options = {"unit": "s", "resets": "split"}
+    fast = outcome(lambda: list(read_chunks(path, "t", "q", **options)))
+    cut = outcome(lambda: list(read_chunks(path, "t", "q", **options, rows=rows)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(data, "_fast", lambda *_: None)
+        slow = outcome(lambda: list(read_chunks(path, "t", "q", **options)))
+    assert fast == slow
+    if isinstance(slow, bytes) or isinstance(cut, bytes):  # which error comes first may differ
+        assert cut == slow
+
+
+def test_lines_are_counted_over_chunks_comments_and_quotes(tmp_path):
+    lines = ["t,q,note"] + [f"{k},{k},x" for k in range(10)]
+    lines[4] = '3,3,"two\nlines"'
+    lines.insert(8, "# a comment")
+    lines.append("10,ten,x")
+    path = write(tmp_path, "\n".join(lines))
+    for rows in (1, 2, 3, 5, 100):
+        with pytest.raises(DataError, match=r"line 14, column 'q': 'ten' is not a number"):
+            list(read_chunks(path, "t", "q", rows=rows))
+
+
+def test_a_summary_of_chunks_is_that_of_the_whole(tmp_path):
+    t = np.cumsum(np.r_[0.0, np.full(60, 0.5)])
+    t[40:] += 3.0
+    y = [("" if 17 <= k < 33 or k in (3, 60) else "1") for k in range(61)]
+    path = write(tmp_path, "t,q\n" + "".join(f"{a},{b}\n" for a, b in zip(t, y, strict=True)))
+    whole = read_log(path, "t", "q").describe()
+    assert "longest step 3.5 s at t = 19.5 s" in whole
+    assert "18 missing samples; the longest gap has 16, from t = 8.5 s to 16 s" in whole
+    for rows in (2, 7, 20):
+        summary = LogSummary()
+        for chunk in read_chunks(path, "t", "q", rows=rows):
+            summary.add(chunk)
+        assert summary.describe() == whole
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_table_is_written_in_chunks_or_not_at_all(tmp_path, suffix):
+    if suffix == ".parquet":
+        pytest.importorskip("pyarrow")
+    path = tmp_path / f"table{suffix}"
+    t = np.arange(10.0)
+    with TableWriter(path) as writer:
+        for rows in (slice(0, 4), slice(4, 10)):
+            writer.write({"t": t[rows], "q": t[rows] / 3.0})
+        assert not path.exists()
+    chunks = list(read_chunks(path, "t", "q", rows=3))
+    assert len(chunks) == 4
+    np.testing.assert_array_equal(np.concatenate([c.y for c in chunks]), t / 3.0)
+    before = path.read_bytes()
+    with pytest.raises(RuntimeError), TableWriter(path) as writer:
+        writer.write({"t": t, "q": t})
+        raise RuntimeError
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
 @needs_shared

@@ -6,7 +6,7 @@ import traceback
 from concurrent.futures import ProcessPoolExecutor
 
 import pytest
-from equivalence_table import CASES, JOINT, STEPS, TOLERANCE, difference, record, relative
+from equivalence_table import CASES, JOINT, PLACED, STEPS, TOLERANCE, difference, record, relative
 
 
 def measured(case):
@@ -46,6 +46,9 @@ def test_names_are_unique_and_every_choice_is_there():
     studies = [case.spec for case in CASES if case.kind == "simulate"]
     assert min(spec["steps"] for spec in studies) >= STEPS >= 10_000
     observers = [case.spec["observer"] for case in CASES if "observer" in case.spec]
+    timed = [o for o in observers if o.get("timing") == "current" or o.get("method") in PLACED]
+    assert {o["method"] for o in timed} > set(PLACED) and len(timed) >= 12
+    observers = [o for o in observers if o not in timed]
     chosen = {(o["n"], o["gain"]["law"], o["method"]) for o in observers if o["kind"] == "standard"}
     for i, j, pairs in ((0, 1, 5 * 3), (0, 2, 5 * 5), (1, 2, 3 * 5)):
         assert len({(choice[i], choice[j]) for choice in chosen}) == pairs

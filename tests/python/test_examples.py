@@ -20,5 +20,15 @@ def test_overview_draws_the_picture_of_the_readme(tmp_path: Path) -> None:
     assert out.stat().st_size > 20_000
 
 
+def test_discretisation_draws_the_picture_of_its_page(tmp_path: Path) -> None:
+    out = tmp_path / "discretisation.png"
+    subprocess.run([sys.executable, EXAMPLES / "discretisation.py", out], check=True, timeout=120)
+    assert out.read_bytes().startswith(b"\x89PNG")
+
+
 def test_every_example_is_tested() -> None:
-    assert [p.name for p in sorted(EXAMPLES.glob("*.py"))] == ["overview.py"]
+    assert [p.name for p in sorted(EXAMPLES.glob("*.py"))] == [
+        "discretisation.py",
+        "emps.py",  # test_tuning.py
+        "overview.py",
+    ]

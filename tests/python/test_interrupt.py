@@ -14,6 +14,8 @@ import numpy as np
 from hgo_rs import *
 gain = AdaptiveGain(10.0, 0.0025, 0.183)
 copies = dict(k=(2.0, 2.0), k_bar=(0.0558, 0.0317), copies=5)
+for backend in ("rust", "numpy"):  # nothing is left to import
+    simulate(Lee(), StandardObserver(2, 10.0), x0=[1.0, 0.0], dt=0.01, steps=1, backend=backend)
 """
 
 WORK = {

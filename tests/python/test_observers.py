@@ -1,5 +1,6 @@
 """The observers of the package against truths of their own: calculus, SciPy, the papers' lines."""
 
+import itertools
 import math
 
 import numpy as np
@@ -26,6 +27,7 @@ from hgo_rs import (
     StandardObserver,
     VanDerPol,
 )
+from hgo_rs.observers import METHODS, TIMINGS
 
 DT = 2.0**-7  # k * DT is exact, so that a record of times and a period give the same bits
 ADAPTIVE = AdaptiveGain(10.0, 0.0025, 0.183)
@@ -585,3 +587,28 @@ def test_a_step_that_would_diverge_is_not_taken():
     observer.reset()
     observer.step(1.0, dt=0.01)
     np.testing.assert_array_equal(observer.step(1.0, dt=0.01), expected)
+
+
+@pytest.mark.parametrize("n", range(1, 13))
+def test_a_record_gives_the_bits_of_single_steps(n):
+    rng = np.random.default_rng(n)
+    t = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, 40))
+    y, u = rng.standard_normal(40), rng.standard_normal(40)
+    y[7:10] = np.nan
+    laws = [StandardObserver] if n == 1 else [StandardObserver, LowPowerObserver]
+    for law, method, timing, model in itertools.product(
+        laws, METHODS, TIMINGS, (None, InputGain(2.0))
+    ):
+        try:
+            observer = law(n, 2.0, method=method, timing=timing, model=model)
+        except HgoError:
+            assert method == "bilinear"  # refused at high orders
+            continue
+        told = None if model is None else u
+        rows = observer.run(t, y, told).memory
+        for k in range(39):
+            if timing == "predictor":
+                assert np.array_equal(observer.memory, rows[k]), (law, method, k)
+            observer.step(y[k], None if model is None else u[k], dt=t[k + 1] - t[k])
+            if timing == "current":
+                assert np.array_equal(observer.memory, rows[k]), (law, method, k)

@@ -140,16 +140,14 @@ def test_the_first_values_of_many_streams_are_uniform_and_independent(moved: str
 def test_a_normal_has_full_precision() -> None:
     """Beside sqrt(-2 ln u1) cos(2 pi u2), u1 in (0, 1] and u2 in [0, 1), to 40 digits.
 
-    The angle may be rounded to a double below 2 pi, by 2^-51, and so may 2 pi: each turns the
-    value by so much times its radius. Otherwise it is right to four units in the last place.
+    To five units in the last place, near 0 too.
     """
     count = 5_000
     given = _core.random("normal", count, SEED, 2)
     bits = (int(word) >> 11 for word in _core.random("bits", 2 * count, SEED, 2))
     with mpmath.workdps(40):
         unit, two_pi = mpmath.mpf(2) ** -53, 2 * mpmath.pi
-        turned = float(abs(two_pi - 2.0 * np.pi)) + 2.0**-51
         for value, (first, second) in zip(given, zip(bits, bits, strict=True), strict=True):
             radius = mpmath.sqrt(-2 * mpmath.log((first + 1) * unit))
             off = abs(float(value) - radius * mpmath.cos(two_pi * second * unit))
-            assert off <= 4.0 * np.spacing(abs(value)) + turned * radius
+            assert off <= 5.0 * np.spacing(abs(value))

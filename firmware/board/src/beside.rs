@@ -55,7 +55,7 @@ impl<const P: usize, const L: usize> Observer<f32> for PlainC<P, L> {
         z.as_slice()
     }
 
-    fn innovation(&self, z: &Self::State, y: &f32) -> f32 {
+    fn innovation(&self, _: f32, z: &Self::State, y: &f32) -> f32 {
         y - z[0]
     }
 }
@@ -133,7 +133,7 @@ impl Observer<f32> for ConstantVelocity {
         z.as_slice().get(..2).unwrap_or(&[])
     }
 
-    fn innovation(&self, z: &KalmanMemory, y: &f32) -> f32 {
+    fn innovation(&self, _: f32, z: &KalmanMemory, y: &f32) -> f32 {
         y - z[0]
     }
 }

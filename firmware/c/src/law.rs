@@ -119,8 +119,8 @@ where
     }
 
     #[inline(always)]
-    fn innovation(&self, z: &L::State, y: &T) -> T {
-        self.0.innovation(z, y)
+    fn innovation(&self, t: T, z: &L::State, y: &T) -> T {
+        self.0.innovation(t, z, y)
     }
 }
 

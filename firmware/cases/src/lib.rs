@@ -145,8 +145,8 @@ impl<T: Scalar, O: Observer<T>, I: Instrument<T>> Observer<T> for Watched<O, I> 
     fn estimate<'a>(&self, z: &'a O::State) -> &'a [T] {
         self.watched.estimate(z)
     }
-    fn innovation(&self, z: &O::State, y: &O::Measurement) -> O::Measurement {
-        self.watched.innovation(z, y)
+    fn innovation(&self, t: T, z: &O::State, y: &O::Measurement) -> O::Measurement {
+        self.watched.innovation(t, z, y)
     }
 }
 

@@ -30,6 +30,7 @@ from .coefficients import (
     observer_coefficients,
     routh_hurwitz,
 )
+from .discrete import Continuous, Discrete, continuous, discrete
 from .discretisation import StepLimit, check_step, step_limit
 from .low_power import (
     LowPowerStability,
@@ -39,6 +40,7 @@ from .low_power import (
     low_power_strong_stability,
 )
 from .lyapunov import crackle_gradient, ell_frozen, ell_star, lipschitz_constant, lyapunov
+from .response import bandwidth, innovation_gain, model_gain, noise_gain, peaking, settling
 from .stochastic_approximation import (
     StationaryError,
     StepCertificate,
@@ -56,6 +58,8 @@ __all__ = [
     "AdaptationCertificate",
     "AdaptationDesign",
     "AdaptationRates",
+    "Continuous",
+    "Discrete",
     "ErrorBound",
     "LowPowerCoefficients",
     "LowPowerStability",
@@ -64,18 +68,22 @@ __all__ = [
     "StepLimit",
     "StepSizes",
     "adaptation_design",
+    "bandwidth",
     "best_d",
     "check_adaptation",
     "check_step",
     "clock",
     "collection_gain",
     "companion",
+    "continuous",
     "crackle_gradient",
+    "discrete",
     "ell_frozen",
     "ell_star",
     "error_bound",
     "error_bound_vanishing",
     "h_infinity_norm",
+    "innovation_gain",
     "largest_noise",
     "largest_real_part",
     "lipschitz_constant",
@@ -86,11 +94,15 @@ __all__ = [
     "low_power_small_gain_design",
     "low_power_strong_stability",
     "lyapunov",
+    "model_gain",
+    "noise_gain",
     "norm_bound",
     "observer_coefficients",
+    "peaking",
     "repulsion_gains",
     "routh_hurwitz",
     "schur_limit",
+    "settling",
     "smallest_p2",
     "stationary_error",
     "step_limit",

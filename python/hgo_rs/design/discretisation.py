@@ -16,16 +16,21 @@ from typing import Any
 
 import numpy as np
 
-from hgo_rs.errors import DesignError, check, check_integer, explain
+from hgo_rs.errors import DesignError, check, check_integer
 
 from . import _checks
 from ._checks import Array
 from .coefficients import companion, low_power_matrix
+from .discrete import CORRECTING, Continuous, blocks, chain, choice, member, method, step, timing
 
 __all__ = ["StepLimit", "check_step", "step_limit"]
 
-_METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine")
-_ORDERS = {"euler": 1, "rk4": 4, "bogacki-shampine": 3}
+_ROUNDED = 200.0
+_SATURATED = {
+    "zoh": {1: math.inf, 2: math.inf, 3: math.inf, 4: 2.0, 5: 1.0, 6: 0.5},
+    "bilinear": {3: 2.0, 4: 1.0},
+}
+"""Below these c the peaking-free law of order n came back from every start that was tried."""
 
 
 @dataclass(frozen=True)
@@ -85,14 +90,19 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
     - euler, rk4, bogacki-shampine: the stability polynomial at each eigenvalue (measurement held
       over the step, innovation recomputed at each stage).  rk4-innovation-held: e_1 is one number
       for the whole step, the low-power law's inner e_2, e_3, ... follow the stages.
+      Timing "current": prediction by the method, then I - c K C.
+    - zoh: none.  bilinear: |lambda| dt < 200, where rounding takes over.  peaking-free: bounded at
+      any step; ``c`` is up to where it was seen to converge from anywhere, default coefficients.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with
       mu = epsilon (1 - y^2) moves with y; the limit is where the product of these matrices along
       the noise-free limit cycle ceases to contract (+- 0.01 s).  ``parts`` holds the frozen bound
       too: the smallest limit over all constant mu with |y| <= 2.1.  It is neither necessary nor
       sufficient, and asks too much of the printed gain.
+      A model of the user's own: no limit is known, its K_T may depend on T at will.
     - reduced-order (Katayama, A5): T < 2 epsilon/max h_bar, exact.
+    - chains: the least of the chains' own; ``parts`` are in s there.
     """
-    kind = _choice(observer, "kind", tuple(_LIMITS))
+    kind = choice(observer, "kind", tuple(_LIMITS))
     return _LIMITS[kind](observer)
 
 
@@ -100,117 +110,85 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
 
 
 def _standard(observer: Mapping[str, Any]) -> StepLimit:
-    method = _method(observer)
-    k = _checks.vector(_member(observer, "k"), "k")
-    return _limit(observer, method, {"linear": _chain_limit(method, tuple(k.tolist()))})
+    rule = method(observer)
+    k = _checks.vector(member(observer, "k"), "k")
+    return _limit(
+        observer, rule, {"linear": _chain_limit((rule, timing(observer)), tuple(k.tolist()))}
+    )
 
 
 def _collection(observer: Mapping[str, Any]) -> StepLimit:
-    method = _method(observer)
-    k = _checks.vector(_member(observer, "k"), "k")
-    k_bar = _checks.vector(_member(observer, "k_bar"), "k_bar", k.size)
-    copies = check_integer(_member(observer, "copies"), "copies", least=1, error=DesignError)
-    parts = {"linear": _chain_limit(method, tuple(k.tolist()))}
+    rule = method(observer)
+    remedy = "choose another: eigenvalues are placed for single laws"
+    check(rule not in CORRECTING, "method", rule, "a method of rates", remedy, DesignError)
+    k = _checks.vector(member(observer, "k"), "k")
+    k_bar = _checks.vector(member(observer, "k_bar"), "k_bar", k.size)
+    copies = check_integer(member(observer, "copies"), "copies", least=1, error=DesignError)
+    parts = {"linear": _chain_limit((rule, timing(observer)), tuple(k.tolist()))}
     apart = k - copies * k_bar
     if copies > 1 and np.max(np.linalg.eigvals(companion(apart)).real) < 0.0:
-        parts["copies apart"] = _chain_limit(method, tuple(apart.tolist()))
-    return _limit(observer, method, parts)
+        parts["copies apart"] = _chain_limit((rule, timing(observer)), tuple(apart.tolist()))
+    return _limit(observer, rule, parts)
 
 
 def _low_power(observer: Mapping[str, Any]) -> StepLimit:
-    method = _method(observer)
-    alpha = _checks.vector(_member(observer, "alpha"), "alpha")
-    beta = _checks.vector(_member(observer, "beta"), "beta", alpha.size - 1)
+    rule, now = method(observer), timing(observer)
+    alpha = _checks.vector(member(observer, "alpha"), "alpha")
+    beta = _checks.vector(member(observer, "beta"), "beta", alpha.size - 1)
     coefficients = tuple(alpha.tolist()), tuple(beta.tolist())
-    parts = {"linear": _low_power_limit(method, *coefficients)}
-    if observer["kind"] == "peaking-free":
+    parts = {"linear": _low_power_limit((rule, now), *coefficients)}
+    if observer["kind"] == "peaking-free" and rule in CORRECTING:
+        parts["saturated"] = _SATURATED[rule].get(alpha.size, 0.05 if alpha.size > 4 else math.inf)
+        parts["blocks"] = math.inf
+    elif observer["kind"] == "peaking-free":
+        # only the first block has a sample: the innovations of the others follow the stages
+        inner = "rk4" if rule == "rk4-innovation-held" else rule, "predictor"
         for i in range(alpha.size - 1):
-            measured = method if i == 0 or method != "rk4-innovation-held" else "rk4"
             # a block is the chain x' = eta + alpha e, eta' = beta e of order 2
-            parts[f"block {i + 1}"] = _chain_limit(measured, (coefficients[0][i], beta[i].item()))
-        last = "rk4" if method == "rk4-innovation-held" else method
-        parts[f"block {alpha.size}"] = _chain_limit(last, (coefficients[0][-1],))
-    return _limit(observer, method, parts)
+            block = coefficients[0][i], coefficients[1][i]
+            parts[f"block {i + 1}"] = _chain_limit((rule, now) if i == 0 else inner, block)
+        parts[f"block {alpha.size}"] = _chain_limit(inner, (coefficients[0][-1],))
+    return _limit(observer, rule, parts)
 
 
-def _limit(observer: Mapping[str, Any], method: str, parts: dict[str, float]) -> StepLimit:
+def _limit(observer: Mapping[str, Any], rule: str, parts: dict[str, float]) -> StepLimit:
     """The limit in dt, from the gain law."""
-    gain = _member(observer, "gain")
-    law = _choice(gain, "law", ("constant", "adaptive", "dead-zone"))
-    ell = _checks.positive(_member(gain, "ell"), "gain.ell") if law == "constant" else 1.0
+    gain = member(observer, "gain")
+    law = choice(gain, "law", ("constant", "adaptive", "dead-zone"))
+    ell = _checks.positive(member(gain, "ell"), "gain.ell") if law == "constant" else 1.0
     c = min(parts.values())
-    return StepLimit(method, c / ell, c, parts)
+    current = timing(observer) == "current" and rule not in CORRECTING
+    return StepLimit(rule + ", current timing" * current, c / ell, c, parts)
 
 
 @lru_cache(maxsize=256)
-def _chain_limit(method: str, k: tuple[float, ...]) -> float:
+def _chain_limit(when: tuple[str, str], k: tuple[float, ...]) -> float:
     """The limit of c for A - K C."""
     _checks.order(len(k), "number of k")
-    closed = _checks.hurwitz(companion(k), "A - K C")
-    injection = np.zeros_like(closed)
-    injection[:, 0] = k
-    links = np.diag(np.ones(len(k) - 1), 1)  # x_i is lifted by x_{i+1}
-    return _critical(method, closed, injection, links)
+    _checks.hurwitz(companion(k), "A - K C")
+    return _critical(chain(np.array(k)), *when)
 
 
 @lru_cache(maxsize=256)
-def _low_power_limit(method: str, alpha: tuple[float, ...], beta: tuple[float, ...]) -> float:
+def _low_power_limit(
+    when: tuple[str, str], alpha: tuple[float, ...], beta: tuple[float, ...]
+) -> float:
     """The limit of c for M_n."""
-    closed = _checks.hurwitz(low_power_matrix(alpha, beta), "M_n")
-    injection, links = np.zeros_like(closed), np.zeros_like(closed)
-    injection[:2, 0] = alpha[0], beta[0]
-    for i in range(len(beta)):
-        links[2 * i, 2 * i + 1] = 1.0  # x_i by eta_i
-        if i + 1 < len(beta):
-            links[2 * i + 1, 2 * i + 3] = 1.0  # eta_i by eta_{i+1}
-    return _critical(method, closed, injection, links)
+    _checks.hurwitz(low_power_matrix(alpha, beta), "M_n")
+    return _critical(blocks(np.array(alpha), np.array(beta)), *when)
 
 
-def _critical(method: str, closed: Array, injection: Array, links: Array) -> float:
-    """The first c > 0 at which the step's spectral radius exceeds 1.
+def _critical(law: Continuous, rule: str, now: str) -> float:
+    """The first c > 0 at which the step's spectral radius exceeds 1; infinite if none does."""
+    fastest = float(np.max(np.abs(np.linalg.eigvals(law.closed))))
+    if rule in CORRECTING:  # the bilinear rule gathers eigenvalues at -1
+        return math.inf if rule == "zoh" else _ROUNDED / fastest
 
-    ``closed``: the error's matrix, of which -``injection`` is the part through e_1; ``links``:
-    which state lifts which in staggered Euler.
-    """
-    eigenvalues = np.linalg.eigvals(closed)
-    if method in _ORDERS:
-        powers = np.arange(_ORDERS[method] + 1)
-        taylor = 1.0 / np.array([math.factorial(j) for j in powers])
+    def radius(c: Array) -> Array:
+        steps = step(law, rule, now, c)[0]
+        return np.asarray(np.max(np.abs(np.linalg.eigvals(steps)), axis=1), dtype=np.float64)
 
-        def radius(c: Array) -> Array:  # R(z) = 1 + z + ... + z^p/p!
-            z = c[:, None] * eigenvalues
-            return _largest(np.polynomial.polynomial.polyval(z, taylor))
-
-    elif method == "rk4-innovation-held":
-        free = closed + injection  # e_1 is an input, constant over the step
-
-        def radius(c: Array) -> Array:
-            # x+ = sum_{j<=4} (c F)^j/j! x - sum_{j<=3} (c F)^j/(j+1)! c K C x
-            term = np.broadcast_to(np.eye(len(free)), (c.size, *free.shape))
-            step = term.copy()
-            for j in range(1, 5):
-                step -= (c[:, None, None] / j) * (term @ injection)
-                term = (c[:, None, None] / j) * (term @ free)
-                step += term
-            return _spectral_radius(step)
-
-    else:  # staggered-euler: d = c M x, then d_i += c d_{i+1} from the bottom: (I - c N)^-1 d
-
-        def radius(c: Array) -> Array:
-            eye = np.eye(len(closed))
-            c = c[:, None, None]
-            return _spectral_radius(eye + np.linalg.solve(eye - c * links, c * closed))
-
-    return _first_crossing(radius, 8.0 / float(np.max(np.abs(eigenvalues))))
-
-
-def _spectral_radius(matrices: Array) -> Array:
-    return _largest(np.linalg.eigvals(matrices))
-
-
-def _largest(values: Any) -> Array:
-    """The largest modulus of each row."""
-    return np.asarray(np.max(np.abs(values), axis=1), dtype=np.float64)
+    return _first_crossing(radius, 8.0 / fastest)
 
 
 def _first_crossing(radius: Callable[[Array], Array], highest: float) -> float:
@@ -230,8 +208,8 @@ def _first_crossing(radius: Callable[[Array], Array], highest: float) -> float:
 
 
 def _reduced_order(observer: Mapping[str, Any]) -> StepLimit:
-    h_bar = _checks.positive_vector(_member(observer, "h_bar"), "h_bar")
-    epsilon = _checks.positive(_member(observer, "epsilon"), "epsilon")
+    h_bar = _checks.positive_vector(member(observer, "h_bar"), "h_bar")
+    epsilon = _checks.positive(member(observer, "epsilon"), "epsilon")
     parts = {f"component {i + 1}": 2.0 / h for i, h in enumerate(h_bar.tolist())}  # |1 - T h| < 1
     c = min(parts.values())
     return StepLimit("recursion", c * epsilon, c, parts)
@@ -240,13 +218,21 @@ def _reduced_order(observer: Mapping[str, Any]) -> StepLimit:
 def _sampled_data(observer: Mapping[str, Any]) -> StepLimit:
     gain = "derived"
     if "gain" in observer:
-        gain = _choice(observer, "gain", ("derived", "printed"))
-    model = _member(observer, "model")
-    _choice(model, "kind", ("van-der-pol",))
+        gain = choice(observer, "gain", ("derived", "printed"))
+    model = member(observer, "model")
+    if choice(model, "kind", ("van-der-pol", "own")) == "own":
+        return StepLimit("recursion", math.inf, math.inf, {})  # K_T may depend on T at will
     epsilon = _checks.number(model.get("epsilon", 0.8), "model.epsilon")
     parts = dict(_van_der_pol_limits(epsilon, gain))
     dt = parts["along the cycle"]
     return StepLimit("recursion", dt, dt, parts)
+
+
+def _chains(observer: Mapping[str, Any]) -> StepLimit:
+    limits = [step_limit(chain) for chain in member(observer, "observers")]
+    parts = {f"output {i + 1}": limit.dt for i, limit in enumerate(limits)}
+    least = min(limits, key=lambda limit: limit.dt)
+    return StepLimit(least.method, least.dt, least.c, parts)
 
 
 @lru_cache(maxsize=16)
@@ -336,21 +322,5 @@ _LIMITS: dict[str, Callable[[Mapping[str, Any]], StepLimit]] = {
     "modified": _collection,
     "sampled-data": _sampled_data,
     "reduced-order": _reduced_order,
+    "chains": _chains,
 }
-
-
-def _member(spec: Mapping[str, Any], key: str) -> Any:
-    check(key in spec, key, None, "given", f"add {key!r} to the spec", DesignError)
-    return spec[key]
-
-
-def _choice(spec: Mapping[str, Any], key: str, allowed: tuple[str, ...]) -> str:
-    value = _member(spec, key)
-    if not isinstance(value, str) or value not in allowed:
-        names = ", ".join(repr(name) for name in allowed)
-        raise DesignError(explain(key, value, f"one of {names}", "correct the name"))
-    return value
-
-
-def _method(observer: Mapping[str, Any]) -> str:
-    return _choice(observer, "method", _METHODS) if "method" in observer else "euler"

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hgo_rs.errors import DesignError, check
 
@@ -41,7 +41,7 @@ def h_infinity_norm(a: ArrayLike, b: ArrayLike, c: ArrayLike) -> float:
         upper, lower = np.outer(b, b) / gamma, -np.outer(c, c) / gamma
         return _imaginary(np.block([[a, upper], [lower, -a.T]]))
 
-    return _peak(a, lambda omega: abs(_response(a, b, c, omega)), levels)
+    return _peak(a, lambda omega: np.abs(_response(a, b, c, omega)), levels)
 
 
 def largest_real_part(a: ArrayLike, b: ArrayLike, c: ArrayLike) -> float:
@@ -57,7 +57,7 @@ def largest_real_part(a: ArrayLike, b: ArrayLike, c: ArrayLike) -> float:
         upper, lower = np.outer(b, b) / (2.0 * gamma), -np.outer(c, c) / (2.0 * gamma)
         return _imaginary(np.block([[f, upper], [lower, -f.T]]))
 
-    return _peak(a, lambda omega: max(_response(a, b, c, omega).real, 0.0), levels)
+    return _peak(a, lambda omega: np.maximum(_response(a, b, c, omega).real, 0.0), levels)
 
 
 def _system(a: ArrayLike, b: ArrayLike, c: ArrayLike) -> tuple[Array, Array, Array]:
@@ -65,8 +65,10 @@ def _system(a: ArrayLike, b: ArrayLike, c: ArrayLike) -> tuple[Array, Array, Arr
     return a, _checks.vector(b, "B", a.shape[0]), _checks.vector(c, "C", a.shape[0])
 
 
-def _response(a: Array, b: Array, c: Array, omega: float) -> complex:
-    return complex(c @ np.linalg.solve(1j * omega * np.eye(a.shape[0]) - a, b))
+def _response(a: Array, b: Array, c: Array, omega: Array) -> NDArray[np.complex128]:
+    """C (j omega I - A)^-1 B at every omega."""
+    resolvents = 1j * omega[:, None, None] * np.eye(a.shape[0]) - a
+    return np.linalg.solve(resolvents, b[:, None])[..., 0] @ c
 
 
 def _imaginary(hamiltonian: Array) -> Array:
@@ -76,7 +78,7 @@ def _imaginary(hamiltonian: Array) -> Array:
     return np.unique(np.abs(values.imag[near]))
 
 
-def _peak(a: Array, value: Callable[[float], float], levels: Callable[[float], Array]) -> float:
+def _peak(a: Array, value: Callable[[Array], Array], levels: Callable[[float], Array]) -> float:
     """The largest ``value`` over omega >= 0 (Bruinsma, Steinbuch, 1990).
 
     Between two frequencies at which ``value`` crosses a level it is above that level somewhere: the
@@ -86,7 +88,7 @@ def _peak(a: Array, value: Callable[[float], float], levels: Callable[[float], A
     edges = np.concatenate([[0.0], np.geomspace(0.1 * modes.min(), 10.0 * modes.max(), 65)])
     best = 0.0
     for _ in range(20):
-        grid = np.array([value(float(omega)) for omega in edges])
+        grid = value(edges)
         j = int(np.argmax(grid))
         peak = _climb(value, float(edges[max(j - 1, 0)]), float(edges[min(j + 1, edges.size - 1)]))
         peak = max(peak, float(grid[j]))
@@ -100,14 +102,14 @@ def _peak(a: Array, value: Callable[[float], float], levels: Callable[[float], A
     return best
 
 
-def _climb(value: Callable[[float], float], low: float, high: float) -> float:
+def _climb(value: Callable[[Array], Array], low: float, high: float) -> float:
     """The largest ``value`` between ``low`` and ``high``, where it has one maximum."""
     best = 0.0
     for _ in range(9):
         grid = np.linspace(low, high, 9)
-        values = [value(float(omega)) for omega in grid]
+        values = value(grid)
         j = int(np.argmax(values))
-        best = max(best, values[j])
+        best = max(best, float(values[j]))
         low, high = float(grid[max(j - 1, 0)]), float(grid[min(j + 1, 8)])
     return best
 

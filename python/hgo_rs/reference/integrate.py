@@ -10,7 +10,7 @@ import numpy as np
 from .error import Array
 
 if TYPE_CHECKING:
-    from .models import VanDerPol
+    from .models import Plant, VanDerPol
 
 Rate = Callable[[float, Array], Array]
 
@@ -53,12 +53,12 @@ def brownian(h: float, xi1: Array, xi2: Array) -> tuple[Array, Array]:
     return np.sqrt(h) * xi1, 0.5 * h * np.sqrt(h) * (xi1 + xi2 / np.sqrt(3.0))
 
 
-def euler_maruyama(plant: VanDerPol, x: Array, h: float, dw: Array, dz: Array) -> Array:
+def euler_maruyama(plant: Plant, x: Array, h: float, dw: Array, dz: Array, t: float = 0.0) -> Array:
     """Euler-Maruyama: Fu, Kang, Li, eq. (4).  Strong order 1/2, 1 for additive noise."""
-    return x + plant.drift(x) * h + plant.diffusion(x) * dw
+    return x + plant.drift(x, None, t) * h + plant.diffusion(x, t) * dw
 
 
-def milstein(plant: VanDerPol, x: Array, h: float, dw: Array, dz: Array) -> Array:
+def milstein(plant: VanDerPol, x: Array, h: float, dw: Array, dz: Array, t: float = 0.0) -> Array:
     """Milstein, strong order 1 (one Wiener process)."""
     return (
         x
@@ -68,7 +68,7 @@ def milstein(plant: VanDerPol, x: Array, h: float, dw: Array, dz: Array) -> Arra
     )
 
 
-def taylor_15(plant: VanDerPol, x: Array, h: float, dw: Array, dz: Array) -> Array:
+def taylor_15(plant: VanDerPol, x: Array, h: float, dw: Array, dz: Array, t: float = 0.0) -> Array:
     """Strong order 1.5 Taylor scheme for additive noise, one Wiener process.
 
     x + a h + b dW + (J b) dZ + (J a + 1/2 b'(d2a/dx2) b) h^2/2: Kloeden, Platen (1992), (10.4.5).
@@ -79,7 +79,7 @@ def taylor_15(plant: VanDerPol, x: Array, h: float, dw: Array, dz: Array) -> Arr
     return x + a * h + b * dw + plant.jacobian_times(x, b) * dz + ja * (0.5 * h * h)
 
 
-STOCHASTIC: dict[str, Callable[[VanDerPol, Array, float, Array, Array], Array]] = {
+STOCHASTIC: dict[str, Callable[..., Array]] = {
     "euler-maruyama": euler_maruyama,
     "milstein": milstein,
     "taylor-1.5": taylor_15,

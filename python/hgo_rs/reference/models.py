@@ -1,16 +1,19 @@
 """The papers' plants, and what an observer knows of them.
 
 A state is an array of columns, shape (n, runs).  ``drift`` is dx/dt of the plant; ``known`` is the
-triangular part f_hat(x_hat) that an observer adds to its chain of integrators.
+triangular part f_hat(x_hat) that an observer adds to its chain of integrators.  Both may depend on
+the time t [s]; the papers' do not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from .error import Array, Spec, choice, fail, known, member, number, vector
+from .error import Array, Spec, choice, fail, integer, known, member, number, vector
+from .table import Table
 
 
 class Plant:
@@ -26,11 +29,20 @@ class Plant:
         """Which entries of the state an observer estimates."""
         return slice(0, self.n)
 
-    def drift(self, x: Array, u: Array | None = None) -> Array:
+    @property
+    def noisy(self) -> bool:
+        """Whether there is process noise."""
+        return False
+
+    def diffusion(self, x: Array, t: float = 0.0) -> Array:
+        """b(x) of the process noise, shape of ``x``."""
+        return np.zeros_like(x)
+
+    def drift(self, x: Array, u: Array | None = None, t: float = 0.0) -> Array:
         """dx/dt, shape of ``x``."""
         raise NotImplementedError
 
-    def output(self, x: Array) -> Array:
+    def output(self, x: Array, t: float = 0.0) -> Array:
         """y without noise: shape (runs,) for one output, else (n_y, runs)."""
         y: Array = x[0]
         return y
@@ -39,7 +51,7 @@ class Plant:
         """u held over the sampling period ``dt`` that begins at state ``x``."""
         return None
 
-    def known(self, x_hat: Array, u: Array | None = None) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None = None, t: float = 0.0) -> Array | None:
         """f_hat(x_hat, u), shape of ``x_hat``; None where it vanishes."""
         return None
 
@@ -57,7 +69,7 @@ class InputGain(Plant):
     def __init__(self, b0: float) -> None:
         self.b0 = b0
 
-    def known(self, x_hat: Array, u: Array | None = None) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None = None, t: float = 0.0) -> Array | None:
         """(0, ..., 0, b0 u); ``u``: (1, runs), None is zero."""
         if u is None:
             return None
@@ -78,14 +90,14 @@ class Lee(Plant):
         x1: Array = x[0]
         return -x1 / (1.0 + x1 * x1) - x[1]
 
-    def drift(self, x: Array, u: Array | None = None) -> Array:
+    def drift(self, x: Array, u: Array | None = None, t: float = 0.0) -> Array:
         """x1' = x2, x2' = phi(x): (38)."""
         rate = np.empty_like(x)
         rate[0] = x[1]
         rate[1] = self.phi(x)
         return rate
 
-    def known(self, x_hat: Array, u: Array | None = None) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None = None, t: float = 0.0) -> Array | None:
         """(0, phi(x_hat))."""
         f = np.zeros_like(x_hat)
         f[1] = self.phi(x_hat)
@@ -102,14 +114,14 @@ class SanfelicePraly(Plant):
         self.nu1 = nu1
         self.nu2 = nu2
 
-    def drift(self, x: Array, u: Array | None = None) -> Array:
+    def drift(self, x: Array, u: Array | None = None, t: float = 0.0) -> Array:
         """x1' = x2 + nu1 x1 + nu2, x2' = 0: (19)."""
         rate = np.empty_like(x)
         rate[0] = x[1] + self.nu1 * x[0] + self.nu2
         rate[1] = 0.0
         return rate
 
-    def known(self, x_hat: Array, u: Array | None = None) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None = None, t: float = 0.0) -> Array | None:
         """(nu1 x1_hat, 0)."""
         f = np.zeros_like(x_hat)
         f[0] = self.nu1 * x_hat[0]
@@ -127,19 +139,24 @@ class VanDerPol(Plant):
         self.sigma = sigma
         self.multiplicative = multiplicative
 
+    @property
+    def noisy(self) -> bool:
+        """Whether sigma is not 0."""
+        return self.sigma != 0.0
+
     def phi(self, x: Array) -> Array:
         """phi(x) = -x1 + epsilon (1 - x1^2) x2."""
         x1: Array = x[0]
         return -x1 + self.epsilon * (1.0 - x1 * x1) * x[1]
 
-    def drift(self, x: Array, u: Array | None = None) -> Array:
+    def drift(self, x: Array, u: Array | None = None, t: float = 0.0) -> Array:
         """a(x): x1' = x2, x2' = phi(x): (18)."""
         rate = np.empty_like(x)
         rate[0] = x[1]
         rate[1] = self.phi(x)
         return rate
 
-    def diffusion(self, x: Array) -> Array:
+    def diffusion(self, x: Array, t: float = 0.0) -> Array:
         """b(x), shape of ``x``."""
         b = np.zeros_like(x)
         b[1] = self.sigma * x[1] if self.multiplicative else self.sigma
@@ -166,7 +183,7 @@ class VanDerPol(Plant):
         """1/2 sum b_i b_j d2a/dx_i dx_j: zero, for a is linear in x2 and b1 = 0."""
         return np.zeros_like(x)
 
-    def known(self, x_hat: Array, u: Array | None = None) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None = None, t: float = 0.0) -> Array | None:
         """(0, phi(x_hat))."""
         f = np.zeros_like(x_hat)
         f[1] = self.phi(x_hat)
@@ -188,14 +205,14 @@ class Crackle(Plant):
         x1: Array = x[0]
         return 0.2 * (x1 * x1 - 1.0) - x[1] - x[2] - 4.0 * x[3] - x[4]
 
-    def drift(self, x: Array, u: Array | None = None) -> Array:
+    def drift(self, x: Array, u: Array | None = None, t: float = 0.0) -> Array:
         """(1) with (20): the plant's phi is not saturated."""
         rate = np.empty_like(x)
         rate[:4] = x[1:]
         rate[4] = self.phi(x)
         return rate
 
-    def known(self, x_hat: Array, u: Array | None = None) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None = None, t: float = 0.0) -> Array | None:
         """(0, 0, 0, 0, phi_s), phi_s = phi clipped at +-phi_max."""
         f = np.zeros_like(x_hat)
         f[4] = np.minimum(np.maximum(self.phi(x_hat), -self.phi_max), self.phi_max)
@@ -266,7 +283,7 @@ class Ship(Plant):
         rate[2] = d3 + lambda31 * u[1] + lambda32
         return (1.0 + self.delta) * rate + self.w[:, None]
 
-    def drift(self, x: Array, u: Array | None = None) -> Array:
+    def drift(self, x: Array, u: Array | None = None, t: float = 0.0) -> Array:
         """x' = R(x3) z, z' = f2 + delta: (20)."""
         if u is None:
             raise fail("u", None, "of shape (2, runs)", "give the control held over the step")
@@ -279,7 +296,7 @@ class Ship(Plant):
         rate[3:] = self.f2(z, u)
         return rate
 
-    def output(self, x: Array) -> Array:
+    def output(self, x: Array, t: float = 0.0) -> Array:
         """(x1, x2, x3)."""
         return x[:3]
 
@@ -311,7 +328,102 @@ class Ship(Plant):
         return np.stack((u1, u2))
 
 
-KINDS = ("lee", "sanfelice-praly", "van-der-pol", "crackle", "ship")
+class Own(Plant):
+    """A model of the user's own: its table, in one of four forms.
+
+    ``form``: "phase" (one output, phi), "triangular" (f_1 ... f_n), "sampled" (f, K_T, h; inputs y
+    and T beside x and u).
+    """
+
+    kind = "own"
+
+    def __init__(self, spec: Spec, where: str) -> None:
+        forms = ("phase", "triangular", "sampled")
+        self.form = choice(member(spec, "form", where), f"{where}.form", forms)
+        self.n = integer(member(spec, "n", where), f"{where}.n", least=1)
+        self.n_u = integer(spec.get("n_u", 0), f"{where}.n_u", least=0)
+        self.table, self.parameters = _table(spec, where)
+        _fits(
+            self.table,
+            1 + self.n + self.n_u + 2 * (self.form == "sampled") + len(self.parameters),
+            {"phase": 1, "triangular": self.n, "sampled": 2 * self.n + 1}[self.form],
+            where,
+        )
+
+    def _evaluate(self, x: Array, u: Array | None, t: float, *more: Array) -> list[Array]:
+        told = np.zeros((self.n_u, x.shape[1])) if u is None else u
+        return self.table([t, *x, *told, *more, *self.parameters])
+
+    def known(self, x_hat: Array, u: Array | None = None, t: float = 0.0) -> Array | None:
+        """(0, ..., 0, phi) or (f_1, ..., f_n)."""
+        values = self._evaluate(x_hat, u, t)
+        f = np.zeros_like(x_hat)
+        for row, value in zip(f[-len(values) :], values, strict=True):
+            row[:] = value
+        return f
+
+    def sampled(self, x: Array, u: Array | None, y: Array, t: float, dt: float) -> list[Array]:
+        """f, K_T and h, each of the shape of ``x``, but h: (runs,)."""
+        values = self._evaluate(x, u, t, y, np.float64(dt))
+        rows = np.stack([np.broadcast_to(value, y.shape) for value in values])
+        return [rows[: self.n], rows[self.n : 2 * self.n], rows[2 * self.n]]
+
+
+class OwnPlant(Plant):
+    """A plant of the user's own: dx = drift dt + diffusion dW, y = h(x), from a table."""
+
+    kind = "own-plant"
+
+    def __init__(self, spec: Spec, where: str) -> None:
+        self.n = integer(member(spec, "n", where), f"{where}.n", least=1)
+        integer(spec.get("n_u", 0), f"{where}.n_u", least=0, most=0)
+        self.is_noisy = bool(spec.get("noisy", False))
+        self.table, self.parameters = _table(spec, where)
+        outputs = (2 if self.is_noisy else 1) * self.n + 1
+        _fits(self.table, 1 + self.n + len(self.parameters), outputs, where)
+
+    @property
+    def noisy(self) -> bool:
+        """Whether the table has a diffusion."""
+        return self.is_noisy
+
+    def _rows(self, x: Array, t: float, first: int, count: int) -> Array:
+        values = self.table([t, *x, *self.parameters])[first : first + count]
+        return np.stack([np.broadcast_to(value, x.shape[1:]) for value in values])
+
+    def drift(self, x: Array, u: Array | None = None, t: float = 0.0) -> Array:
+        """Outputs 0 to n - 1."""
+        return self._rows(x, t, 0, self.n)
+
+    def diffusion(self, x: Array, t: float = 0.0) -> Array:
+        """The next n outputs."""
+        return self._rows(x, t, self.n, self.n) if self.noisy else np.zeros_like(x)
+
+    def output(self, x: Array, t: float = 0.0) -> Array:
+        """The last output."""
+        y: Array = self._rows(x, t, len(self.table.outputs) - 1, 1)[0]
+        return y
+
+
+def _table(spec: Spec, where: str) -> tuple[Any, Array]:
+    """The table of a spec, or what is called like one, and the parameters: its last inputs."""
+    table = member(spec, "table", where)
+    if table is None:
+        raise fail(f"{where}.table", None, "a table", "a Python callable cannot be run here")
+    parameters = spec.get("parameters", ())
+    called = table if callable(table) else Table(table, f"{where}.table")
+    return called, vector(parameters, f"{where}.parameters", len(parameters))
+
+
+def _fits(table: Any, inputs: int, outputs: int, where: str) -> None:
+    sizes = (table.inputs, len(table.outputs))
+    if sizes != (inputs, outputs):
+        allowed = f"({inputs}, {outputs}) for this form"
+        raise fail(f"{where}.table inputs and outputs", sizes, allowed, "correct the table")
+
+
+KINDS = ("lee", "sanfelice-praly", "van-der-pol", "crackle", "ship", "own-plant")
+MODELS = (*KINDS[:-1], "none", "input", "own")
 KEYS: dict[str, tuple[str, ...]] = {
     "lee": (),
     "sanfelice-praly": ("nu1", "nu2"),
@@ -320,12 +432,14 @@ KEYS: dict[str, tuple[str, ...]] = {
     "ship": ("delta", "w"),
     "none": (),
     "input": ("b0",),
+    "own": ("form", "n", "n_u", "table", "parameters", "names"),
+    "own-plant": ("n", "n_u", "noisy", "table", "parameters", "names"),
 }
 
 
 def plant_from(spec: Spec, where: str = "plant") -> Plant:
-    """The plant that ``spec`` describes; as ``where`` = "model" also "none" and "input"."""
-    allowed = KINDS if where == "plant" else (*KINDS, "none", "input")
+    """The plant that ``spec`` describes; as ``where`` = "model" what an observer knows."""
+    allowed = KINDS if where == "plant" else MODELS
     kind = choice(member(spec, "kind", where), f"{where}.kind", allowed)
     known(spec, where, ("kind", *KEYS[kind]))
     if kind == "lee":
@@ -347,6 +461,10 @@ def plant_from(spec: Spec, where: str = "plant") -> Plant:
         return Ship(
             number(spec.get("delta", 0.0), f"{where}.delta"), spec.get("w", (0.0, 0.0, 0.0))
         )
+    if kind == "own":
+        return Own(spec, where)
+    if kind == "own-plant":
+        return OwnPlant(spec, where)
     if kind == "input":
         return InputGain(number(member(spec, "b0", where), f"{where}.b0"))
     return NoModel()

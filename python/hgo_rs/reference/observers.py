@@ -15,12 +15,21 @@ from numpy.typing import ArrayLike, NDArray
 from . import integrate
 from .error import Array, Spec, choice, fail, integer, known, member, number, vector
 from .gain import AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw, gain_from
-from .models import Plant, Ship, VanDerPol, plant_from
+from .models import Own, Plant, Ship, VanDerPol, plant_from
+from .placement import PLACED, ahead, chain_gains, low_power_gains
 from .polynomial import is_hurwitz, low_power_polynomial
 
 Missing = NDArray[np.bool_] | None
 
-METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine")
+METHODS = (
+    "euler",
+    "staggered-euler",
+    "rk4",
+    "rk4-innovation-held",
+    "bogacki-shampine",
+    *PLACED,
+)
+TIMINGS = ("predictor", "current")
 MAX_ORDER = 12
 
 
@@ -32,6 +41,11 @@ class Law:
     n_u = 0
     memory_len: int
     filters = False  # predictor: the estimate at k uses samples up to k-1
+
+    @property
+    def signals(self) -> int:
+        """How many entries of the memory, the first ones, are worth a metric."""
+        return self.memory_len
 
     def step(
         self,
@@ -49,7 +63,7 @@ class Law:
         """
         raise NotImplementedError
 
-    def residual(self, memory: Array, y: Array) -> Array:
+    def residual(self, memory: Array, y: Array, t: float) -> Array:
         """The innovation of a record: y - (predicted y), shape of ``y``."""
         return y - memory[0]
 
@@ -76,8 +90,8 @@ class ContinuousLaw(Law):
         e = y - memory[0]
         return e if missing is None else np.where(missing, 0.0, e)
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
-        """d(memory)/dt for the innovation(s) ``e``."""
+    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
+        """d(memory)/dt at ``t`` for the innovation(s) ``e``."""
         raise NotImplementedError
 
     def lift(self, old: Array, new: Array, dt: float) -> None:
@@ -104,22 +118,54 @@ class ContinuousLaw(Law):
         dt: float,
         missing: Missing = None,
     ) -> Array:
-        """One step of the scheme with y held."""
+        """One step of the scheme with y held; or correct, then predict."""
         method = self.method
+        if method in PLACED:
+            corrected = self.correct(memory, y, u, dt, missing)
+            return self.predict(corrected, u, t, dt)
         if method == "euler" or method == "staggered-euler":
-            new = memory + dt * self.rate(memory, self.innovation(memory, y, missing), u)
+            new = memory + dt * self.rate(memory, self.innovation(memory, y, missing), u, t)
             if method == "staggered-euler":
                 self.lift(memory, new, dt)
         elif method == "rk4-innovation-held":
             held = self.innovation(memory, y, missing)
-            new = integrate.rk4(lambda _, m: self.rate(m, held, u), t, memory, dt)
+            new = integrate.rk4(lambda s, m: self.rate(m, held, u, s), t, memory, dt)
         else:
             new = integrate.DETERMINISTIC[method](
-                lambda _, m: self.rate(m, self.innovation(m, y, missing), u), t, memory, dt
+                lambda s, m: self.rate(m, self.innovation(m, y, missing), u, s), t, memory, dt
             )
         if self.gain_rows:
             self.clamp(new)
         return new
+
+    def predict(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
+        """A step without a sample."""
+        none = np.ones(memory.shape[1], dtype=np.bool_)
+        if self.method in PLACED:
+            new = self.flow(memory, u, dt)
+            self.clamp(new)
+            return new
+        return self.step(memory, memory[0], u, t, dt, none)
+
+    def correct(
+        self, memory: Array, y: Array, u: Array | None, dt: float, missing: Missing = None
+    ) -> Array:
+        """What the sample injects over the period ``dt`` that it ends: by Euler, or placed."""
+        e = self.innovation(memory, y, missing)
+        if self.method in PLACED:
+            new = self.place(memory, e, dt)
+        else:
+            new = memory + dt * (self.rate(memory, e, u) - self.rate(memory, 0.0 * e, u))
+        self.clamp(new)
+        return new
+
+    def flow(self, memory: Array, u: Array | None, dt: float) -> Array:
+        """A step along the chain, exact, what is known held."""
+        raise NotImplementedError
+
+    def place(self, memory: Array, e: Array, dt: float) -> Array:
+        """The correction that places the eigenvalues of the error."""
+        raise NotImplementedError
 
     def check(self, memory: Array) -> None:
         """r(0) >= 1."""
@@ -153,6 +199,9 @@ def _model(spec: Spec, n: int) -> Plant:
     model = plant_from(spec.get("model", {"kind": "none"}), "model")
     if model.n not in (0, n) or model.n_y != 1:
         raise fail("observer.model", model.kind, f"a model of order {n}", "use kind 'none'")
+    if isinstance(model, Own) and model.form == "sampled":
+        allowed = "of phase-variable or triangular form"
+        raise fail("observer.model.form", model.form, allowed, "use kind 'sampled-data'")
     return model
 
 
@@ -177,7 +226,7 @@ class StandardObserver(ContinuousLaw):
             powers = self.gain.ell ** np.arange(1, self.n + 1)
             self._injection = (self.k * powers)[:, None]  # k_i ell^i
 
-    def chain(self, x_hat: Array, e: Array, g: Array | None, u: Array | None) -> Array:
+    def chain(self, x_hat: Array, e: Array, g: Array | None, u: Array | None, t: float) -> Array:
         """x_hat_i' = x_hat_{i+1} + f_i(x_hat) + k_i g^i e."""
         rate = np.empty_like(x_hat)
         if g is None:
@@ -188,21 +237,47 @@ class StandardObserver(ContinuousLaw):
                 rate[i] = self.k[i] * power * e
                 power = power * g
         rate[:-1] += x_hat[1:]
-        f = self.model.known(x_hat, u)
+        f = self.model.known(x_hat, u, t)
         if f is not None:
             rate += f
         return rate
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
         """Astolfi (2); Sanfelice, Praly (5), (6)."""
         if not self.gain.moves:
-            return self.chain(memory, e, None, u)
+            return self.chain(memory, e, None, u, t)
         n = self.n
         r = memory[n]
         rate = np.empty_like(memory)
-        rate[:n] = self.chain(memory[:n], e, r, u)
+        rate[:n] = self.chain(memory[:n], e, r, u, t)
         rate[n] = self.gain.rate(r, e, n)
         return rate
+
+    def flow(self, memory: Array, u: Array | None, dt: float) -> Array:
+        """x_hat along the chain; r without a sample."""
+        n, new = self.n, memory.copy()
+        x_hat = memory[:n]
+        rates = np.vstack([x_hat[1:], np.zeros_like(x_hat[:1])])
+        f = self.model.known(x_hat, u)
+        if f is not None:
+            rates = rates + f
+        new[:n] += ahead(rates, dt)
+        if self.gain.moves:
+            new[n] += dt * self.gain.rate(memory[n], np.zeros_like(memory[n]), n)
+        return new
+
+    def place(self, memory: Array, e: Array, dt: float) -> Array:
+        """x_hat + K e."""
+        n, new = self.n, memory.copy()
+        powers = np.arange(1, n + 1)
+        if isinstance(self.gain, ConstantGain):
+            k = chain_gains(self.k * self.gain.ell**powers, dt, self.method)
+            new[:n] += k[:, None] * e
+            return new
+        for j, r in enumerate(memory[n]):
+            new[:n, j] += chain_gains(self.k * r**powers, dt, self.method) * e[j]
+        new[n] += dt * (self.gain.rate(memory[n], e, n) - self.gain.rate(memory[n], 0.0 * e, n))
+        return new
 
     def lift(self, old: Array, new: Array, dt: float) -> None:
         """x_hat_i uses the new x_hat_{i+1}."""
@@ -253,7 +328,7 @@ class LowPowerObserver(ContinuousLaw):
         """What of eta is passed on: all of it; eq. (11) saturates here."""
         return eta
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
         """(5a), (5b); with ``limit`` (11a), (11b)."""
         n = self.n
         x_hat, eta = memory[:n], memory[n : 2 * n - 1]
@@ -268,7 +343,7 @@ class LowPowerObserver(ContinuousLaw):
         x_rate[:-1] += eta  # x_hat_i' = eta_i + alpha_i ell e_i
         np.multiply(beta_ell2, e_all[:-1], out=eta_rate)
         eta_rate[:-1] += passed[1:]  # eta_i' = eta_{i+1} + beta_i ell^2 e_i
-        f = self.model.known(x_hat, u)
+        f = self.model.known(x_hat, u, t)
         if f is not None:
             x_rate += f  # x_hat_n' = phi_s + alpha_n ell e_n
             eta_rate += f[1:]  # eta_{n-1}' = phi_s + beta_{n-1} ell^2 e_{n-1}
@@ -276,6 +351,44 @@ class LowPowerObserver(ContinuousLaw):
             r = memory[2 * n - 1]
             rate[2 * n - 1] = self.gain.rate(r, e, n)
         return rate
+
+    def flow(self, memory: Array, u: Array | None, dt: float) -> Array:
+        """Every block along the chain, by its own eta and by what those above pass on."""
+        n, new = self.n, memory.copy()
+        x_hat, eta = memory[:n], memory[n : 2 * n - 1]
+        passed = self.limit(eta)
+        phi = self.model.known(x_hat, u)
+        last = np.zeros_like(x_hat[:1]) if phi is None else phi[-1:]
+        moved = ahead(np.vstack([passed, last]), dt)
+        new[:n] += moved
+        new[: n - 1] += dt * (eta - passed)
+        new[n : 2 * n - 1] += moved[1:]
+        if self.gain.moves:
+            r = memory[2 * n - 1]
+            new[2 * n - 1] += dt * self.gain.rate(r, np.zeros_like(r), n)
+        return new
+
+    def place(self, memory: Array, e: Array, dt: float) -> Array:
+        """Block i by a_i e_i and b_i e_i; what asks for more than its level by a'_i and b'_i."""
+        n, new = self.n, memory.copy()
+        x_hat, eta = memory[:n], memory[n : 2 * n - 1]
+        e_all = np.vstack([np.asarray(e)[None], self.limit(eta) - x_hat[1:]])
+        if isinstance(self.gain, ConstantGain):
+            r = np.array([self.gain.ell])
+        else:
+            r = memory[2 * n - 1]
+        parts = [low_power_gains(self.alpha * g, self.beta * g * g, dt, self.method) for g in r]
+        a, b, a_alone, b_alone = (np.array(part).T for part in zip(*parts, strict=True))
+        asked = b_alone * e_all[:-1]
+        beyond = (asked - self.limit(asked)) / b_alone
+        within = e_all[:-1] - beyond
+        new[: n - 1] += a[:-1] * within + a_alone[:-1] * beyond
+        new[n - 1] += a[-1] * e_all[-1]
+        new[n : 2 * n - 1] += b * within + b_alone * beyond
+        if self.gain.moves:
+            r = memory[2 * n - 1]
+            new[2 * n - 1] += dt * (self.gain.rate(r, e, n) - self.gain.rate(r, 0.0 * e, n))
+        return new
 
     def lift(self, old: Array, new: Array, dt: float) -> None:
         """eta_i uses the new eta_{i+1}, then x_hat_i the new eta_i."""
@@ -358,7 +471,7 @@ class CollectionObserver(ContinuousLaw):
         e = y - self.by_copy(memory)[:, 0]
         return e if missing is None else np.where(missing, 0.0, e)
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
         """(23), with e_i = -(y_hat_i - y)."""
         n, b = self.n, self.gain.b
         copies = self.by_copy(memory)
@@ -372,7 +485,7 @@ class CollectionObserver(ContinuousLaw):
             rate[:, j] = self.k[j] * power * e - self.k_bar[j] * power * scale * repulsion
             power = power * r
         rate[:, : n - 1] += copies[:, 1:n]
-        f = self.model.known(np.moveaxis(copies[:, :n], 1, 0), u)
+        f = self.model.known(np.moveaxis(copies[:, :n], 1, 0), u, t)
         if f is not None:
             rate[:, :n] += np.moveaxis(f, 0, 1)
         rate[:, n] = self.gain.rate(r, e, n)
@@ -419,7 +532,7 @@ class ModifiedObserver(CollectionObserver):
         e = y - memory[:: self.n + 1]
         return e if missing is None else np.where(missing, 0.0, e)
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
         """(25) over (23) and (24)."""
         n = self.n
         own = memory[: n + 1]
@@ -432,11 +545,11 @@ class ModifiedObserver(CollectionObserver):
             rate[j] = self.k[j] * power * e[0]  # k_j (r r_bar)^j e
             power = power * g
         rate[: n - 1] += x_hat[1:]
-        f = self.model.known(x_hat, u)
+        f = self.model.known(x_hat, u, t)
         if f is not None:
             rate[:n] += f
         rate[n] = self.gain.rate(r, e[0], n)
-        rate[n + 1 :] = self.collection.rate(others, e[1:], u)
+        rate[n + 1 :] = self.collection.rate(others, e[1:], u, t)
         return rate
 
     def nominal_gain(self, memory: Array) -> Array:
@@ -495,6 +608,37 @@ class SampledDataObserver(Law):
         return new
 
 
+class OwnSampledDataObserver(Law):
+    """x_hat+ = x_hat + T f(x_hat, u) + K_T(x_hat, y): Fu, Kang, Li, eq. (5), for any f and K_T."""
+
+    def __init__(self, spec: Spec) -> None:
+        model = plant_from(member(spec, "model", "observer"), "model")
+        if not isinstance(model, Own) or model.form != "sampled":
+            raise fail("observer.model.kind", model.kind, "'own' of form 'sampled'", "change it")
+        self.model = model
+        self.n = self.memory_len = model.n
+        self.n_u = model.n_u
+
+    def residual(self, memory: Array, y: Array, t: float) -> Array:
+        """y - h(x_hat)."""
+        return y - self.model.sampled(memory, None, y, 0.0, 1.0)[2]
+
+    def step(
+        self,
+        memory: Array,
+        y: Array,
+        u: Array | None,
+        t: float,
+        dt: float,
+        missing: Missing = None,
+    ) -> Array:
+        """(5); without a sample x_hat + T f."""
+        f, correction, _ = self.model.sampled(memory, u, y, t, dt)
+        if missing is not None:
+            correction = np.where(missing, 0.0, correction)
+        return memory + f * dt + correction
+
+
 class ReducedOrderObserver(Law):
     """The high-gain reduced-order observer: Katayama, eq. (8) and (22), H = diag(h_bar) / epsilon.
 
@@ -530,7 +674,12 @@ class ReducedOrderObserver(Law):
             (cosine * slope[0] + sine * slope[1], cosine * slope[1] - sine * slope[0], slope[2])
         )
 
-    def residual(self, memory: Array, y: Array) -> Array:
+    @property
+    def signals(self) -> int:
+        """The estimates."""
+        return self.n
+
+    def residual(self, memory: Array, y: Array, t: float) -> Array:
         """y - (y_last + elapsed R(y3_last) z_hat)."""
         z1, z2, z3 = memory[:3]
         y_last, elapsed = memory[3:6], memory[8]
@@ -580,6 +729,66 @@ class ReducedOrderObserver(Law):
         return (memory[8] > 0.0) & ~np.isfinite(self.estimate(memory, y, missing)).all(axis=0)
 
 
+class CurrentLaw(Law):
+    """A continuous law with current timing: predict over the past period, then correct.
+
+    Memory: the law's, the period before the sample (0: none yet), the inputs held over it.  The
+    first sample corrects as if a period as long as the next one had passed.
+    """
+
+    filters = True
+
+    def __init__(self, law: ContinuousLaw) -> None:
+        self.law = law
+        self.n, self.n_u = law.n, law.n_u
+        self.memory_len = law.memory_len + 1 + law.n_u
+
+    @property
+    def signals(self) -> int:
+        """The law's memory."""
+        return self.law.memory_len
+
+    def initial(self) -> Array:
+        """The law's, and no sample yet."""
+        return np.concatenate([self.law.initial(), np.zeros(1 + self.n_u)])
+
+    def check(self, memory: Array) -> None:
+        """As the law's."""
+        self.law.check(memory[: self.law.memory_len])
+
+    def before(self, memory: Array, t: float) -> tuple[Array, float]:
+        """The law's memory predicted up to ``t``, and over which period (one for all runs)."""
+        m = self.law.memory_len
+        period = float(memory[m, 0])
+        held = memory[m + 1 :] if self.n_u else None
+        if period == 0.0:
+            return memory[:m].copy(), period
+        return self.law.predict(memory[:m], held, t - period, period), period
+
+    def residual(self, memory: Array, y: Array, t: float) -> Array:
+        """y - predicted x_hat_1."""
+        return y - self.before(memory, t)[0][0]
+
+    def step(
+        self,
+        memory: Array,
+        y: Array,
+        u: Array | None,
+        t: float,
+        dt: float,
+        missing: Missing = None,
+    ) -> Array:
+        """Predict, correct, remember."""
+        before, period = self.before(memory, t)
+        new = np.empty_like(memory)
+        m = self.law.memory_len
+        new[:m] = self.law.correct(before, y, u, period or dt, missing)
+        new[m] = dt
+        if u is not None:
+            new[m + 1 :] = u
+        return new
+
+
 LAWS: dict[str, type[Law]] = {
     "standard": StandardObserver,
     "low-power": LowPowerObserver,
@@ -591,7 +800,7 @@ LAWS: dict[str, type[Law]] = {
 }
 
 
-_CHAIN = ("n", "gain", "model", "method")
+_CHAIN = ("n", "gain", "model", "method", "timing")
 KEYS: dict[str, tuple[str, ...]] = {
     "standard": ("k", *_CHAIN),
     "low-power": ("alpha", "beta", *_CHAIN),
@@ -608,7 +817,16 @@ def law_from(spec: Spec) -> Law:
     kind = choice(member(spec, "kind", "observer"), "observer.kind", tuple(LAWS))
     known(spec, "observer", ("kind", *KEYS[kind]))
     law: Any = LAWS[kind]
+    if kind == "sampled-data" and member(spec, "model", "observer").get("kind") == "own":
+        law = OwnSampledDataObserver
     built: Law = law(spec)
+    timing = choice(spec.get("timing", "predictor"), "observer.timing", TIMINGS)
+    method = spec.get("method")
+    if method in PLACED and isinstance(built, CollectionObserver):
+        placed = "a method of step-by-step rates"
+        raise fail("observer.method", method, placed, "eigenvalues are placed for single laws")
+    if timing == "current" and isinstance(built, ContinuousLaw):
+        return CurrentLaw(built)
     return built
 
 
@@ -701,7 +919,7 @@ class Observer:
                 y_k = samples[k] if self.n_y == 1 else samples[k][:, None]
                 u_k = None if control is None else control[k][:, None]
                 mask = missing[k : k + 1]
-                innovation[k] = self.law.residual(memory, y_k).reshape(-1)
+                innovation[k] = self.law.residual(memory, y_k, float(time[k])).reshape(-1)
                 if self.law.undefined(memory, y_k, mask)[0]:
                     status[k] = UNDEFINED
                 if not self.law.filters:

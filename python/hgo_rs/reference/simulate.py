@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from . import integrate
 from .error import Array, Spec, choice, columns, fail, integer, known, member, number
-from .models import Plant, VanDerPol, plant_from
+from .models import OwnPlant, Plant, VanDerPol, plant_from
 from .noise import MeasurementNoise, ProcessNoise
 from .observers import ContinuousLaw, Law, StandardObserver, law_from
 from .schedule import schedule_from
@@ -65,17 +65,21 @@ class _Drive:
         self.substeps = integer(spec.get("substeps", 1), "substeps", least=1)
         self.process: ProcessNoise | None = None
         if self.method in integrate.STOCHASTIC:
-            if not isinstance(plant, VanDerPol):
+            if isinstance(plant, OwnPlant) and plant.noisy:
+                own = "'euler-maruyama' for a plant of your own"
+                if self.method != "euler-maruyama":
+                    raise fail("plant_method", self.method, own, "change the scheme")
+            elif not isinstance(plant, VanDerPol):
                 raise fail(
                     "plant_method",
                     self.method,
                     "a deterministic scheme for this plant",
                     "use 'euler', 'rk4' or 'bogacki-shampine'",
                 )
-            if self.method == "taylor-1.5" and plant.multiplicative:
+            elif self.method == "taylor-1.5" and plant.multiplicative:
                 raise fail("plant_method", self.method, "for additive noise only", "use 'milstein'")
             self.process = ProcessNoise(runs=runs, seed=seed, first_run=first_run)
-        elif isinstance(plant, VanDerPol) and plant.sigma != 0.0 and self.method != "held":
+        elif plant.noisy and self.method != "held":
             raise fail(
                 "plant_method",
                 self.method,
@@ -105,17 +109,17 @@ class _Drive:
         if normals is not None:
             step = integrate.STOCHASTIC[self.method]
             xi1, xi2 = normals
-            for i in range(j * m, (j + 1) * m):
-                dw, dz = integrate.brownian(h, xi1[i], xi2[i])
-                x = step(plant, x, h, dw, dz)
+            for i in range(m):
+                dw, dz = integrate.brownian(h, xi1[j * m + i], xi2[j * m + i])
+                x = step(plant, x, h, dw, dz, t + i * h)
             return x
         if self.method == "euler":
-            for _ in range(m):
-                x = x + h * plant.drift(x, u)
+            for i in range(m):
+                x = x + h * plant.drift(x, u, t + i * h)
             return x
         scheme = integrate.DETERMINISTIC[self.method]
         for i in range(m):
-            x = scheme(lambda _, s: plant.drift(s, u), t + i * h, x, h)
+            x = scheme(lambda time, s: plant.drift(s, u, time), t + i * h, x, h)
         return x
 
 
@@ -153,7 +157,8 @@ class _Metrics:
             a, b = max(k0, start) - start, min(k1, stop) - start
             if a >= b:
                 continue
-            parts = [error[a:b], memory[a:b, n:]] if self.sum.shape[1] > n else [error[a:b]]
+            kept = self.sum.shape[1]
+            parts = [error[a:b], memory[a:b, n:kept]] if kept > n else [error[a:b]]
             row = 0
             for part in parts:
                 rows = slice(row, row + part.shape[1])
@@ -308,9 +313,7 @@ def simulate(spec: Spec) -> dict[str, Any]:
     else:
         advance = _Sampled(plant, law, _Drive(plant, spec, runs, seed, first_run), runs)
 
-    extras = 0 if law.filters else law.memory_len - law.n
-    n_peak = law.n if law.filters else law.memory_len
-    metrics = _Metrics(spec, runs, law.n, law.n + extras, n_peak)
+    metrics = _Metrics(spec, runs, law.n, law.signals, law.signals)
     sizes = (plant.n, law.memory_len, plant.n_y)
     frames = _Frames(every, steps, runs, sizes) if every else None
     diverged_at = np.full(runs, -1, dtype=np.int64)
@@ -435,7 +438,7 @@ class _Sampled:
                 memories[j] = memory
                 if last and j == count - 1:
                     break
-            y = output(x) + v[j]
+            y = output(x, times[j]) + v[j]
             if part.missing is not None:
                 missing = part.missing[j]
             if controlled:
@@ -484,12 +487,12 @@ class _Joint:
 
         def rate(time: float, s: Array) -> Array:
             x, memory = s[:nx], s[nx:]
-            y = plant.output(x) + value
+            y = plant.output(x, time) + value
             if with_sines:
                 y = y + noise.wave(time)
             out = np.empty_like(s)
-            out[:nx] = 0.0 if still else plant.drift(x)
-            out[nx:] = law.rate(memory, law.innovation(memory, y, missing))
+            out[:nx] = 0.0 if still else plant.drift(x, None, time)
+            out[nx:] = law.rate(memory, law.innovation(memory, y, missing), None, time)
             return out
 
         for j in range(len(times)):

@@ -423,13 +423,14 @@ def grow(e: Array, matrices: Array) -> tuple[Array, Array]:
 
     Returns the directions reached, and the logarithm of each step's growth (runs, steps).
     """
-    logs = np.empty(matrices.shape[:2])
-    for k in range(matrices.shape[1]):
-        e = np.einsum("rij,rj->ri", matrices[:, k], e)
-        size = np.linalg.norm(e, axis=1)
-        logs[:, k] = np.log(size)
-        e = e / size[:, None]
-    return e, logs
+    sizes = np.empty(matrices.shape[1::-1])
+    e1, e2 = e.T
+    by_step = np.ascontiguousarray(np.moveaxis(matrices, 0, -1))  # (steps, 2, 2, runs)
+    for ((m11, m12), (m21, m22)), size in zip(by_step, sizes, strict=True):
+        e1, e2 = m11 * e1 + m12 * e2, m21 * e1 + m22 * e2
+        size[:] = np.sqrt(e1 * e1 + e2 * e2)
+        e1, e2 = e1 / size, e2 / size
+    return np.column_stack([e1, e2]), np.log(sizes).T
 
 
 def almost_sure_exponents(ctx: Context, gain: str) -> Array:

@@ -1,0 +1,144 @@
+"""An observer over a recorded log, as an `observer.toml` says: whole, or chunk by chunk."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hgo_rs.config import Config, load
+from hgo_rs.data import DataError, Log, read_log
+from hgo_rs.errors import DesignError, HgoError
+
+if TYPE_CHECKING:
+    from hgo_rs.observers import Observer
+    from hgo_rs.results import RunResult
+
+__all__ = ["check_fit", "estimate", "run_chunks"]
+
+
+def estimate(log: str | Path | Log, config: str | Path | Config) -> RunResult:
+    """Run the observer of a configuration over a log.
+
+    Parameters
+    ----------
+    log
+        A file, read as the configuration's `[log]` says; or what `hgo_rs.data.read_log` gave.
+    config
+        An `observer.toml`, or what `hgo_rs.load` gave.
+
+    Returns
+    -------
+    RunResult
+        The estimates; `gaps` and `gap_error` say where samples are missing and what that costs.
+
+    Raises
+    ------
+    ConfigError, DataError, HgoError
+        A file that is refused; a log that does not fit the observer; a log whose clock starts again
+        (run its `pieces` one by one); what `Observer.run` refuses.
+    """
+    config = config if isinstance(config, Config) else load(config)
+    observer = config.observer()
+    if not isinstance(log, Log):
+        arguments = config.log
+        check_fit(observer, arguments, f"{config.place(('log',))}: ")
+        log = read_log(log, **arguments)
+    if len(log.starts) > 1:
+        raise DataError(
+            f"{log.source}: the clock starts again at samples {list(log.starts[1:])}; run the "
+            "pieces one by one: [estimate(piece, config) for piece in read_log(...).pieces]"
+        )
+    check_fit(observer, log.names)
+    return _run(observer, log, observer.memory)
+
+
+def check_fit(observer: Observer, names: dict[str, Any], where: str = "") -> None:
+    """Refuse column names that are not as many as the observer has outputs and inputs."""
+    for key, count in (("output", observer.n_y), ("input", observer.n_u)):
+        given = names.get(key)
+        listed = [] if given is None else [given] if isinstance(given, str) else list(given)
+        if len(listed) == count:
+            continue
+        told = f"{len(listed)} named ({', '.join(listed)})" if listed else "none is named"
+        model = observer.spec["model"]["kind"]
+        remedy = f"name {count}" if count else "leave it out, or give the observer a model with one"
+        raise DataError(
+            f"{where}{key}: {told}, the observer has {count} (model {model}); {remedy}"
+            + (f" in the table [log]: {key} = ..." if count else "")
+        )
+
+
+def run_chunks(observer: Observer, chunks: Iterable[Log]) -> Iterator[tuple[Log, RunResult]]:
+    """Run over a log that comes in chunks, each chunk with its result.
+
+    The memory goes from chunk to chunk: the same bits as over the whole log at once. At a reset of
+    the clock the observer starts again. A chunk with resets comes out as its pieces; the `starts`
+    of one that begins a piece hold 0.
+
+    Raises
+    ------
+    HgoError
+        What `Observer.run` refuses; samples are counted within the chunk, whose begin is named.
+    """
+    start = observer.memory
+    memory = start
+    stretches = itertools.chain(_stretches(chunks), [(None, True)])
+    log, _ = next(stretches)
+    rows = 0
+    while log is not None:
+        after, begins = next(stretches)
+        while after is not None and not begins and len(after.t) == 1:
+            # by itself, the last row of all would not know the step before it
+            log = _joined(log, after)
+            after, begins = next(stretches)
+        # with the first row of the next, the last step has its length
+        joined = log if begins or after is None else _joined(log, after.rows(slice(0, 1)))
+        count = len(log.t)
+        try:
+            result = _run(observer, joined, memory)
+        except HgoError as error:
+            if not rows:
+                raise
+            where = f"{log.source}, counting samples from t = {log.t[0]:.9g} s (sample {rows})"
+            raise type(error)(f"{where}: {error}") from error
+        if not begins:  # what the next sample finds
+            current = observer._core.is_current
+            memory = result.memory[count - 1 if current else count].copy()
+        else:
+            memory = start
+        yield log, result if len(joined.t) == count else result.rows(slice(0, count))
+        rows += count
+        log = after
+
+
+def _stretches(chunks: Iterable[Log]) -> Iterator[tuple[Log | None, bool]]:
+    """Chunks cut at resets, and whether the observer starts again there."""
+    for chunk in chunks:
+        edges = [k for k in chunk.starts if k > 0]
+        for a, b in itertools.pairwise([0, *edges, len(chunk.t)]):
+            begins = a in chunk.starts
+            yield replace(chunk.rows(slice(a, b)), starts=(0,) if begins else ()), begins
+
+
+def _joined(log: Log, after: Log) -> Log:
+    """Two chunks of one piece, as one."""
+    u = None
+    if log.u is not None and after.u is not None:
+        u = np.concatenate([log.u, after.u])
+    t, y = np.concatenate([log.t, after.t]), np.concatenate([log.y, after.y])
+    return Log(t, y, u, log.names, log.source, np.isnan(y), log.starts)
+
+
+def _run(observer: Observer, log: Log, memory: np.ndarray) -> RunResult:
+    try:
+        return observer.run(log.t, log.y, log.u, memory0=memory)
+    except DesignError as error:
+        if log.names.get("time") is None or "dt" not in str(error):
+            raise
+        hint = "times are taken in s where neither unit nor the column's name says otherwise"
+        raise type(error)(f"{error}; {hint}") from error

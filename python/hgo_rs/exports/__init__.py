@@ -1,0 +1,99 @@
+"""An observer as source code: C99, or Rust without `std`; self-contained, readable, the same bits.
+
+The core traces one step of an observer into a table (every operation, in its order); this package
+writes the table down in a language, with the user's names, a test vector that the core computed,
+and a program that runs it.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy.typing as npt
+
+from hgo_rs.errors import HgoError, check, check_choice, check_number
+from hgo_rs.exports.expressions import KEYWORDS
+from hgo_rs.exports.program import program
+from hgo_rs.observers import Observer
+
+__all__ = ["LANGUAGES", "export", "sources"]
+
+LANGUAGES = ("c", "rust")
+
+
+def export(
+    observer: Observer,
+    *,
+    to: str,
+    out: str | Path,
+    name: str = "observer",
+    precision: str = "double",
+    dt: float | None = None,
+    log: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike] | None = None,
+) -> list[Path]:
+    """Write an observer as a self-contained program; return the files.
+
+    Its step gives the bits of `step` in Python. It begins at the observer's memory of now.
+
+    Parameters
+    ----------
+    observer : Observer
+    to : "c" or "rust"
+        C99 (a header, a source, a Makefile), or a Rust crate without `std` and dependencies.
+    out : path
+        Folder to write to; made where it is missing. Files of the same names are replaced.
+    name : str
+        What functions and files are called: a lower-case identifier.
+    precision : "double" or "single"
+    dt : float, optional
+        Sampling period [s], for the comments and the test vector; `step` takes its own.
+    log : (t, y, u), optional
+        What the test vector is computed from: (N,), (N, n_y), (N, n_u). Default: 101 samples made
+        up, with uneven steps and a gap.
+
+    Raises
+    ------
+    HgoError
+        An unknown language or precision, a name that is no identifier, a folder that cannot be
+        written.
+    """
+    texts = sources(observer, to=to, name=name, precision=precision, dt=dt, log=log)
+    folder = Path(out)
+    written = []
+    try:
+        for file, text in texts.items():
+            path = folder / file
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+            written.append(path)
+    except OSError as error:
+        raise HgoError(f"out = {str(out)!r}: cannot be written ({error}); give a folder") from None
+    return written
+
+
+def sources(
+    observer: Observer,
+    *,
+    to: str,
+    name: str = "observer",
+    precision: str = "double",
+    dt: float | None = None,
+    log: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike] | None = None,
+) -> dict[str, str]:
+    """The files of `export` as texts, by their names."""
+    check_choice("to", to, LANGUAGES)
+    check_choice("precision", precision, ("double", "single"))
+    word = isinstance(name, str) and re.fullmatch(r"[a-z][a-z0-9_]*", name)
+    free = word and name not in {*KEYWORDS, "core", "std", "alloc", "vector", "test"}
+    check(
+        free, "name", name, "a lower-case identifier that C and Rust leave free", "for example axis"
+    )
+    if dt is not None:
+        check_number(dt, "dt", above=0.0)
+    described = program(observer, name=name, precision=precision, dt=dt, log=log)
+    if to == "c":
+        from hgo_rs.exports.c import files
+    else:
+        from hgo_rs.exports.rust import files
+    return files(described)

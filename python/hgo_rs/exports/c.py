@@ -1,0 +1,481 @@
+"""A program in C99: NAME.h, NAME.c, a test vector, a demonstration and a Makefile."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+from hgo_rs.errors import HgoError
+from hgo_rs.exports.elementary import Const, Elementary, Function, Node
+from hgo_rs.exports.expressions import C_WORDS, C, Written
+from hgo_rs.exports.program import STATUS, Program, order, wrapped
+
+__all__ = ["files"]
+
+GUARD = """\
+#if defined(__FAST_MATH__)
+#error "compile without -ffast-math: every operation is meant as it stands"
+#endif
+#if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16
+#error "compile for arithmetic that rounds every operation to its type (on x86: -mfpmath=sse)"
+#endif
+/* No product and sum in one rounding. GCC does not know the pragma of the standard. */
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC optimize("fp-contract=off")
+#else
+#pragma STDC FP_CONTRACT OFF
+#endif
+"""
+
+MAKEFILE = """\
+# make test: compile the demonstration and run it over the test vector.
+CC ?= cc
+CFLAGS ?= -O2
+FLAGS = -std=c99 -Wall -Wextra -ffp-contract=off
+
+test: {name}_test
+\t./{name}_test
+
+{name}_test: main.c {name}.c {name}.h {name}_vector.h
+\t$(CC) $(FLAGS) $(CFLAGS) main.c {name}.c -lm -o $@
+
+clean:
+\trm -f {name}_test
+
+.PHONY: test clean
+"""
+
+
+def files(program: Program) -> dict[str, str]:
+    """The files of an export, by name."""
+    name = program.name
+    text = program.written(C)
+    return {
+        f"{name}.h": _header(program),
+        f"{name}.c": _source(program, text),
+        f"{name}_vector.h": _vector(program),
+        "main.c": _main(program),
+        "Makefile": MAKEFILE.format(name=name),
+    }
+
+
+def _real(program: Program) -> str:
+    return "double" if program.precision.name == "double" else "float"
+
+
+def _comment(text: str, indent: str = "") -> str:
+    """A comment of one line or more."""
+    plain = text.replace("*/", "* /").replace("/*", "/ *")
+    lines = [part for line in plain.split("\n") for part in textwrap.wrap(line, 94) or [""]]
+    if len(lines) == 1:
+        return f"{indent}/* {lines[0]} */"
+    return (
+        "\n".join(
+            [f"{indent}/* {lines[0]}", *(f"{indent} * {line}".rstrip() for line in lines[1:])]
+        )
+        + " */"
+    )
+
+
+def _signature(program: Program) -> str:
+    name, real = program.name, _real(program)
+    given = [f"{real} {word}" for word in (*program.samples, *program.controls, "t", "dt")]
+    return wrapped(f"int {name}_step(", f"{name}_state *state, {', '.join(given)})")
+
+
+def _header(program: Program) -> str:
+    name, real = program.name, _real(program)
+    fields = [f"    {real} {f.name}; {_comment(f.meaning)}" for f in program.memory]
+    fields += [f"    {real} {f.name}; {_comment(f.meaning)}" for f in program.parameters]
+    taken = _list("the sample", program.samples)
+    if program.controls:
+        taken += " and " + _list("the input", program.controls)
+    codes = ",\n".join(f"    {name.upper()}_{code} = {i}" for i, code in enumerate(STATUS))
+    return f"""\
+{_comment(program.description)}
+
+#ifndef {name.upper()}_H
+#define {name.upper()}_H
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+/* What a step made of its sample: used it; predicted over a missing one (NaN or infinite); or the
+ * model has no finite value there, and the memory was kept. */
+enum {{
+{codes}
+}};
+
+typedef struct {{
+{chr(10).join(fields)}
+}} {name}_state;
+
+/* The initial memory{" and the parameters' values" if program.parameters else ""}. */
+void {name}_init({name}_state *state);
+
+{_comment(f"Take {taken} at time t [s]; advance by dt [s].")}
+{_signature(program)};
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+
+def _list(what: str, words: tuple[str, ...]) -> str:
+    return f"{what}{'s' if len(words) > 1 else ''} {', '.join(words)}"
+
+
+def _source(program: Program, text: Written) -> str:
+    name, helpers = program.name, _helpers(program, text)
+    parts = [_comment(f"{name}: see {name}.h."), f'#include "{name}.h"\n', _includes(helpers)]
+    parts += [GUARD, *helpers]
+    values = [
+        f"    state->{f.name} = {C.literal(f.value, program.precision)};"
+        for f in (*program.memory, *program.parameters)
+    ]
+    parts.append(f"void {name}_init({name}_state *state)\n{{\n" + "\n".join(values) + "\n}\n")
+    parts.append(_step(program, text))
+    return "\n".join(parts)
+
+
+def _includes(helpers: list[str]) -> str:
+    words = ["float", "math"]
+    if any("memcpy" in helper for helper in helpers):
+        words += ["stdint", "string"]
+    return "".join(f"#include <{word}.h>\n" for word in words)
+
+
+def _step(program: Program, text: Written) -> str:
+    real = _real(program)
+    lines = [_signature(program), "{"]
+    stored = (*program.memory, *program.parameters)
+    places = dict(zip(program.inputs[2:], order(program), strict=True))
+    used = {places[key] for key in text.inputs if key in places}
+    lines += [f"    const {real} {f.name} = state->{f.name};" for f in stored if f.name in used]
+    lines += [wrapped(f"    const {real} {name} = ", f"{value};") for name, value in text.steps]
+    arguments = dict(zip(program.inputs[:2], ("t", "dt"), strict=True))
+    arguments |= {key: word for key, word in places.items() if word in program.controls}
+    lines += [f"    (void){word};" for key, word in arguments.items() if key not in text.inputs]
+    alone = len(set(text.outputs)) == 1
+    finite = " && ".join(f"isfinite({value})" for value in dict.fromkeys(text.outputs))
+    lines += [
+        wrapped("    if (!", f"{finite if alone else f'({finite})'}) {{"),
+        f"        return {program.name.upper()}_UNDEFINED;",
+        "    }",
+    ]
+    lines += [
+        f"    state->{field.name} = {value};"
+        for field, value in zip(program.memory, text.outputs, strict=True)
+    ]
+    present = " && ".join(f"isfinite({word})" for word in program.samples)
+    up = program.name.upper()
+    lines += [wrapped("    return ", f"{present} ? {up}_UPDATED : {up}_PREDICTED;"), "}", ""]
+    return "\n".join(lines)
+
+
+# --- functions that the step calls ------------------------------------------------------------
+
+_PLAIN = {
+    "min": "(real a, real b)\n{\n    return b < a ? b : a;\n}\n",
+    "max": "(real a, real b)\n{\n    return b > a ? b : a;\n}\n",
+    "sign": "(real a)\n{\n    return a > 0 ? 1 : a < 0 ? -1 : a;\n}\n",
+}
+
+
+def _helpers(program: Program, text: Written) -> list[str]:
+    name, real = program.name, _real(program)
+    out = [
+        f"static {real} {name}_{kind}" + _PLAIN[kind].replace("real", real)
+        for kind in text.functions
+        if kind in _PLAIN
+    ]
+    wanted = [kind for kind in text.functions if kind not in _PLAIN]
+    return out + (_Translation(program).functions(wanted) if wanted else [])
+
+
+class _Translation:
+    """The core's elementary functions in C: the same operations in the same order."""
+
+    def __init__(self, program: Program) -> None:
+        self.prefix, self.precision = program.name, program.precision
+        self.elementary = Elementary.read(program.precision.name)
+        self.real = _real(program)
+        self.bits = f"uint{self.precision.width}_t"
+        # the constants of the function that is being written
+        self.local: dict[str, Any] = {}
+        self.types = {"real": self.real, "bits": self.bits, "bool": "int"}
+
+    def functions(self, wanted: list[str]) -> list[str]:
+        consts, functions = self.elementary.needed(wanted)
+        out = [_comment("Elementary functions, bit for bit those of hgo_rs.") + "\n"]
+        bodies = [self.function(function) for function in functions]
+        if any(
+            f"{self.prefix}_to_bits" in body or f"{self.prefix}_from_bits" in body
+            for body in bodies
+        ):
+            out += [self.copier("to_bits", self.real, self.bits)]
+            out += [self.copier("from_bits", self.bits, self.real)]
+        out += [self.const(const, {}, "static const ") for const in consts]
+        return [*out, *bodies]
+
+    def copier(self, name: str, source: str, target: str) -> str:
+        return (
+            f"static {target} {self.prefix}_{name}({source} x)\n{{\n    {target} y;\n"
+            "    memcpy(&y, &x, sizeof y);\n    return y;\n}\n"
+        )
+
+    def kind(self, rust: str) -> str:
+        return {self.precision.rust: "real", self.precision.bits: "bits", "bool": "bool"}[rust]
+
+    def const(self, const: Const, scope: dict[str, str], head: str) -> str:
+        kind = self.kind(const.type)
+        return f"{head}{self.types[kind]} {const.name} = {self.folded(const.value, kind)};\n"
+
+    def folded(self, node: Node, kind: str) -> str:
+        value = self.elementary.value(node, self.local)
+        if kind == "real":
+            return C.literal(float(value), self.precision)
+        small = value < 1 << 15
+        return str(value) if small else f"UINT{self.precision.width}_C({value:#x})"
+
+    def function(self, function: Function) -> str:
+        scope = {name: self.kind(rust) for name, rust in function.arguments}
+        self.local = {}
+        lines = []
+        for const in function.consts:
+            lines.append("    " + self.const(const, scope, "const ").rstrip())
+            self.local[const.name] = self.elementary.value(const.value, self.local)
+            scope[const.name] = self.kind(const.type)
+        for statement in function.body:
+            if statement.comment:
+                lines.append(_comment(statement.comment, "    "))
+            value, names = statement.value, statement.names
+            if statement.kind == "result":
+                lines.append(wrapped("    return ", self.result(value, function, scope) + ";"))
+            elif len(names) == 1:
+                lines.append(self.let(names[0], *self.text(value, scope), scope))
+            elif value.kind in ("tuple", "if"):
+                if set(names) & set(_names(value)):
+                    raise HgoError(f"elementary functions: {names} are made of one another")
+                for i, name in enumerate(names):
+                    lines.append(self.let(name, *self.text(_entry(value, i), scope), scope))
+            else:
+                called = self.elementary.functions[value.text]
+                held = "_".join(name for name in names if name != "_") + "_of"
+                text = self.text(value, scope)[0]
+                kind = f"{self.prefix}_{value.text}_result"
+                lines.append(f"    const {kind} {held} = {text};")
+                for i, (name, rust) in enumerate(zip(names, called.results, strict=True)):
+                    if name != "_":
+                        lines.append(self.let(name, f"{held}.r{i}", 9, self.kind(rust), scope))
+        kinds = [self.types[self.kind(rust)] for rust in function.results]
+        arguments = ", ".join(
+            f"{self.types[self.kind(r)]} {_word(name)}" for name, r in function.arguments
+        )
+        type_name, before = kinds[0], ""
+        if len(kinds) > 1:
+            type_name = f"{self.prefix}_{function.name}_result"
+            members = " ".join(f"{kind} r{i};" for i, kind in enumerate(kinds))
+            before = f"typedef struct {{ {members} }} {type_name};\n"
+        head = _comment(function.comment) + "\n" if function.comment else ""
+        return (
+            f"{before}{head}static {type_name} {self.prefix}_{function.name}({arguments})\n{{\n"
+            + "\n".join(lines)
+            + "\n}\n"
+        )
+
+    def let(self, name: str, text: str, _: int, kind: str, scope: dict[str, str]) -> str:
+        if scope.get(name, kind) != kind:
+            raise HgoError(f"{name} changes its type: the export to C does not know how")
+        head = "" if name in scope else f"{self.types[kind]} "
+        scope[name] = kind
+        return wrapped(f"    {head}{_word(name)} = ", f"{text};")
+
+    def result(self, node: Node, function: Function, scope: dict[str, str]) -> str:
+        if node.kind != "tuple":
+            return self.text(node, scope)[0]
+        values = ", ".join(self.text(part, scope)[0] for part in node.parts)
+        return f"({self.prefix}_{function.name}_result){{{values}}}"
+
+    def text(self, node: Node, scope: dict[str, str]) -> tuple[str, int, str]:
+        """The text of an expression, how tightly it holds (9 most), and its kind."""
+        if node.kind in ("name", "path"):
+            if node.text in scope:
+                return _word(node.text), 9, scope[node.text]
+            if node.text in self.elementary.consts:
+                return node.text, 9, self.kind(self.elementary.consts[node.text].type)
+            value = self.elementary.named(node.text)
+            kind = "bits" if isinstance(value, int) else "real"
+            return self.folded(node, kind), 9 if value >= 0 else 7, kind
+        if node.kind == "number":
+            kind = "bits" if isinstance(self.elementary.number(node.text), int) else "real"
+            return self.folded(node, kind), 9, kind
+        if self.is_fixed(node):
+            value = self.elementary.value(node, self.local)
+            if isinstance(value, int) or node.kind == "cast":
+                kind = "bits" if isinstance(value, int) else "real"
+                return self.folded(node, kind), 9, kind
+        parts = [self.text(part, scope) for part in node.parts]
+        if node.kind == "if":
+            condition, yes, other = (text if holds > 1 else f"({text})" for text, holds, _ in parts)
+            return f"{condition} ? {yes} : {other}", 1, parts[1][2]
+        if node.kind == "binary":
+            return self.binary(node.text, parts)
+        if node.kind == "unary":
+            text, holds, kind = parts[0]
+            return f"{node.text}{text if holds >= 9 else f'({text})'}", 7, kind
+        if node.kind == "cast":
+            return (
+                f"({self.types[self.kind(node.text)]}){self.held(parts[0], 9)}",
+                8,
+                self.kind(node.text),
+            )
+        words = [text for text, _, _ in parts]
+        f = "f" if self.precision.name == "single" else ""
+        if node.kind == "method":
+            if node.text == "is_sign_negative":  # of two such, each is 0 or 1
+                return f"signbit({words[0]}) != 0", 3, "bool"
+            if node.text == "wrapping_add":
+                return self.binary("+", parts)
+            if node.text == "wrapping_sub":
+                return self.binary("-", parts)
+            called, kind = {
+                "to_bits": (f"{self.prefix}_to_bits", "bits"),
+                "abs": (f"fabs{f}", "real"),
+                "copysign": (f"copysign{f}", "real"),
+                "is_nan": ("isnan", "bool"),
+                "is_finite": ("isfinite", "bool"),
+            }.get(node.text, ("", ""))
+            if called:
+                return f"{called}({', '.join(words)})", 9, kind
+        if node.kind == "call":
+            name = node.text.split("::")[-1]
+            kind = "real"
+            if name != "from_bits":
+                kind = self.kind(self.elementary.functions[name].results[0])
+            return f"{self.prefix}_{name}({', '.join(words)})", 9, kind
+        raise HgoError(f"elementary functions: {node.kind} {node.text} has no form in C")
+
+    def binary(self, sign: str, parts: list[tuple[str, int, str]]) -> tuple[str, int, str]:
+        """Sums and products as in the source; everything in bits in parentheses."""
+        left, right = parts
+        if sign in ("+", "-", "*", "/"):
+            rank = 5 if sign in "+-" else 6
+            return f"{self.held(left, rank)} {sign} {self.held(right, rank + 1)}", rank, left[2]
+        if sign in ("<<", ">>", "&", "|", "^"):
+            return f"{self.held(left, 9)} {sign} {self.held(right, 9)}", 3, left[2]
+        rank = 2 if sign in ("&&", "||") else 3
+        return f"{self.held(left, rank + 1)} {sign} {self.held(right, rank + 1)}", rank, "bool"
+
+    def held(self, part: tuple[str, int, str], rank: int) -> str:
+        text, holds, _ = part
+        return text if holds >= rank else f"({text})"
+
+    def is_fixed(self, node: Node) -> bool:
+        """Whether an expression is made of numbers alone."""
+        if node.kind in ("name", "path"):
+            return "::" in node.text
+        if node.kind == "call" and not node.text.endswith("from_bits"):
+            return False
+        return all(self.is_fixed(part) for part in node.parts)
+
+
+def _word(name: str) -> str:
+    """A name that is none of C's words."""
+    return f"{name}_" if name in C_WORDS else name
+
+
+def _names(node: Node) -> list[str]:
+    own = [node.text] if node.kind == "name" else []
+    return own + [name for part in node.parts for name in _names(part)]
+
+
+def _entry(node: Node, index: int) -> Node:
+    """Entry `index` of a tuple, or of a choice between tuples."""
+    if node.kind == "tuple":
+        return node.parts[index]
+    condition, yes, other = node.parts
+    return Node("if", "", (condition, _entry(yes, index), _entry(other, index)))
+
+
+# --- test vector and demonstration ------------------------------------------------------------
+
+
+def _vector(program: Program) -> str:
+    name, real = program.name, _real(program)
+    columns = ["t", "dt", *program.samples, *program.controls]
+
+    def line(values: tuple[float, ...]) -> str:
+        return ", ".join(C.literal(value, program.precision) for value in values)
+
+    rows = [
+        f"    {{{line((row.t, row.dt, *row.y, *row.u))}, {row.status}, {{{line(row.memory)}}}}},"
+        for row in program.vector
+    ]
+    return f"""\
+{_comment("A test vector: what each step is given, its status, and the memory after it.")}
+
+#include <math.h>
+
+struct {name}_row {{
+    {real} {", ".join(f"{word}_" for word in columns)};
+    int status;
+    {real} memory[{len(program.memory)}];
+}};
+
+static const struct {name}_row {name}_vector[] = {{
+{chr(10).join(rows)}
+}};
+"""
+
+
+def _main(program: Program) -> str:
+    name, real = program.name, _real(program)
+    given = ", ".join(f"row.{word}_" for word in (*program.samples, *program.controls, "t", "dt"))
+    memory = ", ".join(f"state.{field.name}" for field in program.memory)
+    words = ", ".join(f'"{field.name}"' for field in program.memory)
+    digits = 17 if real == "double" else 9
+    return f"""\
+{_comment(f"Runs {name} over its test vector; prints OK, or the first difference.")}
+
+#include "{name}.h"
+#include "{name}_vector.h"
+
+#include <stdio.h>
+#include <string.h>
+
+enum {{ STEPS = sizeof {name}_vector / sizeof {name}_vector[0], MEMORY = {len(program.memory)} }};
+
+static const char *const names[MEMORY] = {{{words}}};
+
+int main(void)
+{{
+    {name}_state state;
+    int k, i;
+
+    {name}_init(&state);
+    for (k = 0; k < STEPS; ++k) {{
+        const struct {name}_row row = {name}_vector[k];
+        const int status = {name}_step(&state, {given});
+        const {real} memory[MEMORY] = {{{memory}}};
+
+        if (status != row.status) {{
+            printf("step %d: status %d, expected %d\\n", k, status, row.status);
+            return 1;
+        }}
+        for (i = 0; i < MEMORY; ++i) {{
+            if (memcmp(&memory[i], &row.memory[i], sizeof memory[i]) != 0) {{
+                printf("step %d: %s = %.{digits}g, expected %.{digits}g\\n", k, names[i],
+                       (double)memory[i], (double)row.memory[i]);
+                return 1;
+            }}
+        }}
+    }}
+    printf("{name}: %d steps, every bit as expected: OK\\n", STEPS);
+    return 0;
+}}
+"""

@@ -1,0 +1,304 @@
+"""Tables as text: values that are used once are folded into expressions, shared ones get names.
+
+Both languages group `a - b - c` as `(a - b) - c`, and a compiler may not re-order it: the written
+order is the table's order, and so are the roundings.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hgo_rs.exports.elementary import PRECISIONS, Precision
+from hgo_rs.exports.table import FUNCTIONS, Graph, Term
+
+__all__ = [
+    "C_WORDS",
+    "KEYWORDS",
+    "PLAIN",
+    "RUST",
+    "C",
+    "Dialect",
+    "Names",
+    "Written",
+    "number",
+    "written",
+]
+
+SUM, PRODUCT, SIGN, ATOM = 1, 2, 3, 4
+"""How tightly an expression holds together."""
+
+WIDEST = 60
+"""A longer expression gets a name of its own."""
+
+_INFIX = {"add": ("+", SUM), "sub": ("-", SUM), "mul": ("*", PRODUCT), "div": ("/", PRODUCT)}
+_COMPARED = {"lt": "<", "le": "<=", "eq": "=="}
+
+
+def number(value: float, precision: Precision) -> str:
+    """The shortest digits that give the value again."""
+    text = str(precision.real(value))
+    return text if re.search(r"[.en]", text) else text + ".0"
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How one language writes what the languages write differently."""
+
+    name: str
+    """Of a helper function or an elementary function, `{}` its own name."""
+    function: str
+    choice: str
+    """condition, yes, no."""
+    finite: str
+    both: str
+    infinity: str
+    nan: str
+    absolute: Mapping[str, str]
+    root: Mapping[str, str]
+    suffix: Mapping[str, str]
+
+    def literal(self, value: float, precision: Precision) -> str:
+        if value != value:
+            return self.nan.format(precision.rust)
+        if np.isinf(value):
+            return ("-" if value < 0.0 else "") + self.infinity.format(precision.rust)
+        return number(value, precision) + self.suffix[precision.name]
+
+
+C = Dialect(
+    name="c",
+    function="{prefix}_{name}",
+    choice="{} ? {} : {}",
+    finite="isfinite({0})",
+    both="&&",
+    infinity="INFINITY",
+    nan="NAN",
+    absolute={"double": "fabs", "single": "fabsf"},
+    root={"double": "sqrt", "single": "sqrtf"},
+    suffix={"double": "", "single": "f"},
+)
+RUST = Dialect(
+    name="rust",
+    function="{name}",
+    choice="if {} {{ {} }} else {{ {} }}",
+    finite="{1}::is_finite({0})",
+    both="&&",
+    infinity="{}::INFINITY",
+    nan="{}::NAN",
+    absolute={"double": "f64::abs", "single": "f32::abs"},
+    root={"double": "sqrt", "single": "sqrt"},
+    suffix={"double": "", "single": ""},
+)
+PLAIN = Dialect(
+    name="plain",
+    function="{name}",
+    choice="{1} if {0} else {2}",
+    finite="finite({0})",
+    both="and",
+    infinity="inf",
+    nan="nan",
+    absolute={"double": "abs", "single": "abs"},
+    root={"double": "sqrt", "single": "sqrt"},
+    suffix={"double": "", "single": ""},
+)
+"""Equations in a comment."""
+
+_C = """
+auto break case char const continue default do double else enum extern float for goto if inline int
+long register restrict return short signed sizeof static struct switch typedef union unsigned void
+volatile while asm bool true false main
+"""
+C_WORDS = frozenset(_C.split())
+"""Words of C."""
+
+_WORDS = """
+as async await crate dyn fn impl in let loop match mod move mut pub ref self super trait type unsafe
+use where yield abstract become box final macro override priv try typeof unsized virtual gen str
+f32 f64 i32 u8 u32 u64 u128 usize
+
+state next t dt real status min max sign sqrt sqrtf abs fabs fabsf isfinite sin cos tan atan atan2
+exp ln powf pow tanh log copysign copysignf memcpy errno assert NAN INFINITY
+"""
+KEYWORDS = C_WORDS | frozenset(_WORDS.split())
+"""What no name may be: words of C, of Rust, and of the programs themselves."""
+
+
+class Names:
+    """Identifiers: the user's words where they are ones, and never the same twice."""
+
+    def __init__(self) -> None:
+        self.taken: set[str] = set()
+
+    def new(self, wish: str) -> str:
+        """An identifier like `wish`."""
+        word = re.sub(r"\W", "_", wish, flags=re.ASCII).strip("_") or "value"
+        if word[0].isdigit() or word in KEYWORDS:
+            word = f"v_{word}"
+        found, count = word, 1
+        while found in self.taken:
+            count += 1
+            found = f"{word}_{count}"
+        self.taken.add(found)
+        return found
+
+
+@dataclass(frozen=True)
+class Written:
+    """Names and their expressions in order, and what the outputs are called."""
+
+    steps: list[tuple[str, str]]
+    outputs: list[str]
+    functions: list[str]
+    """Elementary functions that are used, as the core calls them, and "min", "max", "sign"."""
+    inputs: set[str]
+    """Inputs that are used, by their names in the table."""
+
+
+def written(
+    graph: Graph,
+    inputs: Mapping[str, str],
+    outputs: Sequence[str],
+    names: Names,
+    dialect: Dialect,
+    precision: str,
+    prefix: str = "",
+) -> Written:
+    """A graph as text: how each input is written, and what the outputs are to be called."""
+    wishes = dict(zip(graph.outputs[::-1], outputs[::-1], strict=True))
+    return _Writer(graph, inputs, wishes, names, dialect, PRECISIONS[precision], prefix).write()
+
+
+class _Writer:
+    def __init__(
+        self,
+        graph: Graph,
+        inputs: Mapping[str, str],
+        wishes: Mapping[int, str],
+        names: Names,
+        dialect: Dialect,
+        precision: Precision,
+        prefix: str,
+    ) -> None:
+        self.graph, self.inputs, self.names = graph, inputs, names
+        self.dialect, self.precision, self.prefix = dialect, precision, prefix
+        self.ends = set(graph.outputs)
+        self.wishes = {**self.rates(), **wishes}
+        self.text: list[tuple[str, int]] = []
+        self.functions: list[str] = []
+
+    def write(self) -> Written:
+        steps: list[tuple[str, str]] = []
+        for index, (term, uses) in enumerate(zip(self.graph.terms, self.graph.uses(), strict=True)):
+            text, holds = self.term(term)
+            leaf = term.kind in ("input", "constant", "present")
+            folded = uses == 1 and len(text) <= WIDEST and term.kind != "innovation"
+            if not leaf and (index in self.ends or not folded):
+                name = self.names.new(self.wishes.get(index) or self.wish(term))
+                steps.append((name, text))
+                text, holds = name, ATOM
+            self.text.append((text, holds))
+        outputs = [self.text[index][0] for index in self.graph.outputs]
+        used = {term.name for term in self.graph.terms if term.kind == "input"}
+        return Written(steps, outputs, self.functions, used)
+
+    def rates(self) -> dict[int, str]:
+        """Names for h, the rate and x + h rate, of which the stages of a scheme are made."""
+        wishes: dict[int, str] = {}
+        lengths: set[int] = set()
+        terms = self.graph.terms
+        for index, term in enumerate(terms):
+            whole = [part for part in term.parts if terms[part].kind != "constant"]
+            if term.kind == "input" and self.inputs[term.name] == "dt":
+                lengths.add(index)
+            elif term.kind in _INFIX and whole and lengths.issuperset(whole):
+                lengths.add(index)
+                wishes[index] = "h"
+            elif term.kind == "add" and terms[term.parts[0]].kind == "input":
+                moved = terms[term.parts[1]]
+                if moved.kind == "mul" and moved.parts[0] in lengths:
+                    word = self.inputs[terms[term.parts[0]].name]
+                    wishes |= {index: f"{word}_stage", moved.parts[1]: f"{word}_rate"}
+        return {i: wish for i, wish in wishes.items() if terms[i].kind != "innovation"}
+
+    def wish(self, term: Term) -> str:
+        """A name that says what it is, for the simplest; `a`, `a_2`, ... for the others."""
+        if term.kind == "innovation":
+            return "innovation"
+        words = [self.text[part][0] for part in term.parts]
+        if term.kind in FUNCTIONS and all(re.fullmatch(r"\w+", word) for word in words):
+            return "_".join((term.kind, *words))
+        if term.kind == "min" and words[0].startswith(f"{self.function('max')}("):
+            inner = self.graph.terms[self.graph.terms[term.parts[0]].parts[0]]
+            if inner.kind == "input":
+                return f"limited_{self.inputs[inner.name]}"
+        if term.kind == "mul" and words[0] == words[1] and re.fullmatch(r"[A-Za-z]\w*", words[0]):
+            return f"{words[0]}_squared"
+        return "a"
+
+    def term(self, term: Term) -> tuple[str, int]:
+        """The text of a term, and how tightly it holds together."""
+        dialect, kind, parts = self.dialect, term.kind, term.parts
+        if kind == "input":
+            return self.inputs[term.name], ATOM
+        if kind == "constant":
+            negative = bool(np.signbit(term.value)) and term.value == term.value
+            return dialect.literal(term.value, self.precision), SIGN if negative else ATOM
+        if kind in _INFIX:
+            sign, rank = _INFIX[kind]
+            return f"{self.held(parts[0], rank)} {sign} {self.held(parts[1], rank + 1)}", rank
+        if kind == "neg":
+            return f"-{self.held(parts[0], ATOM)}", SIGN
+        if kind in _COMPARED:
+            one, zero = (dialect.literal(v, self.precision) for v in (1.0, 0.0))
+            return dialect.choice.format(self.condition(term), one, zero), 0
+        if kind == "select":
+            # in Rust each stands in braces
+            rank = 0 if dialect is RUST else SUM
+            chosen = [self.held(part, rank) for part in parts[1:]]
+            return dialect.choice.format(self.truth(parts[0]), *chosen), 0
+        if kind == "present":
+            each = (dialect.finite.format(self.text[p][0], self.precision.rust) for p in parts)
+            return f" {dialect.both} ".join(each), 0
+        if kind == "innovation":
+            zero = dialect.literal(0.0, self.precision)
+            apart = f"{self.held(parts[0], SUM)} - {self.held(parts[1], PRODUCT)}"
+            return dialect.choice.format(
+                dialect.finite.format(self.text[parts[0]][0], self.precision.rust), apart, zero
+            ), 0
+        return f"{self.function(kind)}({', '.join(self.text[part][0] for part in parts)})", ATOM
+
+    def function(self, kind: str) -> str:
+        if kind == "abs":
+            return self.dialect.absolute[self.precision.name]
+        if kind == "copysign" and self.dialect.name != "plain":
+            single = self.precision.name == "single"
+            in_c = "copysignf" if single else "copysign"
+            return in_c if self.dialect.name == "c" else f"{self.precision.rust}::copysign"
+        if kind == "sqrt" and self.dialect.name == "c":
+            return self.dialect.root[self.precision.name]
+        name = FUNCTIONS.get(kind, kind)
+        if name not in self.functions:
+            self.functions.append(name)
+        return self.dialect.function.format(prefix=self.prefix, name=name)
+
+    def held(self, index: int, rank: int) -> str:
+        """An operand, in parentheses where it holds less tightly than it must."""
+        text, holds = self.text[index]
+        return text if holds >= rank else f"({text})"
+
+    def condition(self, term: Term) -> str:
+        left, right = (self.held(part, SUM) for part in term.parts)
+        return f"{left} {_COMPARED[term.kind]} {right}"
+
+    def truth(self, index: int) -> str:
+        """A condition: the comparison itself where it is written here."""
+        term, text = self.graph.terms[index], self.text[index][0]
+        if term.kind == "present":
+            return text
+        if term.kind in _COMPARED and not re.fullmatch(r"\w+", text):
+            return self.condition(term)
+        return f"{self.held(index, SUM)} != {self.dialect.literal(0.0, self.precision)}"

@@ -1,0 +1,338 @@
+//! Floor 1. Straight-line programs: right-hand sides that are known at run time only.
+//!
+//! A program is a list of instructions over a file of 256 registers: inputs first, then constants,
+//! then what is computed. It has no branch and no jump, so it ends, never panics, needs no heap, and
+//! evaluates a block of runs side by side as well as one. Every instruction is one operation of
+//! [`Scalar`] (a product and a sum in two roundings count as one), in the order in which they stand:
+//! a program gives the bits of compiled code that does the same.
+
+// The form that a compiler makes vector code of: an index, and no branch between two truths.
+#![allow(clippy::needless_range_loop)]
+
+use crate::Scalar;
+use crate::lanes::{LANES, Lane};
+
+/// Registers of a program: as many as a `u8` tells apart, so that no index needs a check.
+pub const REGISTERS: usize = 256;
+
+/// An operation by its name: the one place that says what each computes.
+macro_rules! operation {
+    (Negate, $a:expr) => {
+        -$a
+    };
+    (Abs, $a:expr) => {
+        $a.abs()
+    };
+    (Sign, $a:expr) => {
+        sign($a)
+    };
+    (Sqrt, $a:expr) => {
+        $a.sqrt()
+    };
+    (Sin, $a:expr) => {
+        $a.sin()
+    };
+    (Cos, $a:expr) => {
+        $a.cos()
+    };
+    (Tan, $a:expr) => {
+        $a.tan()
+    };
+    (Atan, $a:expr) => {
+        $a.atan()
+    };
+    (Exp, $a:expr) => {
+        $a.exp()
+    };
+    (Ln, $a:expr) => {
+        $a.ln()
+    };
+    (Tanh, $a:expr) => {
+        $a.tanh()
+    };
+    (Add, $a:expr, $b:expr) => {
+        $a + $b
+    };
+    (Subtract, $a:expr, $b:expr) => {
+        $a - $b
+    };
+    (Multiply, $a:expr, $b:expr) => {
+        $a * $b
+    };
+    (Divide, $a:expr, $b:expr) => {
+        $a / $b
+    };
+    (Min, $a:expr, $b:expr) => {
+        $a.min($b)
+    };
+    (Max, $a:expr, $b:expr) => {
+        $a.max($b)
+    };
+    (Power, $a:expr, $b:expr) => {
+        $a.powf($b)
+    };
+    (Atan2, $a:expr, $b:expr) => {
+        $a.atan2($b)
+    };
+    (CopySign, $a:expr, $b:expr) => {
+        $a.copysign($b)
+    };
+    (Less, $a:expr, $b:expr) => {
+        truth($a < $b)
+    };
+    (LessEqual, $a:expr, $b:expr) => {
+        truth($a <= $b)
+    };
+    (Equal, $a:expr, $b:expr) => {
+        truth($a == $b)
+    };
+    (Innovation, $a:expr, $b:expr) => {
+        $a.innovation($b)
+    };
+    (Select, $a:expr, $b:expr, $c:expr) => {
+        if $a == T::ZERO { $c } else { $b }
+    };
+    (MultiplyAdd, $a:expr, $b:expr, $c:expr) => {
+        $a * $b + $c
+    };
+    (MultiplySubtract, $a:expr, $b:expr, $c:expr) => {
+        $a * $b - $c
+    };
+    (SubtractProduct, $a:expr, $b:expr, $c:expr) => {
+        $c - $a * $b
+    };
+}
+
+/// An operation that is known at run time.
+macro_rules! compute {
+    ($operation:expr, $a:expr, $b:expr, $c:expr) => {
+        match $operation {
+            Operation::Negate => operation!(Negate, $a),
+            Operation::Abs => operation!(Abs, $a),
+            Operation::Sign => operation!(Sign, $a),
+            Operation::Sqrt => operation!(Sqrt, $a),
+            Operation::Sin => operation!(Sin, $a),
+            Operation::Cos => operation!(Cos, $a),
+            Operation::Tan => operation!(Tan, $a),
+            Operation::Atan => operation!(Atan, $a),
+            Operation::Exp => operation!(Exp, $a),
+            Operation::Ln => operation!(Ln, $a),
+            Operation::Tanh => operation!(Tanh, $a),
+            Operation::Add => operation!(Add, $a, $b),
+            Operation::Subtract => operation!(Subtract, $a, $b),
+            Operation::Multiply => operation!(Multiply, $a, $b),
+            Operation::Divide => operation!(Divide, $a, $b),
+            Operation::Min => operation!(Min, $a, $b),
+            Operation::Max => operation!(Max, $a, $b),
+            Operation::Power => operation!(Power, $a, $b),
+            Operation::Atan2 => operation!(Atan2, $a, $b),
+            Operation::CopySign => operation!(CopySign, $a, $b),
+            Operation::Less => operation!(Less, $a, $b),
+            Operation::LessEqual => operation!(LessEqual, $a, $b),
+            Operation::Equal => operation!(Equal, $a, $b),
+            Operation::Innovation => operation!(Innovation, $a, $b),
+            Operation::Select => operation!(Select, $a, $b, $c),
+            Operation::MultiplyAdd => operation!(MultiplyAdd, $a, $b, $c),
+            Operation::MultiplySubtract => operation!(MultiplySubtract, $a, $b, $c),
+            Operation::SubtractProduct => operation!(SubtractProduct, $a, $b, $c),
+        }
+    };
+}
+
+/// 1 or 0.
+#[inline(always)]
+fn truth<T: Scalar>(holds: bool) -> T {
+    if holds { T::ONE } else { T::ZERO }
+}
+
+/// −1, 0 or 1, and NaN of NaN.
+#[inline(always)]
+fn sign<T: Scalar>(a: T) -> T {
+    let up = if a > T::ZERO { T::ONE } else { a };
+    if a < T::ZERO { -T::ONE } else { up }
+}
+
+/// What one instruction computes from its operands a, b and c.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u8)]
+pub enum Operation {
+    /// −a.
+    Negate,
+    /// |a|.
+    Abs,
+    /// The sign of a: −1, 0 or 1; NaN of NaN.
+    Sign,
+    /// √a.
+    Sqrt,
+    /// sin a.
+    Sin,
+    /// cos a.
+    Cos,
+    /// tan a.
+    Tan,
+    /// atan a.
+    Atan,
+    /// eᵃ.
+    Exp,
+    /// ln a.
+    Ln,
+    /// tanh a.
+    Tanh,
+    /// a + b.
+    Add,
+    /// a − b.
+    Subtract,
+    /// a·b.
+    Multiply,
+    /// a/b.
+    Divide,
+    /// The smaller of the two, see [`Scalar::min`].
+    Min,
+    /// The larger of the two, see [`Scalar::max`].
+    Max,
+    /// aᵇ for a ≥ 0.
+    Power,
+    /// The angle of the point (b, a), in rad.
+    Atan2,
+    /// Magnitude of a, sign of b.
+    CopySign,
+    /// 1 where a < b, else 0.
+    Less,
+    /// 1 where a ≤ b, else 0.
+    LessEqual,
+    /// 1 where a = b, else 0.
+    Equal,
+    /// a − b, and 0 where a is not finite: the innovation of a sample that may be missing.
+    Innovation,
+    /// b where a is not 0, else c.
+    Select,
+    /// a·b + c, in two roundings.
+    MultiplyAdd,
+    /// a·b − c, in two roundings.
+    MultiplySubtract,
+    /// c − a·b, in two roundings.
+    SubtractProduct,
+}
+
+impl Operation {
+    /// Apply it to numbers.
+    #[inline]
+    pub fn apply<T: Scalar>(self, a: T, b: T, c: T) -> T {
+        compute!(self, a, b, c)
+    }
+}
+
+/// One instruction: registers of its operands (those it does not need: any) and of its result.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Instruction {
+    /// What is computed.
+    pub operation: Operation,
+    /// Register of the result.
+    pub result: u8,
+    /// Register of operand a.
+    pub a: u8,
+    /// Register of operand b.
+    pub b: u8,
+    /// Register of operand c.
+    pub c: u8,
+}
+
+/// Registers of one evaluation: numbers, or [`Lane`]s of them.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub struct Registers<V>(pub [V; REGISTERS]);
+
+impl<T: Scalar> Registers<T> {
+    /// All 0.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self([T::ZERO; REGISTERS])
+    }
+}
+
+impl<T: Scalar> Registers<Lane<T>> {
+    /// These numbers for every run.
+    pub fn in_lanes(numbers: &Registers<T>) -> Self {
+        Self(numbers.0.map(|number| Lane([number; LANES])))
+    }
+}
+
+/// A program that is borrowed from wherever it is kept: the flash of a chip, or memory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Program<'a> {
+    /// The instructions, in order.
+    pub instructions: &'a [Instruction],
+    /// Registers in which the results stand at the end.
+    pub outputs: &'a [u8],
+}
+
+impl Program<'_> {
+    /// Evaluate once. Inputs and constants stand in `r`, which nothing but the program's own results
+    /// is written to.
+    #[inline]
+    pub fn run<T: Scalar>(&self, r: &mut Registers<T>) {
+        let r = &mut r.0;
+        for Instruction { operation, result, a, b, c } in self.instructions {
+            let [a, b, c] = [a, b, c].map(|register| r[usize::from(*register)]);
+            r[usize::from(*result)] = compute!(*operation, a, b, c);
+        }
+    }
+
+    /// Evaluate for a block of runs.
+    #[inline(always)]
+    pub fn run_lanes<T: Scalar>(&self, r: &mut Registers<Lane<T>>) {
+        for instruction in self.instructions {
+            step_lanes(&mut r.0, *instruction);
+        }
+    }
+}
+
+/// As many runs as go through an instruction together.
+const GROUP: usize = 8;
+
+/// One instruction for all runs of a block.
+#[inline(always)]
+fn step_lanes<T: Scalar>(r: &mut [Lane<T>; REGISTERS], instruction: Instruction) {
+    let Instruction { operation, result, a, b, c } = instruction;
+    // the choice outside of the loop; a group is read before it is written, so registers may be equal
+    macro_rules! lanes {
+        ($($name:ident($($operand:ident),+);)+) => {
+            match operation {
+                $(Operation::$name => {
+                    for group in 0..LANES / GROUP {
+                        let first = group * GROUP;
+                        let mut out = [T::ZERO; GROUP];
+                        $(let $operand: [T; GROUP] = load(&r[usize::from($operand)], first);)+
+                        for lane in 0..GROUP {
+                            $(let $operand = $operand[lane];)+
+                            out[lane] = operation!($name, $($operand),+);
+                        }
+                        store(&mut r[usize::from(result)], first, &out);
+                    }
+                })+
+            }
+        };
+    }
+    lanes! {
+        Negate(a); Abs(a); Sign(a); Sqrt(a); Sin(a); Cos(a); Tan(a); Atan(a); Exp(a); Ln(a); Tanh(a);
+        Add(a, b); Subtract(a, b); Multiply(a, b); Divide(a, b); Min(a, b); Max(a, b); Power(a, b);
+        Atan2(a, b); CopySign(a, b); Less(a, b); LessEqual(a, b); Equal(a, b); Innovation(a, b);
+        Select(a, b, c); MultiplyAdd(a, b, c); MultiplySubtract(a, b, c); SubtractProduct(a, b, c);
+    }
+}
+
+#[inline(always)]
+fn load<T: Scalar>(lane: &Lane<T>, first: usize) -> [T; GROUP] {
+    core::array::from_fn(|i| lane.0[(first + i) % LANES])
+}
+
+#[inline(always)]
+fn store<T: Scalar>(lane: &mut Lane<T>, first: usize, values: &[T; GROUP]) {
+    for i in 0..GROUP {
+        lane.0[(first + i) % LANES] = values[i];
+    }
+}

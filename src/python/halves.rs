@@ -1,0 +1,271 @@
+//! Continuous laws whose step is cut in two, a prediction and a correction: current timing under every
+//! method, and the methods that place eigenvalues under both timings.
+//!
+//! What is chosen at run time stays so, one law's halves behind one table of functions: there are too
+//! many combinations to compile each as one loop.
+
+use super::errors::refused;
+use super::interrupt::StopFlag;
+use super::observers::{AnyObserver, Recursion};
+use super::record::Block;
+use super::study::{self, Plan, StudyResult};
+use crate::injection::{Injected, Placed};
+use crate::memory::Memory;
+use crate::observer::{ContinuousLaw, Discretised, Observer, Scheme, Status, Timing};
+use nalgebra::SVector;
+use pyo3::prelude::*;
+use std::sync::{Arc, Mutex};
+
+/// No memory of a law of order 2 or 5 is longer than this, period and input included.
+const WIDEST: usize = 24;
+
+/// The two halves of a step, on the law's memory as a flat vector.
+pub trait Halves: Send + Sync {
+    fn initial(&self) -> Vec<f64>;
+    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64);
+    fn correct(&self, memory: &mut [f64], y: f64, u: &[f64], t: f64, dt: f64);
+    /// The same with its gains computed for steps of this length, if that is of use.
+    fn prepared(&self, dt: f64) -> Option<Box<dyn Halves>>;
+}
+
+/// A method of [`crate::observer::METHODS`]: a step without a sample, and its correction.
+pub struct Known<L> {
+    pub free: Box<dyn Recursion>,
+    pub law: L,
+}
+
+impl<L> Halves for Known<L>
+where
+    L: ContinuousLaw<f64, Input: Memory<f64>> + Send + Sync + 'static,
+{
+    fn initial(&self) -> Vec<f64> {
+        flat(&self.law.initial())
+    }
+    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64) {
+        self.free.step(memory, &[f64::NAN], u, t, dt);
+    }
+    fn correct(&self, memory: &mut [f64], y: f64, u: &[f64], t: f64, dt: f64) {
+        let (law, z, u) = (&self.law, L::State::read(memory), L::Input::read(u));
+        // the same for every method
+        let scheme = crate::observer::Euler;
+        law.admissible(scheme.correct(law, t, &z, y, &u, dt)).write(memory);
+    }
+    fn prepared(&self, _: f64) -> Option<Box<dyn Halves>> {
+        None
+    }
+}
+
+impl<L> Halves for Discretised<L, Placed<f64, L::Poles, L::Gains>>
+where
+    L: Injected<f64, Input: Memory<f64>> + Send + Sync + 'static,
+    L::Poles: Send + Sync,
+    L::Gains: Send + Sync,
+{
+    fn initial(&self) -> Vec<f64> {
+        flat(&self.law.initial())
+    }
+    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64) {
+        let (law, z, u) = (&self.law, L::State::read(memory), L::Input::read(u));
+        law.admissible(self.scheme.predict(law, t, &z, &u, dt)).write(memory);
+    }
+    fn correct(&self, memory: &mut [f64], y: f64, u: &[f64], t: f64, dt: f64) {
+        let (law, z, u) = (&self.law, L::State::read(memory), L::Input::read(u));
+        law.admissible(self.scheme.correct(law, t, &z, y, &u, dt)).write(memory);
+    }
+    fn prepared(&self, dt: f64) -> Option<Box<dyn Halves>> {
+        L::CONSTANT.then(|| -> Box<dyn Halves> { Box::new(Observer::prepared(self, dt)) })
+    }
+}
+
+fn flat(z: &impl Memory<f64>) -> Vec<f64> {
+    let mut values = Vec::new();
+    z.visit(&mut |value| values.push(value));
+    values
+}
+
+/// An observer of two halves. Memory: the law's; with current timing then the period and the input
+/// before the sample, as in [`crate::observer::Current`].
+pub struct Halved {
+    pub halves: Box<dyn Halves>,
+    pub n: usize,
+    pub n_u: usize,
+    /// Entries of the law's memory.
+    pub law_len: usize,
+    pub timing: Timing,
+    /// The halves prepared for the length of the last correction, `None` where that is of no use.
+    usual: Mutex<Option<Usual>>,
+}
+
+/// The length of a correction, and halves prepared for it.
+type Usual = (f64, Option<Arc<dyn Halves>>);
+
+impl Halved {
+    pub fn new(halves: Box<dyn Halves>, n: usize, n_u: usize, timing: Timing) -> Self {
+        let law_len = halves.initial().len();
+        Self { halves, n, n_u, law_len, timing, usual: Mutex::default() }
+    }
+
+    /// The halves with gains for corrections of this length, which most steps have in common.
+    fn usual(&self, dt: f64) -> Option<Arc<dyn Halves>> {
+        let mut usual = self.usual.lock().ok()?;
+        if let Some((length, halves)) = &*usual
+            && length.to_bits() == dt.to_bits()
+        {
+            return halves.clone();
+        }
+        let halves = self.halves.prepared(dt).map(Arc::from);
+        *usual = Some((dt, halves.clone()));
+        halves
+    }
+
+    /// The law's memory before the sample at time t.
+    fn before(&self, halves: &dyn Halves, memory: &mut [f64], t: f64) {
+        if self.timing == Timing::Current {
+            let (law, held) = memory.split_at_mut(self.law_len);
+            halves.predict(law, &held[1..], t - held[0], held[0]);
+        }
+    }
+
+    /// The rest of a step.
+    fn after(&self, halves: &dyn Halves, memory: &mut [f64], y: f64, u: &[f64], t: f64, dt: f64) {
+        let (law, held) = memory.split_at_mut(self.law_len);
+        match self.timing {
+            Timing::Current => {
+                let period = if held[0] > 0.0 { held[0] } else { dt };
+                halves.correct(law, y, u, t, period);
+                held[0] = dt;
+                held[1..].copy_from_slice(u);
+            }
+            Timing::Predictor => {
+                halves.correct(law, y, u, t, dt);
+                halves.predict(law, u, t, dt);
+            }
+        }
+    }
+}
+
+impl Recursion for Halved {
+    fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
+        let y = y.first().copied().unwrap_or(f64::NAN);
+        let period = match self.timing {
+            Timing::Current if memory[self.law_len] > 0.0 => memory[self.law_len],
+            _ => dt,
+        };
+        let usual = self.usual(period);
+        let halves = usual.as_deref().unwrap_or(&*self.halves);
+        self.before(halves, memory, t);
+        self.after(halves, memory, y, u, t, dt);
+        if y.is_finite() { Status::Updated } else { Status::Predicted }
+    }
+
+    fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64 {
+        let usual = block.dt.first().and_then(|dt| self.usual(*dt));
+        let halves = usual.as_deref().unwrap_or(&*self.halves);
+        let (m, current) = (memory.len(), self.timing == Timing::Current);
+        let (mut largest, mut spoilt) = (0.0_f64, 0.0);
+        for (k, row) in block.memory.chunks_exact_mut(m).enumerate() {
+            let (t, y, u) = (block.t[k], block.y[k], &block.u[k * self.n_u..][..self.n_u]);
+            self.before(halves, memory, t);
+            if let Some(innovation) = block.innovation.get_mut(k) {
+                *innovation = y - memory[0];
+            }
+            if !current {
+                row.copy_from_slice(memory);
+            }
+            self.after(halves, memory, y, u, t, block.dt[k]);
+            if current {
+                row.copy_from_slice(memory);
+            }
+            let status = if y.is_finite() { Status::Updated } else { Status::Predicted };
+            block.status[k] = status as u8;
+            for value in row {
+                largest = largest.max(value.abs());
+                spoilt += 0.0 * *value; // NaN once the memory is not finite
+            }
+        }
+        largest + spoilt
+    }
+}
+
+impl AnyObserver for Halved {
+    fn n(&self) -> usize {
+        self.n
+    }
+    fn n_y(&self) -> usize {
+        1
+    }
+    fn n_u(&self) -> usize {
+        self.n_u
+    }
+    fn is_current(&self) -> bool {
+        self.timing == Timing::Current
+    }
+    fn initial(&self) -> Vec<f64> {
+        let mut memory = self.halves.initial();
+        if self.timing == Timing::Current {
+            memory.resize(self.law_len + 1 + self.n_u, 0.0);
+        }
+        memory
+    }
+    fn recursion(&self) -> &dyn Recursion {
+        self
+    }
+    fn study(&self, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult> {
+        match (self.n, self.timing) {
+            (2, Timing::Predictor) => study::of_halved(&Watched::<2, false>::new(self), plan, stop),
+            (2, Timing::Current) => study::of_halved(&Watched::<2, true>::new(self), plan, stop),
+            (5, Timing::Predictor) => study::of_halved(&Watched::<5, false>::new(self), plan, stop),
+            (5, Timing::Current) => study::of_halved(&Watched::<5, true>::new(self), plan, stop),
+            _ => Err(refused(study::NO_PLANT)),
+        }
+    }
+}
+
+/// The same as an observer of the core, for studies.
+#[derive(Clone, Copy)]
+pub struct Watched<'a, const N: usize, const CURRENT: bool> {
+    pub whole: &'a Halved,
+    halves: &'a dyn Halves,
+}
+
+impl<'a, const N: usize, const CURRENT: bool> Watched<'a, N, CURRENT> {
+    fn new(whole: &'a Halved) -> Self {
+        Self { whole, halves: &*whole.halves }
+    }
+
+    /// With these halves in their place.
+    pub fn with(&self, halves: &'a dyn Halves) -> Self {
+        Self { halves, ..*self }
+    }
+}
+
+impl<const N: usize, const CURRENT: bool> Observer<f64> for Watched<'_, N, CURRENT> {
+    type State = SVector<f64, WIDEST>;
+    type Measurement = f64;
+    type Input = SVector<f64, 1>;
+    const TIMING: Timing = if CURRENT { Timing::Current } else { Timing::Predictor };
+    const ESTIMATED: usize = N;
+
+    fn initial(&self) -> Self::State {
+        Self::State::read(&AnyObserver::initial(self.whole))
+    }
+
+    fn step(&self, z: &mut Self::State, y: &f64, u: &Self::Input, t: f64, dt: f64) -> Status {
+        let (whole, u) = (self.whole, &u.as_slice()[..self.whole.n_u]);
+        let held = if CURRENT { 1 + whole.n_u } else { 0 };
+        let memory = &mut z.as_mut_slice()[..whole.law_len + held];
+        whole.before(self.halves, memory, t);
+        whole.after(self.halves, memory, *y, u, t, dt);
+        if y.is_finite() { Status::Updated } else { Status::Predicted }
+    }
+
+    fn estimate<'b>(&self, z: &'b Self::State) -> &'b [f64] {
+        &z.as_slice()[..N]
+    }
+
+    fn innovation(&self, t: f64, z: &Self::State, y: &f64) -> f64 {
+        let mut before = *z;
+        self.whole.before(self.halves, before.as_mut_slice(), t);
+        *y - before[0]
+    }
+}

@@ -1,0 +1,604 @@
+//! Studies whose plant or model is known at run time only.
+//!
+//! Blocks of runs go through programs. What only single runs give (frames, each run's own recorded
+//! noise) goes through the loop of compiled plants and laws, with the tables behind their traits: the
+//! same operations, and so the same bits.
+
+use super::errors::refused;
+use super::interrupt::{StopFlag, interruptible};
+use super::lanes::{BlockOf, vectors};
+use super::programs::Tables;
+use super::spec::Spec;
+use super::study::{AnySchedule, Plan, StudyResult};
+use super::systems::AnyPlant;
+use super::table::{Compiled, Table};
+use super::trace::{self, Setting, Traced, input, inputs, named, trace};
+use crate::Scalar;
+use crate::ensemble::Programs;
+use crate::integrate::{Integrator, PlantScheme, WienerIncrement, plant_step};
+use crate::lanes::LaneMetrics;
+use crate::memory::Memory;
+use crate::model::{Plant, StochasticIntegrator};
+use crate::noise::Sine;
+use crate::observer::{ContinuousLaw, Observer, Status, Timing};
+use crate::program::Registers;
+use crate::simulate::Experiment;
+use crate::vectors::Task;
+use nalgebra::SVector;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// Room for a plant's state and for an observer's memory.
+const X: usize = 12;
+const Z: usize = 40;
+
+type PlantState<T> = SVector<T, X>;
+type NoInput<T> = SVector<T, 0>;
+
+/// A plant of the user's own.
+pub struct OwnPlant {
+    pub n: usize,
+    noisy: bool,
+    /// (t, x, parameters) → (drift, diffusion if there is noise, output).
+    table: Table,
+    parameters: Vec<f64>,
+}
+
+impl OwnPlant {
+    pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
+        spec.only(&["kind", "n", "n_u", "noisy", "table", "parameters", "names"])?;
+        let (n, noisy) = (spec.count("n")?, spec.flag_or("noisy", false)?);
+        if !(1..=X).contains(&n) {
+            return Err(refused(&format!("n = {n} is not allowed: a plant has 1 to {X} states")));
+        }
+        let table = Table::read(&spec.sub("table")?)?;
+        let parameters = spec.numbers("parameters")?.values;
+        if let Some(bad) = parameters.iter().find(|value| !value.is_finite()) {
+            return Err(refused(&format!("a parameter of the plant is {bad}; it must be finite")));
+        }
+        let (given, made) = (1 + n + parameters.len(), n + usize::from(noisy) * n + 1);
+        if table.inputs.len() != given || table.outputs.len() != made {
+            return Err(refused(&format!(
+                "the plant's table has {} inputs and {} outputs; it must have {given} and {made}",
+                table.inputs.len(),
+                table.outputs.len()
+            )));
+        }
+        Ok(Self { n, noisy, table, parameters })
+    }
+
+    /// Its outputs within a trace.
+    fn call(&self, given: &[Traced]) -> Vec<Traced> {
+        let parameters = self.parameters.iter().map(|value| Traced::from_f64(*value));
+        trace::inline(&self.table, &given.iter().copied().chain(parameters).collect::<Vec<_>>())
+    }
+}
+
+const DOUBLE: Setting = Setting { single: false, present: true, answer: None, dt: None };
+
+/// An own plant behind the trait of all plants: over traced numbers, its table is taken in.
+#[derive(Clone, Copy)]
+struct Tabled<'a>(&'a OwnPlant);
+
+impl Tabled<'_> {
+    fn outputs(self, t: Traced, x: &PlantState<Traced>) -> Vec<Traced> {
+        self.0.call(&[&[t], &x.as_slice()[..self.0.n]].concat())
+    }
+    fn state(values: &[Traced]) -> PlantState<Traced> {
+        PlantState::from_fn(|i, _| values.get(i).copied().unwrap_or(Traced::ZERO))
+    }
+}
+
+impl Plant<Traced> for Tabled<'_> {
+    type State = PlantState<Traced>;
+    type Input = NoInput<Traced>;
+    type Output = Traced;
+    const TRUTH: (usize, usize) = (0, X);
+    const NOISY: bool = true;
+    fn drift(&self, t: Traced, x: &Self::State, _: &Self::Input) -> Self::State {
+        Self::state(&self.outputs(t, x)[..self.0.n])
+    }
+    fn output(&self, x: &Self::State) -> Traced {
+        self.outputs(Traced::ZERO, x).last().copied().unwrap_or_default()
+    }
+    fn truth<'a>(&self, x: &'a Self::State) -> &'a [Traced] {
+        x.as_slice()
+    }
+    fn control(&self, _: &Self::State, _: Traced) -> Self::Input {
+        crate::model::no_input()
+    }
+    fn has_process_noise(&self) -> bool {
+        self.0.noisy
+    }
+    fn supports(&self, scheme: StochasticIntegrator) -> bool {
+        self.0.noisy && scheme == StochasticIntegrator::EulerMaruyama
+    }
+    fn diffusion(&self, x: &Self::State) -> Self::State {
+        let n = self.0.n;
+        if self.0.noisy {
+            Self::state(&self.outputs(Traced::ZERO, x)[n..2 * n])
+        } else {
+            Self::State::zero()
+        }
+    }
+}
+
+/// A plant as programs, for single runs.
+#[derive(Clone, Copy)]
+struct Evaluated<'a> {
+    n: usize,
+    noisy: bool,
+    /// Whether it supports Euler-Maruyama, Milstein, the order 1.5 scheme.
+    supports: [bool; 3],
+    parts: &'a Parts<Compiled>,
+}
+
+/// The functions of a plant.
+struct Parts<F> {
+    /// (t, x) → ẋ.
+    drift: F,
+    /// x → y.
+    output: F,
+    /// x → b(x).
+    diffusion: F,
+    /// x → (∂b/∂x)·b.
+    slope: F,
+    /// (t, x, v) → (∂a/∂x)·v.
+    jacobian_times: F,
+    /// (t, x) → ½ bᵀ(∂²a/∂x²)b.
+    curvature: F,
+}
+
+impl Evaluated<'_> {
+    fn state(part: &Compiled, given: &[&[f64]]) -> PlantState<f64> {
+        PlantState::read(&part.evaluate(&given.concat()))
+    }
+    fn known<'a>(&self, x: &'a PlantState<f64>) -> &'a [f64] {
+        &x.as_slice()[..self.n]
+    }
+}
+
+impl Plant<f64> for Evaluated<'_> {
+    type State = PlantState<f64>;
+    type Input = NoInput<f64>;
+    type Output = f64;
+    const TRUTH: (usize, usize) = (0, X);
+    const NOISY: bool = true;
+    fn drift(&self, t: f64, x: &Self::State, _: &Self::Input) -> Self::State {
+        Self::state(&self.parts.drift, &[&[t], self.known(x)])
+    }
+    fn output(&self, x: &Self::State) -> f64 {
+        self.parts.output.evaluate(self.known(x)).first().copied().unwrap_or(f64::NAN)
+    }
+    fn truth<'a>(&self, x: &'a Self::State) -> &'a [f64] {
+        self.known(x)
+    }
+    fn control(&self, _: &Self::State, _: f64) -> Self::Input {
+        crate::model::no_input()
+    }
+    fn has_process_noise(&self) -> bool {
+        self.noisy
+    }
+    fn supports(&self, scheme: StochasticIntegrator) -> bool {
+        self.supports[scheme as usize]
+    }
+    fn diffusion(&self, x: &Self::State) -> Self::State {
+        Self::state(&self.parts.diffusion, &[self.known(x)])
+    }
+    fn diffusion_slope(&self, x: &Self::State) -> Self::State {
+        Self::state(&self.parts.slope, &[self.known(x)])
+    }
+    fn jacobian_times(&self, t: f64, x: &Self::State, v: &Self::State) -> Self::State {
+        Self::state(&self.parts.jacobian_times, &[&[t], self.known(x), self.known(v)])
+    }
+    fn curvature(&self, t: f64, x: &Self::State) -> Self::State {
+        Self::state(&self.parts.curvature, &[&[t], self.known(x)])
+    }
+}
+
+/// An observer's step as a program of (t, dt, z, y, u), for single runs.
+#[derive(Clone, Copy)]
+struct Recursion<'a, const CURRENT: bool> {
+    step: &'a Compiled,
+    n: usize,
+    memory: usize,
+}
+
+impl<const CURRENT: bool> Observer<f64> for Recursion<'_, CURRENT> {
+    type State = SVector<f64, Z>;
+    type Measurement = f64;
+    type Input = NoInput<f64>;
+    const TIMING: Timing = if CURRENT { Timing::Current } else { Timing::Predictor };
+    const ESTIMATED: usize = Z;
+    fn initial(&self) -> Self::State {
+        Self::State::zero()
+    }
+    fn step(&self, z: &mut Self::State, y: &f64, _: &Self::Input, t: f64, dt: f64) -> Status {
+        let mut given = vec![t, dt];
+        given.extend_from_slice(&z.as_slice()[..self.memory]);
+        given.push(*y);
+        *z = Self::State::read(&self.step.evaluate(&given)[..self.memory]);
+        Status::Updated
+    }
+    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [f64] {
+        &z.as_slice()[..self.n]
+    }
+    fn innovation(&self, _: f64, z: &Self::State, y: &f64) -> f64 {
+        *y - z[0]
+    }
+}
+
+/// A continuous law as programs, for single runs that are integrated together with their plants. Its
+/// innovation is the sample itself, from which the rate takes what it needs.
+#[derive(Clone, Copy)]
+struct Evolution<'a> {
+    rate: &'a Compiled,
+    admissible: &'a Compiled,
+    n: usize,
+    memory: usize,
+}
+
+impl ContinuousLaw<f64> for Evolution<'_> {
+    type State = SVector<f64, Z>;
+    type Input = NoInput<f64>;
+    type Innovation = f64;
+    const ESTIMATED: usize = Z;
+    fn initial(&self) -> Self::State {
+        Self::State::zero()
+    }
+    fn innovation(&self, _: &Self::State, y: f64) -> f64 {
+        y
+    }
+    fn rate(&self, t: f64, z: &Self::State, y: &f64, _: &Self::Input) -> Self::State {
+        let mut given = vec![t];
+        given.extend_from_slice(&z.as_slice()[..self.memory]);
+        given.push(*y);
+        Self::State::read(&self.rate.evaluate(&given))
+    }
+    fn stagger(&self, _: &Self::State, new: Self::State, _: f64) -> Self::State {
+        new
+    }
+    fn admissible(&self, z: Self::State) -> Self::State {
+        Self::State::read(&self.admissible.evaluate(&z.as_slice()[..self.memory]))
+    }
+    fn speed(&self, _: &Self::State) -> f64 {
+        1.0
+    }
+    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [f64] {
+        &z.as_slice()[..self.n]
+    }
+}
+
+/// A plant as tables.
+struct PlantTables {
+    /// (t, h, x, ξ₁, ξ₂) → x⁺.
+    step: Table,
+    parts: Parts<Table>,
+    noisy: bool,
+    supports: [bool; 3],
+}
+
+impl Parts<Table> {
+    fn compile(&self) -> PyResult<Parts<Compiled>> {
+        Ok(Parts {
+            drift: self.drift.compile()?,
+            output: self.output.compile()?,
+            diffusion: self.diffusion.compile()?,
+            slope: self.slope.compile()?,
+            jacobian_times: self.jacobian_times.compile()?,
+            curvature: self.curvature.compile()?,
+        })
+    }
+}
+
+fn plant_tables<P>(
+    n: usize,
+    scheme: PlantScheme,
+    build: impl Fn() -> PyResult<P>,
+) -> PyResult<PlantTables>
+where
+    P: Plant<Traced, Output = Traced, Input = NoInput<Traced>>,
+{
+    let u = crate::model::no_input();
+    let state = |name| P::State::read(&inputs(name, n));
+    let flat = |state: P::State| {
+        let mut values = vec![Traced::ZERO; n];
+        state.write(&mut values);
+        Ok(named("x", &values))
+    };
+    let step = trace(DOUBLE, || {
+        let (t, h) = (input("t"), input("h"));
+        let (x, xi) = (state("x"), inputs("xi", 2));
+        let plant = build()?;
+        flat(match scheme {
+            PlantScheme::Held => x,
+            PlantScheme::Deterministic(scheme) => plant_step(scheme, &plant, t, &x, &u, h),
+            PlantScheme::Stochastic(scheme) => {
+                let w = WienerIncrement::from_normals((xi[0], xi[1]), h);
+                scheme.step(&plant, t, &x, &u, h, w)
+            }
+        })
+    })?;
+    let parts = Parts {
+        drift: trace(DOUBLE, || {
+            let (t, x) = (input("t"), state("x"));
+            flat(build()?.drift(t, &x, &u))
+        })?,
+        output: trace(DOUBLE, || {
+            let x = state("x");
+            Ok(named("y", &[build()?.output(&x)]))
+        })?,
+        diffusion: trace(DOUBLE, || {
+            let x = state("x");
+            flat(build()?.diffusion(&x))
+        })?,
+        slope: trace(DOUBLE, || {
+            let x = state("x");
+            flat(build()?.diffusion_slope(&x))
+        })?,
+        jacobian_times: trace(DOUBLE, || {
+            let (t, x, v) = (input("t"), state("x"), state("v"));
+            flat(build()?.jacobian_times(t, &x, &v))
+        })?,
+        curvature: trace(DOUBLE, || {
+            let (t, x) = (input("t"), state("x"));
+            flat(build()?.curvature(t, &x))
+        })?,
+    };
+    let (mut noisy, mut supports) = (false, [false; 3]);
+    trace(DOUBLE, || {
+        use StochasticIntegrator::{EulerMaruyama, Milstein, Taylor15};
+        let plant = build()?;
+        noisy = plant.has_process_noise();
+        supports = [EulerMaruyama, Milstein, Taylor15].map(|scheme| plant.supports(scheme));
+        Ok(Vec::new())
+    })?;
+    Ok(PlantTables { step, parts, noisy, supports })
+}
+
+/// What simulates: the plant's and the observer's tables and the plan.
+struct Study<'a> {
+    plan: &'a Plan,
+    observer: &'a Tables,
+    plant: PlantTables,
+}
+
+impl Study<'_> {
+    /// The observer's inputs: none is known of a plant without one.
+    fn told(&self) -> Vec<Traced> {
+        let parameters = self.observer.parameters().iter().map(|value| Traced::from_f64(*value));
+        std::iter::repeat_n(Traced::ZERO, self.observer.n_u()).chain(parameters).collect()
+    }
+
+    /// (t, dt, z, x, drawn noise, sines) → z⁺.
+    fn observers(&self) -> PyResult<Compiled> {
+        trace(DOUBLE, || {
+            let (t, dt) = (input("t"), input("dt"));
+            let z = inputs("z", self.plan.memory_len());
+            let x = inputs("x", self.plan.plant.len());
+            let (noise, sines) = (input("noise"), input("sines"));
+            let y = trace::inline(&self.plant.parts.output, &x)[0] + noise + sines;
+            let given = [&[t, dt], z.as_slice(), &[y], &self.told()].concat();
+            let mut made = trace::inline(self.observer.step(), &given);
+            made.truncate(z.len());
+            Ok(named("z", &made))
+        })?
+        .compile()
+    }
+
+    /// (t, dt, z, x, drawn noise) → (z⁺, x⁺), as one differential equation.
+    fn both(&self, integrator: Integrator) -> PyResult<Compiled> {
+        let Some((rate, admissible)) = self.observer.law() else {
+            return Err(refused(super::study::SAMPLED_ONLY));
+        };
+        trace(DOUBLE, || {
+            let (t, dt) = (input("t"), input("dt"));
+            let z = inputs("z", self.plan.memory_len());
+            let x = inputs("x", self.plan.plant.len());
+            let held = input("noise");
+            let of = |sine: &Sine<f64>| Sine {
+                amplitude: Traced::from_f64(sine.amplitude),
+                omega: Traced::from_f64(sine.omega),
+                phase: Traced::from_f64(sine.phase),
+            };
+            let sines: Vec<Sine<Traced>> = self.plan.sines().iter().map(of).collect();
+            let told = self.told();
+            let frozen = self.plan.plant_scheme == PlantScheme::Held;
+            let system = |t: Traced, both: &SVector<Traced, { X + Z }>| {
+                let (z, x) = both.as_slice().split_at(z.len());
+                let x = &x[..self.plan.plant.len()];
+                let y = trace::inline(&self.plant.parts.output, x)[0] + held + Sine::sum(&sines, t);
+                let given = [&[t], z, &[y], told.as_slice()].concat();
+                let mut rates = trace::inline(rate, &given);
+                if !frozen {
+                    rates.extend(trace::inline(&self.plant.parts.drift, &[&[t], x].concat()));
+                }
+                SVector::read(&rates)
+            };
+            let start = SVector::read(&[z.as_slice(), &x].concat());
+            let end = integrator.step(system, t, &start, dt);
+            let (z, x) = end.as_slice().split_at(z.len());
+            let x = &x[..self.plan.plant.len()];
+            Ok([named("z", &trace::inline(admissible, z)), named("x", x)].concat())
+        })?
+        .compile()
+    }
+}
+
+/// A block of runs.
+struct BlockTask<'a, 'b> {
+    experiment: &'a Experiment<'a, f64, Evaluated<'a>, AnySchedule>,
+    programs: Programs<'a, f64, Z>,
+    first_run: u64,
+    block: BlockOf<PlantState<f64>, SVector<f64, Z>>,
+    metrics: &'a mut LaneMetrics<'b, f64>,
+    stop: &'a StopFlag,
+}
+
+impl Task for BlockTask<'_, '_> {
+    type Output = BlockOf<PlantState<f64>, SVector<f64, Z>>;
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self { experiment, programs, first_run, block, metrics, stop } = self;
+        experiment.programs_block(programs, first_run, block, metrics, || stop.is_set())
+    }
+}
+
+/// Whether a simulation runs as programs: its plant or its model is the user's own, or it is a pair
+/// that is not compiled.
+pub fn is_programmed(spec: &Spec<'_>) -> PyResult<bool> {
+    let (observer, plant) = (spec.sub("observer")?, spec.sub("plant")?.text_or("kind", "")?);
+    let model = observer.get("model")?.is_some() && {
+        observer.sub("model")?.text_or("kind", "")? == "own"
+    };
+    let copies = matches!(observer.text_or("kind", "")?.as_str(), "collection" | "modified");
+    let copied = copies && matches!(plant.as_str(), "lee" | "van-der-pol");
+    Ok(model || plant == "own-plant" || copied)
+}
+
+/// Run an experiment with a plant or a model of the user's own.
+pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, PyDict>> {
+    let of_observer = spec.sub("observer")?;
+    let schedule = spec.sub("schedule")?;
+    let dt = if schedule.text("kind")? == "fixed" { Some(schedule.f64("dt")?) } else { None };
+    let observer = Tables::read(&of_observer, false, dt)?;
+    let plan = Plan::read(spec, observer.memory_len(), &[])?;
+    if observer.n_y() != 1 || plan.memory_len() > Z {
+        return Err(refused("an own plant or model is simulated with one output"));
+    }
+    let plant_spec = spec.sub("plant")?;
+    let (n, scheme) = (plan.plant.len(), plan.plant_scheme);
+    let own = match plan.plant {
+        AnyPlant::Own { .. } => Some(OwnPlant::read(&plant_spec)?),
+        _ => None,
+    };
+    macro_rules! paper {
+        ($variant:ident) => {
+            plant_tables(n, scheme, || match AnyPlant::<Traced>::read(&plant_spec)? {
+                AnyPlant::$variant(plant) => Ok(plant),
+                _ => Err(refused("another plant")),
+            })?
+        };
+    }
+    let plant = match plan.plant {
+        AnyPlant::Lee(_) => paper!(Lee),
+        AnyPlant::SanfelicePraly(_) => paper!(SanfelicePraly),
+        AnyPlant::VanDerPol(_) => paper!(VanDerPol),
+        AnyPlant::Crackle(_) => paper!(Crackle),
+        AnyPlant::Ship(_) => {
+            return Err(refused("the ship is simulated with the reduced-order observer only"));
+        }
+        AnyPlant::Own { .. } => match &own {
+            Some(own) => plant_tables(n, scheme, || Ok(Tabled(own)))?,
+            None => return Err(refused("another plant")),
+        },
+    };
+    let study = Study { plan: &plan, observer: &observer, plant };
+    if n < observer.n() {
+        return Err(refused(&format!(
+            "the observer estimates {} states; the plant has {n}",
+            observer.n()
+        )));
+    }
+    let integrator = plan.joint_integrator(&spec.sub("observer")?)?;
+    let alone = integrator.is_some() && !plan.has_no_sines();
+    let result = if !alone && vectors(&plan)?.is_some() {
+        study.in_blocks(py, integrator)?
+    } else {
+        study.one_by_one(py, integrator)?
+    };
+    result.into_dict(py, &plan)
+}
+
+impl Study<'_> {
+    fn evaluated<'a>(&self, parts: &'a Parts<Compiled>) -> Evaluated<'a> {
+        let PlantTables { noisy, supports, .. } = self.plant;
+        Evaluated { n: self.plan.plant.len(), noisy, supports, parts }
+    }
+
+    fn in_blocks(&self, py: Python<'_>, integrator: Option<Integrator>) -> PyResult<StudyResult> {
+        let (plan, observer) = (self.plan, self.observer);
+        let parts = self.plant.parts.compile()?;
+        let plants = self.plant.step.compile()?;
+        let (observers, joint) = match integrator {
+            None => (self.observers()?, false),
+            Some(integrator) => (self.both(integrator)?, true),
+        };
+        let moves = !joint && plan.plant_scheme != PlantScheme::Held;
+        let rest = [observers.registers::<f64>(), plants.registers::<f64>()];
+        interruptible(py, |stop| {
+            let plant = self.evaluated(&parts);
+            let kept = plan.memory_len();
+            let done = plan.execute_blocks::<Evaluated<'_>, SVector<f64, Z>>(
+                plant,
+                kept,
+                |vectors, experiment, first_run, block, metrics| {
+                    let mut registers = rest.map(|rest| Box::new(Registers::in_lanes(&rest)));
+                    let [of_observers, of_plants] = &mut registers;
+                    let programs = Programs {
+                        observers: observers.program(),
+                        plants: moves.then(|| plants.program()),
+                        joint,
+                        registers: [of_observers, of_plants],
+                        entries: (plan.plant.len(), kept),
+                        estimated: observer.n(),
+                        filters: observer.is_current(),
+                    };
+                    let task = BlockTask { experiment, programs, first_run, block, metrics, stop };
+                    vectors.run(task)
+                },
+            );
+            done.unwrap_or_else(|| Err(refused("this processor lacks the instructions")))
+        })
+    }
+
+    fn one_by_one(&self, py: Python<'_>, integrator: Option<Integrator>) -> PyResult<StudyResult> {
+        let (plan, observer) = (self.plan, self.observer);
+        let parts = self.plant.parts.compile()?;
+        let (n, memory) = (observer.n(), plan.memory_len());
+        // what is known of the observer's inputs and parameters, taken in
+        let alone = |table: &Table, own: usize| {
+            trace(DOUBLE, || {
+                let given = inputs("given", own);
+                let outputs = trace::inline(table, &[given, self.told()].concat());
+                Ok(named("z", &outputs))
+            })?
+            .compile()
+        };
+        let step = alone(observer.step(), 2 + memory + 1)?;
+        let law = match (integrator, observer.law()) {
+            (None, _) => None,
+            (Some(_), None) => return Err(refused(super::study::SAMPLED_ONLY)),
+            (Some(integrator), Some((rate, admissible))) => {
+                Some((integrator, alone(rate, 1 + memory + 1)?, admissible.compile()?))
+            }
+        };
+        interruptible(py, |stop| {
+            let plant = self.evaluated(&parts);
+            let tell = |u: &NoInput<f64>| *u;
+            if let Some((integrator, rate, admissible)) = &law {
+                let law = Evolution { rate, admissible, n, memory };
+                return plan.execute(
+                    plant,
+                    memory,
+                    memory,
+                    stop,
+                    |experiment, run, x, z, watch| {
+                        experiment.joint(&law, tell, *integrator, run, x, z, watch)
+                    },
+                );
+            }
+            if observer.is_current() {
+                let observer = Recursion::<true> { step: &step, n, memory };
+                plan.execute(plant, memory, memory, stop, |experiment, run, x, z, watch| {
+                    experiment.sampled(&observer, tell, run, x, z, watch)
+                })
+            } else {
+                let observer = Recursion::<false> { step: &step, n, memory };
+                plan.execute(plant, memory, memory, stop, |experiment, run, x, z, watch| {
+                    experiment.sampled(&observer, tell, run, x, z, watch)
+                })
+            }
+        })
+    }
+}

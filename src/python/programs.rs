@@ -1,0 +1,1170 @@
+//! Observers whose model is known at run time only: their steps as programs of the core.
+//!
+//! The laws are the core's own. Run over [`Traced`] numbers, with the model's table in the place of a
+//! compiled model, each writes down its step once; the program of that step is what runs.
+
+use super::design::order_refused;
+use super::errors::refused;
+use super::interrupt::StopFlag;
+use super::observers::{
+    AnyGain, AnyMethod, AnyObserver, AnySaturation, Manner, MovingGain, Recursion,
+};
+use super::record::Block;
+use super::spec::Spec;
+use super::study::{Plan, StudyResult};
+use super::systems::{AnyModel, read_van_der_pol};
+use super::table::{Compiled, Table};
+use super::tabled::{LawTables, flat};
+use super::trace::{self, Setting, Traced, call, input, inputs, named, trace};
+use crate::Scalar;
+use crate::dispatch_order;
+use crate::memory::Memory;
+use crate::model::{Model, PhaseVariable, SampledModel, StrictFeedback, last};
+use crate::models::Correction;
+use crate::observer::{Observer, Status, Timing};
+use crate::observers::{
+    LowPower, ModifiedObserver, ReducedOrderObserver, RepelledCollection, SampledDataObserver,
+    StandardObserver,
+};
+use crate::program::{REGISTERS, Registers};
+use nalgebra::{SMatrix, SVector};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::cmp::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Known inputs that a model may have.
+pub const MAX_INPUTS: usize = 8;
+
+/// A model as it was given.
+pub struct OwnModel {
+    form: String,
+    n: usize,
+    n_u: usize,
+    table: Table,
+    parameters: Vec<f64>,
+    /// Orders of the chains, one for each output.
+    orders: Vec<usize>,
+    /// Unmeasured states of the strict-feedback form.
+    n_z: usize,
+}
+
+impl OwnModel {
+    fn read(spec: &Spec<'_>) -> PyResult<Self> {
+        spec.only(&["kind", "form", "n", "n_u", "table", "parameters", "names", "orders", "n_z"])?;
+        let (form, n, n_u) = (spec.text("form")?, spec.count("n")?, spec.count("n_u")?);
+        let table = Table::read(&spec.sub("table")?)?;
+        let parameters = spec.numbers("parameters")?.values;
+        if let Some(bad) = parameters.iter().find(|value| !value.is_finite()) {
+            return Err(refused(&format!("a parameter of the model is {bad}; it must be finite")));
+        }
+        if n_u > MAX_INPUTS {
+            let message =
+                format!("n_u = {n_u} is not allowed: a model has 0 to {MAX_INPUTS} inputs");
+            return Err(refused(&message));
+        }
+        let orders: Vec<usize> = match spec.get("orders")? {
+            Some(orders) => orders.extract()?,
+            None => vec![n],
+        };
+        if orders.iter().sum::<usize>() != n || orders.contains(&0) {
+            let message =
+                format!("orders = {orders:?} is not allowed: they must add up to n = {n}");
+            return Err(refused(&message));
+        }
+        let n_z = if form == "strict-feedback" { spec.count("n_z")? } else { 0 };
+        let (given, made) = match form.as_str() {
+            "strict-feedback" => (1 + n + n_z + n_u, n + n * n_z + n_z),
+            "chains" => (1 + n + n_u, orders.len()),
+            "phase" => (1 + n + n_u, 1),
+            "triangular" => (1 + n + n_u, n),
+            "sampled" => (3 + n + n_u, 2 * n + 1),
+            other => {
+                return Err(spec.unknown(
+                    "form",
+                    other,
+                    &["phase", "triangular", "chains", "sampled", "strict-feedback"],
+                ));
+            }
+        };
+        let given = given + parameters.len();
+        if table.inputs.len() != given || table.outputs.len() != made {
+            return Err(refused(&format!(
+                "the model's table has {} inputs and {} outputs; its form {form:?} has {given} and \
+                 {made}",
+                table.inputs.len(),
+                table.outputs.len()
+            )));
+        }
+        Ok(Self { form, n, n_u, table, parameters, orders, n_z })
+    }
+
+    /// Names of the parameters: the last inputs of the table.
+    fn names(&self) -> &[String] {
+        &self.table.inputs[self.table.inputs.len() - self.parameters.len()..]
+    }
+}
+
+/// A model that observers over traced numbers know.
+#[derive(Clone, Copy)]
+enum Known {
+    Paper(AnyModel<Traced>),
+    Own {
+        function: usize,
+        n_u: usize,
+    },
+    /// One of the chains of a model with several outputs: the states of the others, `shared`, are held
+    /// over the step.
+    Chain {
+        function: usize,
+        shared: usize,
+        n_u: usize,
+        n: usize,
+        chain: usize,
+        first: usize,
+    },
+}
+
+impl Known {
+    /// Outputs of an own model.
+    fn call(&self, t: Traced, x: &[Traced], u: &[Traced]) -> Vec<Traced> {
+        match *self {
+            Self::Paper(_) => Vec::new(),
+            Self::Own { function, n_u } => call(function, &[&[t], x, &u[..n_u]].concat()),
+            Self::Chain { function, shared, n_u, n, chain, first } => {
+                let mut all = trace::parameters(shared);
+                all.truncate(n);
+                all[first..first + x.len()].copy_from_slice(x);
+                let made = call(function, &[&[t], all.as_slice(), &u[..n_u]].concat());
+                vec![made[chain]]
+            }
+        }
+    }
+}
+
+/// The first K inputs.
+fn told<const K: usize>(u: &SVector<Traced, MAX_INPUTS>) -> SVector<Traced, K> {
+    SVector::from_fn(|i, _| u[i])
+}
+
+impl<const N: usize> Model<Traced, N, MAX_INPUTS> for Known {
+    fn f_hat(
+        &self,
+        t: Traced,
+        x: &SVector<Traced, N>,
+        u: &SVector<Traced, MAX_INPUTS>,
+    ) -> SVector<Traced, N> {
+        match self {
+            Self::Paper(model) => model.f_hat(t, x, &told::<1>(u)),
+            own => match own.call(t, x.as_slice(), u.as_slice()).as_slice() {
+                [phi] => last(*phi),
+                f => SVector::from_fn(|i, _| f.get(i).copied().unwrap_or_default()),
+            },
+        }
+    }
+}
+
+impl<const N: usize> PhaseVariable<Traced, N, MAX_INPUTS> for Known {
+    fn phi(&self, t: Traced, x: &SVector<Traced, N>, u: &SVector<Traced, MAX_INPUTS>) -> Traced {
+        match self {
+            Self::Paper(model) => model.phi(t, x, &told::<1>(u)),
+            own => {
+                let made = own.call(t, x.as_slice(), u.as_slice());
+                made.first().copied().unwrap_or_default()
+            }
+        }
+    }
+}
+
+/// A model of the sampled-data observer.
+#[derive(Clone, Copy)]
+struct OwnSampled {
+    function: usize,
+    n: usize,
+    n_u: usize,
+}
+
+impl OwnSampled {
+    fn call(&self, x: &[Traced], u: &[Traced], y: Traced, dt: Traced) -> Vec<Traced> {
+        call(self.function, &[&[Traced::ZERO], x, &u[..self.n_u], &[y, dt]].concat())
+    }
+}
+
+impl<const N: usize> SampledModel<Traced, N, MAX_INPUTS> for OwnSampled {
+    fn f(&self, x: &SVector<Traced, N>, u: &SVector<Traced, MAX_INPUTS>) -> SVector<Traced, N> {
+        let made = self.call(x.as_slice(), u.as_slice(), Traced::ZERO, Traced::ZERO);
+        SVector::from_fn(|i, _| made[i])
+    }
+    fn correction(&self, x: &SVector<Traced, N>, y: Traced, dt: Traced) -> SVector<Traced, N> {
+        let made = self.call(x.as_slice(), &[Traced::ZERO; MAX_INPUTS], y, dt);
+        SVector::from_fn(|i, _| made[self.n + i])
+    }
+}
+
+/// A model of the reduced-order observer.
+#[derive(Clone, Copy)]
+struct OwnStrictFeedback {
+    function: usize,
+    n_u: usize,
+}
+
+impl OwnStrictFeedback {
+    /// f₁, g and f₂; of f₁ and g only x is known.
+    fn call(&self, x: &[Traced], z: &[Traced], u: &[Traced]) -> Vec<Traced> {
+        call(self.function, &[&[Traced::ZERO], x, z, &u[..self.n_u]].concat())
+    }
+}
+
+impl<const NX: usize, const NZ: usize> StrictFeedback<Traced, NX, NZ, MAX_INPUTS>
+    for OwnStrictFeedback
+{
+    fn f1(&self, x: &SVector<Traced, NX>) -> SVector<Traced, NX> {
+        let made = self.call(x.as_slice(), &[Traced::ZERO; NZ], &[Traced::ZERO; MAX_INPUTS]);
+        SVector::from_fn(|i, _| made[i])
+    }
+    fn g(&self, x: &SVector<Traced, NX>) -> SMatrix<Traced, NX, NZ> {
+        let made = self.call(x.as_slice(), &[Traced::ZERO; NZ], &[Traced::ZERO; MAX_INPUTS]);
+        SMatrix::from_fn(|i, j| made[NX + i * NZ + j])
+    }
+    fn f2(
+        &self,
+        x: &SVector<Traced, NX>,
+        z: &SVector<Traced, NZ>,
+        u: &SVector<Traced, MAX_INPUTS>,
+    ) -> SVector<Traced, NZ> {
+        let made = self.call(x.as_slice(), z.as_slice(), u.as_slice());
+        SVector::from_fn(|i, _| made[NX + NX * NZ + i])
+    }
+}
+
+/// What a step is made of.
+struct Shape {
+    n: usize,
+    n_y: usize,
+    n_u: usize,
+    memory: usize,
+    current: bool,
+    initial: Vec<f64>,
+}
+
+/// An observer as tables.
+pub struct Tables {
+    shape: Shape,
+    /// (t, dt, z, y, u, parameters) → (z⁺, innovation).
+    step: Table,
+    /// The same where the sample is missing, if that is another law.
+    missing: Option<Table>,
+    /// The same with and without a sample, for a law that has not started: the entry of its memory of
+    /// this index is 0.
+    unstarted: Option<(usize, [Table; 2])>,
+    /// Whether much of a step depends on its length alone: a law whose eigenvalues are placed.
+    placed: bool,
+    /// A continuous law: (t, z, y, u, parameters) → ż, and z → z within the set that it lives in.
+    law: Option<(Table, Table)>,
+    parameters: Vec<f64>,
+}
+
+/// What an observer knows, as its spec says it.
+enum Given<'py, 'a> {
+    Paper(Option<Spec<'py>>),
+    Own(OwnModel),
+    /// Chain number `chain` of a model with several outputs.
+    Chain(&'a OwnModel, usize),
+}
+
+impl<'py> Given<'py, '_> {
+    fn read(spec: &Spec<'py>) -> PyResult<Self> {
+        if spec.get("model")?.is_none() {
+            return Ok(Self::Paper(None));
+        }
+        let model = spec.sub("model")?;
+        if model.text("kind")? == "own" {
+            return Ok(Self::Own(OwnModel::read(&model)?));
+        }
+        Ok(Self::Paper(Some(model)))
+    }
+
+    /// Number of known inputs.
+    fn n_u(&self) -> PyResult<usize> {
+        match self {
+            Self::Paper(None) => Ok(0),
+            Self::Paper(Some(model)) => Ok(usize::from(model.text("kind")? == "input")),
+            Self::Own(own) => Ok(own.n_u),
+            Self::Chain(own, _) => Ok(own.n_u),
+        }
+    }
+
+    fn parameters(&self) -> &[f64] {
+        match self {
+            Self::Own(own) => &own.parameters,
+            Self::Chain(own, _) => &own.parameters,
+            Self::Paper(_) => &[],
+        }
+    }
+
+    /// Within a trace: inputs for the parameters, and the model over them.
+    fn install(&self, n: usize) -> PyResult<Known> {
+        let (order, known) = match self {
+            Self::Paper(None) => (None, Known::Paper(AnyModel::Unknown)),
+            Self::Paper(Some(spec)) => {
+                let model = AnyModel::read(spec)?;
+                (model.order(), Known::Paper(model))
+            }
+            Self::Own(own) => {
+                if own.form != "phase" && own.form != "triangular" {
+                    return Err(refused(&format!(
+                        "a model of form {:?} does not fit this observer: it needs the phase-variable \
+                         or the triangular form",
+                        own.form
+                    )));
+                }
+                let parameters = own.names().iter().map(|name| input(name)).collect();
+                let function = trace::function(own.table.clone(), parameters);
+                (Some(own.n), Known::Own { function, n_u: own.n_u })
+            }
+            Self::Chain(own, chain) => {
+                let (n, n_u, chain) = (own.n, own.n_u, *chain);
+                let shared = trace::function(Table::default(), inputs("shared", n));
+                let parameters = own.names().iter().map(|name| input(name)).collect();
+                let function = trace::function(own.table.clone(), parameters);
+                let first = own.orders[..chain].iter().sum();
+                let order = own.orders[chain];
+                (Some(order), Known::Chain { function, shared, n_u, n, chain, first })
+            }
+        };
+        match order {
+            Some(order) if order != n => {
+                Err(refused(&format!("n = {n} does not fit the model, which has order {order}")))
+            }
+            _ => Ok(known),
+        }
+    }
+}
+
+/// The table of one step of the observer that `build` makes within the trace.
+fn step_table<O>(
+    setting: Setting,
+    n_u: usize,
+    build: impl FnOnce() -> PyResult<O>,
+) -> PyResult<Table>
+where
+    O: Observer<Traced, Input: Memory<Traced>>,
+{
+    trace(setting, || {
+        let (t, dt) = (input("t"), input("dt"));
+        let mut z = O::State::read(&inputs("z", O::State::LEN));
+        let y = O::Measurement::read(&inputs("y", O::Measurement::LEN));
+        let u = O::Input::read(&inputs("u", n_u));
+        let observer = build()?;
+        let innovation = flat(&observer.innovation(t, &z, &y));
+        observer.step(&mut z, &y, &u, t, dt);
+        Ok([named("z", &flat(&z)), named("innovation", &innovation)].concat())
+    })
+}
+
+impl Tables {
+    /// Of a continuous law.
+    fn continuous(
+        given: &Given<'_, '_>,
+        setting: Setting,
+        manner: Manner,
+        law: &LawTables,
+    ) -> PyResult<Self> {
+        let current = manner.timing == Timing::Current;
+        let memory = law.memory(manner.timing);
+        let mut initial = law.initial.clone();
+        initial.resize(memory, 0.0);
+        let placed = matches!(manner.method, AnyMethod::Placed(_));
+        let together = !current && !placed;
+        Ok(Self {
+            shape: Shape { n: law.n, n_y: 1, n_u: given.n_u()?, memory, current, initial },
+            step: law.step(setting, manner)?,
+            missing: None,
+            unstarted: None,
+            placed,
+            law: if together { Some(law.together(setting)?) } else { None },
+            parameters: given.parameters().to_vec(),
+        })
+    }
+}
+
+/// What a recursion of its own is made of.
+fn shape<O>(n_u: usize, build: impl FnOnce() -> PyResult<O>) -> PyResult<Shape>
+where
+    O: Observer<Traced, Input: Memory<Traced>>,
+{
+    let mut initial = Vec::new();
+    trace(Setting::usual(false), || {
+        initial = flat(&build()?.initial()).into_iter().map(Scalar::to_f64).collect();
+        Ok(Vec::new())
+    })?;
+    let (n, n_y, memory) = (O::ESTIMATED, O::Measurement::LEN, O::State::LEN);
+    let current = O::TIMING == Timing::Current;
+    Ok(Shape { n, n_y, n_u, memory, current, initial })
+}
+
+fn standard<const N: usize>(
+    spec: &Spec<'_>,
+    given: &Given<'_, '_>,
+    setting: Setting,
+) -> PyResult<Tables> {
+    spec.only(&["kind", "n", "k", "gain", "model", "method", "timing"])?;
+    let (k, manner) = (spec.vector::<N>("k", N)?, Manner::read(spec)?);
+    let gain = spec.sub("gain")?;
+    macro_rules! law {
+        ($gain:pat => $made:expr) => {
+            LawTables::any(setting, manner, given.n_u()?, || {
+                let model = given.install(N)?;
+                let $gain = AnyGain::read(&gain)? else { return Err(refused("another gain law")) };
+                let k = k.map(Traced::from_f64);
+                Ok(StandardObserver::<Traced, _, _, N, MAX_INPUTS>::new(k, $made, model)?)
+            })
+        };
+    }
+    let law = if gain.text("law")? == "constant" {
+        law!(AnyGain::Constant(gain) => gain)
+    } else {
+        law!(AnyGain::Moving(gain) => gain)
+    };
+    Tables::continuous(given, setting, manner, &law?)
+}
+
+fn low_power<const N: usize>(
+    spec: &Spec<'_>,
+    given: &Given<'_, '_>,
+    setting: Setting,
+    saturated: bool,
+) -> PyResult<Tables> {
+    let manner = Manner::read(spec)?;
+    if matches!(given, Given::Own(own) if own.form == "triangular") {
+        return Err(refused(
+            "a triangular model is not allowed here: the low-power and the peaking-free observer \
+             need a phase-variable model (known terms in the last equation only); use the standard \
+             observer",
+        ));
+    }
+    if matches!(manner.method, AnyMethod::Placed(_)) && spec.sub("gain")?.text("law")? != "constant"
+    {
+        return Err(refused(
+            "method = 'zoh' or 'bilinear' is not allowed for this law with a model of one's own and a \
+             gain that moves: choose a constant gain, the standard law, or rk4",
+        ));
+    }
+    let (alpha, beta) = (spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?);
+    let gain = spec.sub("gain")?;
+    macro_rules! law {
+        ($gain:pat => $made:expr) => {
+            LawTables::any(setting, manner, given.n_u()?, || {
+                let model = given.install(N)?;
+                let saturation = AnySaturation::<N, Traced>::read(spec, saturated)?;
+                let $gain = AnyGain::read(&gain)? else { return Err(refused("another gain law")) };
+                let [alpha, beta] = [alpha, beta].map(|k| k.map(Traced::from_f64));
+                Ok(LowPower::<Traced, _, _, _, N, MAX_INPUTS>::new(
+                    alpha, beta, $made, model, saturation,
+                )?)
+            })
+        };
+    }
+    let law = if gain.text("law")? == "constant" {
+        law!(AnyGain::Constant(gain) => gain)
+    } else {
+        law!(AnyGain::Moving(gain) => gain)
+    };
+    Tables::continuous(given, setting, manner, &law?)
+}
+
+fn collection<const C: usize>(
+    spec: &Spec<'_>,
+    given: &Given<'_, '_>,
+    setting: Setting,
+    modified: bool,
+) -> PyResult<Tables> {
+    const N: usize = 2;
+    spec.only(&["kind", "n", "k", "k_bar", "copies", "gain", "model", "method", "timing"])?;
+    let (k, k_bar) = (spec.vector::<N>("k", N)?, spec.vector::<N>("k_bar", N)?);
+    let (gain, manner) = (spec.sub("gain")?, Manner::read(spec)?);
+    let copies = || {
+        let model = given.install(N)?;
+        let AnyGain::Moving(MovingGain::Adaptive(gain)) = AnyGain::read(&gain)? else {
+            return Err(refused(
+                "a collection needs the adaptive gain law, Sanfelice and Praly (23)",
+            ));
+        };
+        let [k, k_bar] = [k, k_bar].map(|k| k.map(Traced::from_f64));
+        Ok(RepelledCollection::<Traced, _, N, C, MAX_INPUTS>::new(k, k_bar, gain, model)?)
+    };
+    let n_u = given.n_u()?;
+    let law = if modified {
+        let modified = || Ok(ModifiedObserver { collection: copies()? });
+        LawTables::known(setting, manner, n_u, modified)?
+    } else {
+        LawTables::known(setting, manner, n_u, copies)?
+    };
+    Tables::continuous(given, setting, manner, &law)
+}
+
+/// Tables of a sampled-data observer that `build` makes.
+fn sampled<O>(
+    given: &Given<'_, '_>,
+    setting: Setting,
+    build: impl Fn() -> PyResult<O>,
+) -> PyResult<Tables>
+where
+    O: Observer<Traced>,
+    O::Input: Memory<Traced>,
+{
+    let n_u = given.n_u()?;
+    let step = |present| step_table(Setting { present, ..setting }, n_u, &build);
+    Ok(Tables {
+        shape: shape(n_u, &build)?,
+        step: step(true)?,
+        missing: Some(step(false)?),
+        unstarted: None,
+        placed: false,
+        law: None,
+        parameters: given.parameters().to_vec(),
+    })
+}
+
+fn own_sampled<const N: usize>(
+    given: &Given<'_, '_>,
+    own: &OwnModel,
+    setting: Setting,
+) -> PyResult<Tables> {
+    if own.form != "sampled" {
+        return Err(refused(
+            "the sampled-data observer needs a model of sampled-data form: f, K_T and h",
+        ));
+    }
+    sampled(given, setting, || {
+        let parameters = own.names().iter().map(|name| input(name)).collect();
+        let function = trace::function(own.table.clone(), parameters);
+        let model = OwnSampled { function, n: own.n, n_u: own.n_u };
+        Ok(SampledDataObserver::<_, N, MAX_INPUTS> { model })
+    })
+}
+
+fn reduced_order<const NX: usize, const NZ: usize>(
+    spec: &Spec<'_>,
+    given: &Given<'_, '_>,
+    own: &OwnModel,
+    setting: Setting,
+) -> PyResult<Tables> {
+    type Reduced<const NX: usize, const NZ: usize> =
+        ReducedOrderObserver<Traced, OwnStrictFeedback, NX, NZ, MAX_INPUTS>;
+    let (h_bar, epsilon) = (spec.vector::<NZ>("h_bar", NZ)?, spec.f64("epsilon")?);
+    let n_u = own.n_u;
+    let build = || -> PyResult<Reduced<NX, NZ>> {
+        let parameters = own.names().iter().map(|name| input(name)).collect();
+        let model =
+            OwnStrictFeedback { function: trace::function(own.table.clone(), parameters), n_u };
+        let h_bar = h_bar.map(Traced::from_f64);
+        Ok(ReducedOrderObserver::new(h_bar, Traced::from_f64(epsilon), model)?)
+    };
+    let step = |started, present| {
+        let answer = Some(if started { Ordering::Greater } else { Ordering::Equal });
+        step_table(Setting { present, answer, ..setting }, n_u, build)
+    };
+    let shape = shape::<Reduced<NX, NZ>>(n_u, build)?;
+    Ok(Tables {
+        shape,
+        step: step(true, true)?,
+        missing: Some(step(true, false)?),
+        unstarted: Some((NZ + NX + MAX_INPUTS, [step(false, true)?, step(false, false)?])),
+        placed: false,
+        law: None,
+        parameters: given.parameters().to_vec(),
+    })
+}
+
+impl Tables {
+    /// Of the observer that a spec describes; with `single` in single precision.
+    ///
+    /// With `dt`, corrections that are placed are right for periods of this length only.
+    pub fn read(spec: &Spec<'_>, single: bool, dt: Option<f64>) -> PyResult<Self> {
+        let setting = Setting { dt, ..Setting::usual(single) };
+        if spec.text("kind")? == "chains" {
+            return Self::of_chains(spec, setting);
+        }
+        Self::of(spec, &Given::read(spec)?, setting)
+    }
+
+    /// Of an observer of several outputs: one observer for each chain, which takes the states of the
+    /// other chains as they stand at the beginning of a step.
+    fn of_chains(spec: &Spec<'_>, setting: Setting) -> PyResult<Self> {
+        spec.only(&["kind", "observers", "model"])?;
+        let own = OwnModel::read(&spec.sub("model")?)?;
+        if own.form != "chains" {
+            return Err(refused("an observer of several outputs needs a model of chains"));
+        }
+        let specs = spec.list("observers")?;
+        if specs.len() != own.orders.len() {
+            return Err(refused(&format!(
+                "{} observers do not fit a model of {} chains",
+                specs.len(),
+                own.orders.len()
+            )));
+        }
+        let chains: Vec<Self> = specs
+            .iter()
+            .enumerate()
+            .map(|(chain, spec)| Self::of(spec, &Given::Chain(&own, chain), setting))
+            .collect::<PyResult<_>>()?;
+        if chains.iter().any(|of| of.shape.current != chains[0].shape.current) {
+            return Err(refused("the observers of a model of chains must have the same timing"));
+        }
+        // the memory: the estimates of all chains, then the rest of each
+        let mut place = Vec::new();
+        let (mut x, mut rest) = (0, own.n);
+        for of in &chains {
+            let Shape { n, memory, .. } = of.shape;
+            place.push((x..x + n).chain(rest..rest + memory - n).collect::<Vec<usize>>());
+            (x, rest) = (x + n, rest + memory - n);
+        }
+        let mut initial = vec![0.0; rest];
+        for (of, place) in chains.iter().zip(&place) {
+            place.iter().zip(&of.shape.initial).for_each(|(place, value)| initial[*place] = *value);
+        }
+        let step = trace(setting, || {
+            let (t, dt) = (input("t"), input("dt"));
+            let (z, y) = (inputs("z", rest), inputs("y", chains.len()));
+            let u = inputs("u", own.n_u);
+            let parameters: Vec<Traced> = own.names().iter().map(|name| input(name)).collect();
+            let (mut moved, mut innovation) = (z.clone(), Vec::new());
+            for ((of, place), y) in chains.iter().zip(&place).zip(&y) {
+                let memory: Vec<Traced> = place.iter().map(|place| z[*place]).collect();
+                let given = [&[t, dt], memory.as_slice(), &[*y], &u, &z[..own.n], &parameters];
+                let made = trace::inline(&of.step, &given.concat());
+                place.iter().zip(&made).for_each(|(place, value)| moved[*place] = *value);
+                innovation.extend_from_slice(&made[memory.len()..]);
+            }
+            Ok([named("z", &moved), named("innovation", &innovation)].concat())
+        })?;
+        let current = chains.first().is_some_and(|of| of.shape.current);
+        let (n, n_y, n_u, memory) = (own.n, chains.len(), own.n_u, rest);
+        let shape = Shape { n, n_y, n_u, memory, current, initial };
+        let placed = chains.iter().any(|of| of.placed);
+        Ok(Self {
+            shape,
+            step,
+            missing: None,
+            unstarted: None,
+            placed,
+            law: None,
+            parameters: own.parameters,
+        })
+    }
+
+    fn of(spec: &Spec<'_>, given: &Given<'_, '_>, setting: Setting) -> PyResult<Self> {
+        let kind = spec.text("kind")?;
+        if kind == "sampled-data" {
+            spec.only(&["kind", "model", "gain"])?;
+            if let Given::Own(own) = given {
+                return dispatch_order!(own.n, N => own_sampled::<N>(given, own, setting),
+                                       else Err(order_refused(own.n)));
+            }
+            let correction = match spec.text_or("gain", "derived")?.as_str() {
+                "printed" => Correction::Printed,
+                _ => Correction::Derived,
+            };
+            return sampled(given, setting, || {
+                let model = read_van_der_pol::<Traced>(&spec.sub("model")?, correction)?;
+                Ok(SampledDataObserver::<_, 2, 0> { model })
+            });
+        }
+        if kind == "reduced-order" {
+            spec.only(&["kind", "model", "h_bar", "epsilon"])?;
+            let Given::Own(own) = &given else {
+                return Err(refused("the ship's observer decides on its samples: it has no table"));
+            };
+            if own.form != "strict-feedback" {
+                return Err(refused("the reduced-order observer needs a strict-feedback model"));
+            }
+            macro_rules! sizes {
+                ($(($x:literal, $z:literal)),+) => {
+                    match (own.n, own.n_z) {
+                        $(($x, $z) => reduced_order::<$x, $z>(spec, given, own, setting),)+
+                        (n_x, n_z) => Err(refused(&format!(
+                            "{n_x} measured and {n_z} unmeasured states are not allowed: the \
+                             reduced-order observer takes 1 to 4, and no more unmeasured than measured"
+                        ))),
+                    }
+                };
+            }
+            return sizes! {
+                (1, 1), (2, 1), (2, 2), (3, 1), (3, 2), (3, 3), (4, 1), (4, 2), (4, 3), (4, 4)
+            };
+        }
+        let n = spec.count("n")?;
+        match kind.as_str() {
+            "standard" => {
+                dispatch_order!(n, N => standard::<N>(spec, given, setting),
+                                else Err(order_refused(n)))
+            }
+            "low-power" | "peaking-free" => {
+                let saturated = kind == "peaking-free";
+                dispatch_order!(n, N => low_power::<N>(spec, given, setting, saturated),
+                                else Err(order_refused(n)))
+            }
+            "collection" | "modified" => {
+                let modified = kind == "modified";
+                match spec.count("copies")? {
+                    2 => collection::<2>(spec, given, setting, modified),
+                    3 => collection::<3>(spec, given, setting, modified),
+                    4 => collection::<4>(spec, given, setting, modified),
+                    5 => collection::<5>(spec, given, setting, modified),
+                    copies => Err(refused(&format!(
+                        "copies = {copies} is not allowed: 2 to 5 from Python"
+                    ))),
+                }
+            }
+            other => Err(spec.unknown(
+                "kind",
+                other,
+                &[
+                    "standard",
+                    "low-power",
+                    "peaking-free",
+                    "collection",
+                    "modified",
+                    "sampled-data",
+                ],
+            )),
+        }
+    }
+}
+
+/// The step of an observer as a program, with registers in which constants and parameters stand.
+struct Step {
+    compiled: Compiled,
+    at_rest: Registers<f64>,
+    /// Whether an entry of the memory is an input as it was given, which must be read before the
+    /// memory's place is written.
+    hands_on: bool,
+}
+
+/// An observer whose step is a program.
+pub struct Programmed {
+    tables: Tables,
+    /// The step, and the step that tells the innovation too.
+    steps: [Arc<Step>; 2],
+    /// The same (both) for a missing sample, if that is another law.
+    missing: Option<Arc<Step>>,
+    /// The same for a law that has not started.
+    unstarted: Option<(usize, [Arc<Step>; 2])>,
+    /// For a law whose step is another table for each length of a period.
+    remade: Option<Remade>,
+}
+
+/// How to make the steps for a length, and those that were made.
+struct Remade {
+    spec: Py<PyAny>,
+    /// Whether there is no step for any length.
+    only: bool,
+    made: Mutex<Vec<(u64, [Arc<Step>; 2])>>,
+}
+
+/// Lengths that are remembered.
+const REMEMBERED: usize = 64;
+
+/// Laws of a spec whose eigenvalues are placed: any; and any whose gains are found by decisions on the
+/// length of a period, so that there is no table for all of them.
+fn placed(spec: &Spec<'_>) -> PyResult<(bool, bool)> {
+    let kind = spec.text("kind")?;
+    if kind == "chains" {
+        return spec.list("observers")?.iter().try_fold((false, false), |(any, deciding), spec| {
+            let (of_one, decides) = placed(spec)?;
+            Ok((any || of_one, deciding || decides))
+        });
+    }
+    let blocks = kind == "low-power" || kind == "peaking-free";
+    let continuous = blocks || kind == "standard";
+    let any = continuous && matches!(Manner::read(spec)?.method, AnyMethod::Placed(_));
+    Ok((any, any && blocks))
+}
+
+/// An observer with a model of the user's own.
+pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
+    let (placed, deciding) = placed(spec)?;
+    let made = Mutex::default();
+    let remade = placed.then(|| Remade { spec: spec.to_any(), only: deciding, made });
+    let tables = Tables::read(spec, false, deciding.then_some(1.0))?;
+    let steps = tables.steps()?;
+    let missing = match &tables.missing {
+        None => None,
+        Some(table) => Some(Arc::new(tables.program(table)?)),
+    };
+    let unstarted = match &tables.unstarted {
+        None => None,
+        Some((index, [with, without])) => {
+            let [with, without] = [tables.program(with)?, tables.program(without)?];
+            Some((*index, [Arc::new(with), Arc::new(without)]))
+        }
+    };
+    Ok(Box::new(Programmed { tables, steps, missing, unstarted, remade }))
+}
+
+impl Tables {
+    pub fn n(&self) -> usize {
+        self.shape.n
+    }
+    pub fn n_y(&self) -> usize {
+        self.shape.n_y
+    }
+    pub fn n_u(&self) -> usize {
+        self.shape.n_u
+    }
+    pub fn memory_len(&self) -> usize {
+        self.shape.memory
+    }
+    pub fn is_current(&self) -> bool {
+        self.shape.current
+    }
+    pub fn step(&self) -> &Table {
+        &self.step
+    }
+    /// Rate and admissible set of a continuous law.
+    pub fn law(&self) -> Option<&(Table, Table)> {
+        self.law.as_ref()
+    }
+    pub fn parameters(&self) -> &[f64] {
+        &self.parameters
+    }
+
+    /// Where periods stand in the memory of a law with current timing: after the law's own.
+    fn period(&self) -> Option<usize> {
+        let Shape { memory, n_u, current, .. } = self.shape;
+        (current && self.placed).then(|| memory.checked_sub(1 + n_u)).flatten()
+    }
+
+    /// The step, and the step that tells the innovation too.
+    fn steps(&self) -> PyResult<[Arc<Step>; 2]> {
+        let step = self.program(&self.step.with_outputs(0..self.memory_len()))?;
+        Ok([Arc::new(step), Arc::new(self.program(&self.step)?)])
+    }
+
+    /// The program of a step.
+    fn program(&self, table: &Table) -> PyResult<Step> {
+        let compiled = table.compile()?;
+        let given = self.given();
+        let hands_on = compiled.outputs.iter().any(|output| usize::from(*output) < given);
+        Ok(Step { at_rest: self.at_rest(&compiled), compiled, hands_on })
+    }
+
+    /// Inputs of a step before its parameters.
+    fn given(&self) -> usize {
+        let Shape { memory, n_y, n_u, .. } = self.shape;
+        2 + memory + n_y + n_u
+    }
+
+    /// Registers of the step's program before a run.
+    fn at_rest<T: Scalar>(&self, step: &Compiled) -> Registers<T> {
+        let mut registers = step.registers();
+        let places = registers.0.iter_mut().skip(self.given());
+        places.zip(&self.parameters).for_each(|(place, value)| *place = T::from_f64(*value));
+        registers
+    }
+}
+
+/// Where the memory stands among the inputs of a step.
+const MEMORY: usize = 2;
+
+impl Step {
+    /// Evaluate for a sample; the memory stands in the registers and is moved there, unless it would
+    /// not be finite any more.
+    #[inline(always)]
+    fn advance(
+        &self,
+        r: &mut Registers<f64>,
+        memory: usize,
+        (t, dt): (f64, f64),
+        (y, u): (&[f64], &[f64]),
+    ) -> bool {
+        (r.0[0], r.0[1]) = (t, dt);
+        let given = r.0.get_mut(MEMORY + memory..).unwrap_or_default();
+        given.iter_mut().zip(y).for_each(|(slot, y)| *slot = *y);
+        let given = given.get_mut(y.len()..).unwrap_or_default();
+        given.iter_mut().zip(u).for_each(|(slot, u)| *slot = *u);
+        self.compiled.program().run(r);
+        let next = self.compiled.outputs.get(..memory).unwrap_or(&[]);
+        let mut spoilt = 0.0;
+        for output in next {
+            spoilt += 0.0 * r.0[usize::from(*output)];
+        }
+        if spoilt.is_nan() {
+            return false;
+        }
+        if self.hands_on {
+            let next: Vec<f64> = next.iter().map(|output| r.0[usize::from(*output)]).collect();
+            r.0[MEMORY..MEMORY + memory].copy_from_slice(&next);
+        } else {
+            for (place, output) in (MEMORY..).zip(next) {
+                let value = r.0[usize::from(*output)];
+                if let Some(slot) = r.0.get_mut(place) {
+                    *slot = value;
+                }
+            }
+        }
+        true
+    }
+}
+
+impl Programmed {
+    /// The step for such a sample.
+    fn choose(&self, memory: &[f64], present: bool, told: bool) -> &Arc<Step> {
+        if let Some((index, [with, without])) = &self.unstarted
+            && memory.get(*index) == Some(&0.0)
+        {
+            return if present { with } else { without };
+        }
+        match &self.missing {
+            Some(missing) if !present => missing,
+            _ => &self.steps[usize::from(told)],
+        }
+    }
+
+    /// Length of the period that a sample ends, or that its step begins if it is the first.
+    fn period(&self, memory: &[f64], dt: f64) -> f64 {
+        match self.tables.period().and_then(|period| memory.get(period)) {
+            Some(period) if *period != 0.0 => *period,
+            _ => dt,
+        }
+    }
+
+    /// The step for periods of this length, of a law that has one for each.
+    fn of_length(&self, remade: &Remade, length: f64, told: bool) -> PyResult<Arc<Step>> {
+        let key = length.to_bits();
+        let mut made = remade.made.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, steps)) = made.iter().find(|(known, _)| *known == key) {
+            return Ok(steps[usize::from(told)].clone());
+        }
+        if made.len() >= REMEMBERED && !remade.only {
+            return Ok(self.steps[usize::from(told)].clone()); // uneven: gains are part of the step
+        }
+        let steps = Python::attach(|py| {
+            let spec = Spec::new(remade.spec.bind(py), "observer")?;
+            Tables::read(&spec, false, Some(length))?.steps()
+        })?;
+        if made.len() >= REMEMBERED {
+            made.remove(0);
+        }
+        made.push((key, steps.clone()));
+        let [step, telling] = steps;
+        Ok(if told { telling } else { step })
+    }
+}
+
+/// The memory into a row, and its entries' largest magnitudes so far.
+#[inline(always)]
+fn keep(row: &mut [f64], r: &Registers<f64>, largest: &mut [f64; REGISTERS]) {
+    let memory = r.0.iter().skip(MEMORY).zip(largest);
+    for (slot, (value, largest)) in row.iter_mut().zip(memory) {
+        *slot = *value;
+        *largest = if value.abs() > *largest { value.abs() } else { *largest };
+    }
+}
+
+fn status(moved: bool, present: bool) -> Status {
+    match (moved, present) {
+        (false, _) => Status::ModelUndefined,
+        (true, true) => Status::Updated,
+        (true, false) => Status::Predicted,
+    }
+}
+
+impl Recursion for Programmed {
+    fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
+        let present = y.iter().all(|y| y.is_finite());
+        let step = match &self.remade {
+            Some(remade) => self.of_length(remade, self.period(memory, dt), false),
+            None => Ok(self.choose(memory, present, false).clone()),
+        };
+        let Ok(step) = step else { return Status::ModelUndefined };
+        let (mut r, place) = (step.at_rest, MEMORY..MEMORY + memory.len());
+        r.0[place.clone()].copy_from_slice(memory);
+        let moved = step.advance(&mut r, memory.len(), (t, dt), (y, u));
+        memory.copy_from_slice(&r.0[place]);
+        status(moved, present)
+    }
+
+    fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64 {
+        let Block { t, dt, y, u, memory: rows, innovation, status: made } = block;
+        let Shape { n_y: p, n_u: q, current, .. } = self.tables.shape;
+        let (m, told) = (memory.len(), !innovation.is_empty());
+        let place = MEMORY..MEMORY + m;
+        let one = self.remade.is_none() && self.missing.is_none() && self.unstarted.is_none();
+        let mut of_length: Option<(f64, Arc<Step>)> = None;
+        let mut step = self.choose(memory, true, told).clone();
+        let mut r = step.at_rest;
+        r.0[place.clone()].copy_from_slice(memory);
+        let mut largest = [0.0_f64; REGISTERS];
+        for (k, made) in made.iter_mut().enumerate() {
+            let row = &mut rows[k * m..(k + 1) * m];
+            if !current {
+                keep(row, &r, &mut largest);
+            }
+            let sample = &y[k * p..(k + 1) * p];
+            let present = sample.iter().all(|y| y.is_finite());
+            if !one {
+                if let Some(remade) = &self.remade {
+                    let length = self.period(&r.0[place.clone()], dt[k]);
+                    if of_length
+                        .as_ref()
+                        .is_none_or(|(known, _)| known.to_bits() != length.to_bits())
+                    {
+                        let step = self.of_length(remade, length, told);
+                        of_length = step.ok().map(|step| (length, step));
+                    }
+                }
+                let wanted = match &of_length {
+                    Some((_, step)) => step,
+                    None => self.choose(&r.0[place.clone()], present, told),
+                };
+                if !Arc::ptr_eq(wanted, &step) {
+                    let mut fresh = wanted.at_rest;
+                    fresh.0[place.clone()].copy_from_slice(&r.0[place.clone()]);
+                    (step, r) = (wanted.clone(), fresh);
+                }
+            }
+            let moved = step.advance(&mut r, m, (t[k], dt[k]), (sample, &u[k * q..(k + 1) * q]));
+            *made = status(moved, present) as u8;
+            if let Some(slots) = innovation.get_mut(k * p..(k + 1) * p) {
+                for (slot, output) in slots.iter_mut().zip(&step.compiled.outputs[m..]) {
+                    *slot = r.0[usize::from(*output)];
+                }
+            }
+            if current {
+                keep(row, &r, &mut largest);
+            }
+        }
+        memory.copy_from_slice(&r.0[place]);
+        largest.iter().fold(0.0, |most: f64, value| most.max(*value))
+    }
+}
+
+impl AnyObserver for Programmed {
+    fn n(&self) -> usize {
+        self.tables.shape.n
+    }
+    fn n_y(&self) -> usize {
+        self.tables.shape.n_y
+    }
+    fn n_u(&self) -> usize {
+        self.tables.shape.n_u
+    }
+    fn is_current(&self) -> bool {
+        self.tables.shape.current
+    }
+    fn initial(&self) -> Vec<f64> {
+        self.tables.shape.initial.clone()
+    }
+    fn recursion(&self) -> &dyn Recursion {
+        self
+    }
+    /// Studies of programs begin at [`simulate`], which has the plant's table too.
+    fn study(&self, _plan: &Plan, _stop: &StopFlag) -> PyResult<StudyResult> {
+        Err(refused("this computation takes the papers' plants and observers only"))
+    }
+}
+
+/// One step of the observer that `spec` describes, as a table: (t, dt, z, y, u, parameters) in,
+/// (z after the step, innovation) out; with `missing` the step over a missing sample. With `dt`,
+/// corrections that are placed (zoh, bilinear) are right for periods of this length only.
+#[pyfunction]
+#[pyo3(signature = (spec, single=false, missing=false, dt=None))]
+pub fn trace_step<'py>(
+    py: Python<'py>,
+    spec: &Bound<'py, PyAny>,
+    single: bool,
+    missing: bool,
+    dt: Option<f64>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let tables = Tables::read(&Spec::new(spec, "observer")?, single, dt)?;
+    let table = match (tables.missing, missing) {
+        (Some(table), true) => table,
+        _ => tables.step,
+    };
+    table.to_dict(py)
+}
+
+/// Memories along a record in single precision: times (N,), samples (N, n_y), inputs (N, n_u), memory
+/// to start from. Row k stands before sample k, or after it if the law filters. The last step is as
+/// long as the one before it.
+#[pyfunction]
+#[allow(clippy::cast_possible_truncation, clippy::needless_pass_by_value)]
+pub fn run_single(
+    spec: &Bound<'_, PyAny>,
+    t: Vec<f64>,
+    y: &Bound<'_, PyAny>,
+    u: &Bound<'_, PyAny>,
+    memory0: Vec<f64>,
+) -> PyResult<Vec<Vec<f32>>> {
+    let tables = Tables::read(&Spec::new(spec, "observer")?, true, None)?;
+    let Shape { memory, n_y, n_u, current, .. } = tables.shape;
+    let (y, u) = (super::spec::numbers(y)?.values, super::spec::numbers(u)?.values);
+    let samples = t.len();
+    if y.len() != samples * n_y || u.len() != samples * n_u || memory0.len() != memory {
+        let message = "t, y, u and memory0 must have N, N n_y, N n_u and m entries";
+        return Err(refused(message));
+    }
+    let compile = |table: &Table| {
+        table.compile().map(|compiled| (tables.at_rest::<f32>(&compiled), compiled))
+    };
+    let usual = compile(&tables.step)?;
+    let missing = tables.missing.as_ref().map(compile).transpose()?;
+    let mut z: Vec<f32> = memory0.iter().map(|value| *value as f32).collect();
+    let (mut rows, mut dt) = (Vec::with_capacity(samples), 0.0);
+    for k in 0..samples {
+        if !current {
+            rows.push(z.clone());
+        }
+        dt = t.get(k + 1).map_or(dt, |next| next - t[k]);
+        let (y, u) = (&y[k * n_y..(k + 1) * n_y], &u[k * n_u..(k + 1) * n_u]);
+        let present = y.iter().all(|y| y.is_finite());
+        let (at_rest, step) = missing.as_ref().filter(|_| !present).unwrap_or(&usual);
+        let mut r = *at_rest;
+        let sample = y.iter().chain(u).map(|value| *value as f32);
+        let given = [t[k] as f32, dt as f32].into_iter().chain(z.iter().copied()).chain(sample);
+        r.0.iter_mut().zip(given).for_each(|(slot, value)| *slot = value);
+        step.program().run(&mut r);
+        let next = step.outputs.iter().take(memory).map(|output| r.0[usize::from(*output)]);
+        let next: Vec<f32> = next.collect();
+        if next.iter().all(|value| value.is_finite()) {
+            z = next;
+        }
+        if current {
+            rows.push(z.clone());
+        }
+    }
+    Ok(rows)
+}
+
+/// Outputs of a table for rows of inputs, in double or single precision.
+#[pyfunction]
+#[pyo3(signature = (table, inputs, single=false))]
+pub fn evaluate_table(
+    table: &Bound<'_, PyAny>,
+    inputs: &Bound<'_, PyAny>,
+    single: bool,
+) -> PyResult<Vec<Vec<f64>>> {
+    let table = Table::read(&Spec::new(table, "table")?)?;
+    let given = super::spec::numbers(inputs)?;
+    let columns = table.inputs.len();
+    if given.shape.len() != 2 || given.shape[1] != columns {
+        let shape = given.shape;
+        return Err(refused(&format!("inputs have shape {shape:?}; they must be (N, {columns})")));
+    }
+    let compiled = table.compile()?;
+    let rows = given.values.chunks_exact(columns.max(1));
+    #[allow(clippy::cast_possible_truncation)]
+    Ok(rows
+        .map(|row| {
+            if single {
+                let row: Vec<f32> = row.iter().map(|value| *value as f32).collect();
+                compiled.evaluate(&row).into_iter().map(f64::from).collect()
+            } else {
+                compiled.evaluate(row)
+            }
+        })
+        .collect())
+}

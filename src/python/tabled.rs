@@ -1,0 +1,319 @@
+//! Continuous laws as tables: each function of a law is traced once, and the schemes of the core run
+//! over the tables. (Laws times schemes, each pair compiled, would be many times as much code.)
+
+use super::errors::refused;
+use super::observers::{AnyMethod, Manner, NOT_PLACED};
+use super::table::Table;
+use super::trace::{Setting, Traced, inline, input, inputs, named, trace};
+use crate::Scalar;
+use crate::injection::{Injected, Placed, Placement};
+use crate::memory::Memory;
+use crate::observer::{ContinuousLaw, Current, Discretised, Observer, Scheme, Timing};
+use nalgebra::SVector;
+use pyo3::PyResult;
+
+/// Room for a law's memory, its innovations and its inputs.
+const Z: usize = 40;
+const E: usize = 6;
+const U: usize = super::programs::MAX_INPUTS;
+
+type State = SVector<Traced, Z>;
+type Innovations = SVector<Traced, E>;
+type Inputs = SVector<Traced, U>;
+
+/// The functions of a law.
+pub struct LawTables {
+    /// Estimated states, entries of the memory, innovations, known inputs.
+    pub n: usize,
+    pub len: usize,
+    errors: usize,
+    n_u: usize,
+    pub initial: Vec<f64>,
+    /// (z, y) → e.
+    innovation: Table,
+    /// (t, z, e, u) → ż.
+    rate: Table,
+    /// (t, z, e, u) → what of it is due to e.
+    injection: Table,
+    /// (z before, z after, dt) → z after a staggered step.
+    stagger: Table,
+    /// z → z within the set that the law lives in.
+    admissible: Table,
+    /// If its eigenvalues are placed: (t, z, u, dt) → z after a step without a sample, and
+    /// (t, z, y, u, dt) → z after its use.
+    placed: Option<(Table, Table)>,
+}
+
+/// One function of the law that `build` makes: its inputs by name and number, then what the law's
+/// model has for inputs of its own.
+fn part<L>(
+    setting: Setting,
+    build: &impl Fn() -> PyResult<L>,
+    given: &[(&str, usize)],
+    function: impl FnOnce(&L, &[Vec<Traced>]) -> PyResult<Vec<Traced>>,
+) -> PyResult<Table> {
+    trace(setting, || {
+        let given: Vec<Vec<Traced>> =
+            given.iter().map(|(name, count)| inputs(name, *count)).collect();
+        Ok(named("made", &function(&build()?, &given)?))
+    })
+}
+
+pub fn flat<M: Memory<Traced>>(memory: &M) -> Vec<Traced> {
+    let mut values = vec![Traced::ZERO; M::LEN];
+    memory.write(&mut values);
+    values
+}
+
+impl LawTables {
+    /// Of a law whose eigenvalues cannot be placed.
+    pub fn known<L>(
+        setting: Setting,
+        manner: Manner,
+        n_u: usize,
+        build: impl Fn() -> PyResult<L>,
+    ) -> PyResult<Self>
+    where
+        L: ContinuousLaw<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>>,
+    {
+        match manner.method {
+            AnyMethod::Known(_) => Self::of(setting, n_u, &build),
+            AnyMethod::Placed(_) => Err(refused(NOT_PLACED)),
+        }
+    }
+
+    /// Of any other.
+    pub fn any<L>(
+        setting: Setting,
+        manner: Manner,
+        n_u: usize,
+        build: impl Fn() -> PyResult<L>,
+    ) -> PyResult<Self>
+    where
+        L: Injected<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>>,
+    {
+        let placed = match manner.method {
+            AnyMethod::Known(_) => None,
+            AnyMethod::Placed(at) => Some(Self::placed(setting, at, n_u, &build)?),
+        };
+        Ok(Self { placed, ..Self::of(setting, n_u, &build)? })
+    }
+
+    fn of<L>(setting: Setting, n_u: usize, build: &impl Fn() -> PyResult<L>) -> PyResult<Self>
+    where
+        L: ContinuousLaw<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>>,
+    {
+        let (len, errors) = (L::State::LEN, L::Innovation::LEN);
+        let z = |values: &[Traced]| L::State::read(values);
+        let mut initial = Vec::new();
+        part(setting, build, &[], |law: &L, _| {
+            initial = flat(&law.initial()).into_iter().map(Scalar::to_f64).collect();
+            Ok(Vec::new())
+        })?;
+        let moving = [("t", 1), ("z", len), ("e", errors), ("u", n_u)];
+        Ok(Self {
+            n: L::ESTIMATED,
+            len,
+            errors,
+            n_u,
+            initial,
+            innovation: part(setting, build, &[("z", len), ("y", 1)], |law: &L, of| {
+                Ok(flat(&law.innovation(&z(&of[0]), of[1][0])))
+            })?,
+            rate: part(setting, build, &moving, |law: &L, of| {
+                let (e, u) = (L::Innovation::read(&of[2]), L::Input::read(&of[3]));
+                Ok(flat(&law.rate(of[0][0], &z(&of[1]), &e, &u)))
+            })?,
+            injection: part(setting, build, &moving, |law: &L, of| {
+                let (e, u) = (L::Innovation::read(&of[2]), L::Input::read(&of[3]));
+                Ok(flat(&law.injection(of[0][0], &z(&of[1]), &e, &u)))
+            })?,
+            stagger: part(
+                setting,
+                build,
+                &[("old", len), ("new", len), ("dt", 1)],
+                |law: &L, of| Ok(flat(&law.stagger(&z(&of[0]), z(&of[1]), of[2][0]))),
+            )?,
+            admissible: part(setting, build, &[("z", len)], |law: &L, of| {
+                Ok(flat(&law.admissible(z(&of[0]))))
+            })?,
+            placed: None,
+        })
+    }
+
+    fn placed<L>(
+        setting: Setting,
+        at: Placement,
+        n_u: usize,
+        build: &impl Fn() -> PyResult<L>,
+    ) -> PyResult<(Table, Table)>
+    where
+        L: Injected<Traced, Input: Memory<Traced>>,
+    {
+        let len = L::State::LEN;
+        let free = [("t", 1), ("z", len), ("u", n_u), ("dt", 1)];
+        let flow = part(setting, build, &free, |law: &L, of| {
+            let (z, u) = (L::State::read(&of[1]), L::Input::read(&of[2]));
+            Ok(flat(&law.flow(of[0][0], &z, &u, of[3][0])))
+        })?;
+        let sampled = [("t", 1), ("z", len), ("y", 1), ("u", n_u), ("dt", 1)];
+        let correct = part(setting, build, &sampled, |law: &L, of| {
+            let (z, u) = (L::State::read(&of[1]), L::Input::read(&of[3]));
+            let scheme = Placed::new(law, at)?;
+            let dt = setting.dt.map_or(of[4][0], Traced::from_f64);
+            Ok(flat(&scheme.correct(law, of[0][0], &z, of[2][0], &u, dt)))
+        })?;
+        Ok((flow, correct))
+    }
+
+    /// (t, z, y, u) → ż: what moves together with a plant.
+    pub fn together(&self, setting: Setting) -> PyResult<(Table, Table)> {
+        let rate = trace(setting, || {
+            let (t, z) = (input("t"), inputs("z", self.len));
+            let (y, u) = (input("y[0]"), inputs("u", self.n_u));
+            let law = Tabled { tables: self, own: &self.own() };
+            let (z, u) = (State::read(&z), Inputs::read(&u));
+            let rate = law.rate(t, &z, &law.innovation(&z, y), &u);
+            Ok(named("z", &rate.as_slice()[..self.len]))
+        })?;
+        Ok((rate, self.admissible.clone()))
+    }
+
+    /// Inputs of the law's model: those of its functions behind what they are given.
+    fn own(&self) -> Vec<Traced> {
+        let given = 1 + self.len + self.errors + self.n_u;
+        self.rate.inputs[given..].iter().map(|name| input(name)).collect()
+    }
+
+    /// Entries of an observer's memory.
+    pub fn memory(&self, timing: Timing) -> usize {
+        let held = if timing == Timing::Current { 1 + self.n_u } else { 0 };
+        self.len + held
+    }
+
+    /// One step: (t, dt, z, y, u) → (z⁺, innovation).
+    pub fn step(&self, setting: Setting, manner: Manner) -> PyResult<Table> {
+        trace(setting, || {
+            let (t, dt) = (input("t"), input("dt"));
+            let memory = inputs("z", self.memory(manner.timing));
+            let (y, u) = (input("y[0]"), Inputs::read(&inputs("u", self.n_u)));
+            let own = self.own();
+            let law = Tabled { tables: self, own: &own };
+            let (z, held) = memory.split_at(self.len);
+            let z = State::read(z);
+            let (next, held, innovation) = match manner.method {
+                AnyMethod::Known(scheme) => self.moved(law, scheme, manner, (t, dt), z, held, y, u),
+                AnyMethod::Placed(_) => self.moved(law, law, manner, (t, dt), z, held, y, u),
+            };
+            let next = [&next.as_slice()[..self.len], &held].concat();
+            Ok([named("z", &next), named("innovation", &[innovation])].concat())
+        })
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn moved<'a, S: Scheme<Traced, Tabled<'a>>>(
+        &self,
+        law: Tabled<'a>,
+        scheme: S,
+        manner: Manner,
+        (t, dt): (Traced, Traced),
+        z: State,
+        held: &[Traced],
+        y: Traced,
+        u: Inputs,
+    ) -> (State, Vec<Traced>, Traced) {
+        match manner.timing {
+            Timing::Predictor => {
+                let observer = Discretised { law, scheme };
+                let mut next = z;
+                observer.step(&mut next, &y, &u, t, dt);
+                (next, Vec::new(), observer.innovation(t, &z, &y))
+            }
+            Timing::Current => {
+                let observer = Current { law, scheme };
+                let before = (z, (held[0], Inputs::read(&held[1..])));
+                let mut next = before;
+                observer.step(&mut next, &y, &u, t, dt);
+                let (next, (period, u)) = next;
+                let held = [&[period], &u.as_slice()[..self.n_u]].concat();
+                (next, held, observer.innovation(t, &before, &y))
+            }
+        }
+    }
+}
+
+/// A law that is known by its tables; as a scheme, the one that places its eigenvalues.
+#[derive(Clone, Copy)]
+struct Tabled<'a> {
+    tables: &'a LawTables,
+    own: &'a [Traced],
+}
+
+impl Tabled<'_> {
+    fn call(&self, table: &Table, given: &[&[Traced]]) -> State {
+        State::read(&inline(table, &[given.concat().as_slice(), self.own].concat()))
+    }
+    fn z<'b>(&self, z: &'b State) -> &'b [Traced] {
+        &z.as_slice()[..self.tables.len]
+    }
+    fn e<'b>(&self, e: &'b Innovations) -> &'b [Traced] {
+        &e.as_slice()[..self.tables.errors]
+    }
+    fn u<'b>(&self, u: &'b Inputs) -> &'b [Traced] {
+        &u.as_slice()[..self.tables.n_u]
+    }
+}
+
+impl ContinuousLaw<Traced> for Tabled<'_> {
+    type State = State;
+    type Input = Inputs;
+    type Innovation = Innovations;
+    const ESTIMATED: usize = Z;
+    fn initial(&self) -> State {
+        State::zero()
+    }
+    fn innovation(&self, z: &State, y: Traced) -> Innovations {
+        let made = self.call(&self.tables.innovation, &[self.z(z), &[y]]);
+        Innovations::read(made.as_slice())
+    }
+    fn rate(&self, t: Traced, z: &State, e: &Innovations, u: &Inputs) -> State {
+        self.call(&self.tables.rate, &[&[t], self.z(z), self.e(e), self.u(u)])
+    }
+    fn injection(&self, t: Traced, z: &State, e: &Innovations, u: &Inputs) -> State {
+        self.call(&self.tables.injection, &[&[t], self.z(z), self.e(e), self.u(u)])
+    }
+    fn stagger(&self, old: &State, new: State, dt: Traced) -> State {
+        self.call(&self.tables.stagger, &[self.z(old), self.z(&new), &[dt]])
+    }
+    fn admissible(&self, z: State) -> State {
+        self.call(&self.tables.admissible, &[self.z(&z)])
+    }
+    fn speed(&self, _: &State) -> Traced {
+        Traced::ONE
+    }
+    fn estimate<'a>(&self, z: &'a State) -> &'a [Traced] {
+        &z.as_slice()[..self.tables.n]
+    }
+}
+
+impl<'a> Scheme<Traced, Tabled<'a>> for Tabled<'a> {
+    fn advance(
+        &self,
+        law: &Self,
+        t: Traced,
+        z: &State,
+        y: Traced,
+        u: &Inputs,
+        dt: Traced,
+    ) -> State {
+        self.predict(law, t, &self.correct(law, t, z, y, u, dt), u, dt)
+    }
+    fn predict(&self, _: &Self, t: Traced, z: &State, u: &Inputs, dt: Traced) -> State {
+        let Some((flow, _)) = &self.tables.placed else { return *z };
+        self.call(flow, &[&[t], self.z(z), self.u(u), &[dt]])
+    }
+    fn correct(&self, _: &Self, t: Traced, z: &State, y: Traced, u: &Inputs, dt: Traced) -> State {
+        let Some((_, correct)) = &self.tables.placed else { return *z };
+        self.call(correct, &[&[t], self.z(z), &[y], self.u(u), &[dt]])
+    }
+}

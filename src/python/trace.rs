@@ -1,0 +1,346 @@
+//! A number that remembers how it was computed: the laws of the core, run over it, write themselves
+//! down as a table.
+//!
+//! Constants are computed with at once, in the precision that was asked for, so that construction and
+//! its checks work as for numbers; what depends on an input is recorded, operation by operation and
+//! in order, so that the table gives the bits of the law. A decision about a value that is not known
+//! yet cannot be recorded: the trace then fails, and says so.
+
+use super::errors::refused;
+use super::table::{Table, Value, operands};
+use crate::Scalar;
+use crate::program::Operation;
+use pyo3::PyResult;
+use std::cell::RefCell;
+use std::cmp::Ordering;
+use std::collections::HashMap;
+use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
+
+/// A value of the trace of this thread.
+#[derive(Clone, Copy, Debug)]
+pub struct Traced(u32);
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Node {
+    Constant(u64),
+    Input(usize),
+    Result(Operation, [u32; 3]),
+}
+
+/// A function that laws call while they are traced.
+#[derive(Clone, Debug)]
+struct Function {
+    table: Table,
+    /// Its last inputs.
+    parameters: Vec<Traced>,
+}
+
+#[derive(Default)]
+struct Trace {
+    nodes: Vec<Node>,
+    known: HashMap<Node, u32>,
+    names: Vec<String>,
+    functions: Vec<Function>,
+    single: bool,
+    /// Whether samples are taken to be there.
+    present: bool,
+    /// What is answered to questions about values that are not known.
+    answer: Option<Ordering>,
+    undecided: bool,
+}
+
+const ZERO: Node = Node::Constant(0);
+const ONE: Node = Node::Constant(1.0_f64.to_bits());
+const NEG_ZERO: Node = Node::Constant((-0.0_f64).to_bits());
+
+impl Trace {
+    fn node(&mut self, node: Node) -> u32 {
+        let next = u32::try_from(self.nodes.len()).unwrap_or(u32::MAX);
+        let index = *self.known.entry(node).or_insert(next);
+        if index == next {
+            self.nodes.push(node);
+        }
+        index
+    }
+
+    fn constant(&mut self, value: f64) -> u32 {
+        #[allow(clippy::cast_possible_truncation)]
+        let held = if self.single { f64::from(value as f32) } else { value };
+        self.node(Node::Constant(held.to_bits()))
+    }
+
+    fn value(&self, index: u32) -> Option<f64> {
+        match self.nodes.get(index as usize) {
+            Some(Node::Constant(bits)) => Some(f64::from_bits(*bits)),
+            _ => None,
+        }
+    }
+
+    fn apply(&mut self, operation: Operation, operands: [u32; 3], count: usize) -> u32 {
+        let values = operands.map(|index| self.value(index));
+        let known: Vec<f64> = values.iter().take(count).filter_map(|value| *value).collect();
+        if known.len() == count {
+            let [a, b, c] = std::array::from_fn(|i| known.get(i).copied().unwrap_or(0.0));
+            #[allow(clippy::cast_possible_truncation)]
+            let value = if self.single {
+                f64::from(operation.apply(a as f32, b as f32, c as f32))
+            } else {
+                operation.apply(a, b, c)
+            };
+            return self.constant(value);
+        }
+        // what changes no bit is left out
+        let [a, b, c] = operands;
+        let is = |index, node| self.nodes.get(index as usize) == Some(&node);
+        match operation {
+            Operation::Add if is(b, NEG_ZERO) => return a,
+            Operation::Add if is(a, NEG_ZERO) => return b,
+            Operation::Subtract if is(b, ZERO) => return a,
+            Operation::Multiply | Operation::Divide if is(b, ONE) => return a,
+            Operation::Multiply if is(a, ONE) => return b,
+            Operation::Innovation if values[0].is_some_and(|y| !y.is_finite()) => {
+                return self.node(ZERO);
+            }
+            Operation::Select if values[0] == Some(0.0) => return c,
+            Operation::Select if values[0].is_some() || b == c => return b,
+            _ => {}
+        }
+        self.node(Node::Result(operation, operands))
+    }
+}
+
+thread_local! {
+    static TRACE: RefCell<Trace> = RefCell::default();
+}
+
+fn with<R>(f: impl FnOnce(&mut Trace) -> R) -> R {
+    TRACE.with(|trace| f(&mut trace.borrow_mut()))
+}
+
+/// How to trace.
+#[derive(Clone, Copy, Debug)]
+pub struct Setting {
+    /// In single precision.
+    pub single: bool,
+    /// Whether samples are there.
+    pub present: bool,
+    /// What is answered to every comparison of values that are not known; `None`: it cannot be.
+    pub answer: Option<Ordering>,
+    /// Placed corrections are for periods of this length; `None`: of any.
+    pub dt: Option<f64>,
+}
+
+impl Setting {
+    /// Samples are there, and nothing is decided.
+    pub fn usual(single: bool) -> Self {
+        Self { single, present: true, answer: None, dt: None }
+    }
+}
+
+/// Trace `law`, which names its inputs and gives its outputs with their names.
+pub fn trace(
+    setting: Setting,
+    law: impl FnOnce() -> PyResult<Vec<(String, Traced)>>,
+) -> PyResult<Table> {
+    with(|trace| {
+        let Setting { single, present, answer, .. } = setting;
+        *trace = Trace { single, present, answer, ..Trace::default() };
+        // in the order of the constants of `Scalar`
+        for node in [ZERO, ONE, NEG_ZERO] {
+            trace.node(node);
+        }
+    });
+    let outputs = law()?;
+    let Trace { nodes, names, undecided, .. } = with(std::mem::take);
+    if undecided {
+        return Err(refused(
+            "this observer decides on values while it runs, so that its step is no table of \
+             operations: choose a law or a method without decisions",
+        ));
+    }
+    let constants = nodes.iter().filter(|node| matches!(node, Node::Constant(_))).count();
+    let (mut next_constant, mut next_result) = (names.len(), names.len() + constants);
+    let mut table = Table { inputs: names, ..Table::default() };
+    let mut place: Vec<Value> = Vec::with_capacity(nodes.len());
+    for node in nodes {
+        place.push(match node {
+            Node::Input(index) => index,
+            Node::Constant(bits) => {
+                table.constants.push(f64::from_bits(bits));
+                next_constant += 1;
+                next_constant - 1
+            }
+            Node::Result(operation, values) => {
+                let values = values.map(|value| place.get(value as usize).copied().unwrap_or(0));
+                table.operations.push((operation, values));
+                next_result += 1;
+                next_result - 1
+            }
+        });
+    }
+    for (name, Traced(index)) in outputs {
+        table.outputs.push(place[index as usize]);
+        table.output_names.push(name);
+    }
+    Ok(table.trimmed())
+}
+
+/// A new input.
+pub fn input(name: &str) -> Traced {
+    with(|trace| {
+        let index = trace.names.len();
+        trace.names.push(name.to_owned());
+        Traced(trace.node(Node::Input(index)))
+    })
+}
+
+/// New inputs `name[0]`, `name[1]`, …
+pub fn inputs(name: &str, count: usize) -> Vec<Traced> {
+    (0..count).map(|i| input(&format!("{name}[{i}]"))).collect()
+}
+
+/// Outputs `name[0]`, `name[1]`, …
+pub fn named(name: &str, values: &[Traced]) -> Vec<(String, Traced)> {
+    values.iter().enumerate().map(|(i, value)| (format!("{name}[{i}]"), *value)).collect()
+}
+
+/// The outputs of a table for these inputs.
+pub fn inline(table: &Table, inputs: &[Traced]) -> Vec<Traced> {
+    with(|trace| {
+        let mut values: Vec<u32> = inputs.iter().map(|Traced(index)| *index).collect();
+        values.resize(table.inputs.len(), 0);
+        for constant in &table.constants {
+            values.push(trace.constant(*constant));
+        }
+        for (operation, from) in &table.operations {
+            let from = from.map(|value| values.get(value).copied().unwrap_or(0));
+            values.push(trace.apply(*operation, from, operands(*operation)));
+        }
+        table.outputs.iter().map(|value| Traced(values[*value])).collect()
+    })
+}
+
+/// Keep a function for the rest of the trace; its last inputs are `parameters`.
+pub fn function(table: Table, parameters: Vec<Traced>) -> usize {
+    with(|trace| {
+        trace.functions.push(Function { table, parameters });
+        trace.functions.len() - 1
+    })
+}
+
+/// The parameters of a function that was kept.
+pub fn parameters(function: usize) -> Vec<Traced> {
+    with(|trace| trace.functions.get(function).map_or_else(Vec::new, |f| f.parameters.clone()))
+}
+
+/// Call a function that was kept.
+pub fn call(function: usize, arguments: &[Traced]) -> Vec<Traced> {
+    let Some(Function { table, parameters }) = with(|trace| trace.functions.get(function).cloned())
+    else {
+        return Vec::new();
+    };
+    inline(&table, &[arguments, &parameters].concat())
+}
+
+fn apply<const K: usize>(operation: Operation, operands: [Traced; K]) -> Traced {
+    let indices = std::array::from_fn(|i| operands.get(i).map_or(0, |Traced(index)| *index));
+    Traced(with(|trace| trace.apply(operation, indices, K)))
+}
+
+/// A question about values: its answer if they are constants.
+fn decide(a: Traced, b: Traced) -> Option<Ordering> {
+    with(|trace| {
+        if let (Some(a), Some(b)) = (trace.value(a.0), trace.value(b.0)) {
+            return a.partial_cmp(&b);
+        }
+        trace.undecided |= trace.answer.is_none();
+        trace.answer
+    })
+}
+
+impl Default for Traced {
+    fn default() -> Self {
+        Self::ZERO
+    }
+}
+
+impl PartialEq for Traced {
+    fn eq(&self, other: &Self) -> bool {
+        decide(*self, *other) == Some(Ordering::Equal)
+    }
+}
+
+impl PartialOrd for Traced {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        decide(*self, *other)
+    }
+}
+
+macro_rules! arithmetic {
+    ($($name:ident $method:ident $assign:ident $assigned:ident $operation:ident;)+) => {$(
+        impl $name for Traced {
+            type Output = Self;
+            fn $method(self, other: Self) -> Self {
+                apply(Operation::$operation, [self, other])
+            }
+        }
+        impl $assign for Traced {
+            fn $assigned(&mut self, other: Self) {
+                *self = apply(Operation::$operation, [*self, other]);
+            }
+        }
+    )+};
+}
+
+arithmetic! {
+    Add add AddAssign add_assign Add;
+    Sub sub SubAssign sub_assign Subtract;
+    Mul mul MulAssign mul_assign Multiply;
+    Div div DivAssign div_assign Divide;
+}
+
+impl Neg for Traced {
+    type Output = Self;
+    fn neg(self) -> Self {
+        apply(Operation::Negate, [self])
+    }
+}
+
+macro_rules! recorded {
+    ($($method:ident($($other:ident)?) $operation:ident;)+) => {$(
+        fn $method(self $(, $other: Self)?) -> Self {
+            apply(Operation::$operation, [self $(, $other)?])
+        }
+    )+};
+}
+
+impl Scalar for Traced {
+    const ZERO: Self = Self(0);
+    const ONE: Self = Self(1);
+    const NEG_ZERO: Self = Self(2);
+    fn from_f64(value: f64) -> Self {
+        Self(with(|trace| trace.constant(value)))
+    }
+    fn from_u64(value: u64) -> Self {
+        Self::from_f64(value as f64)
+    }
+    fn to_f64(self) -> f64 {
+        with(|trace| trace.value(self.0)).unwrap_or(f64::NAN)
+    }
+    fn is_finite(self) -> bool {
+        // of the inputs only samples are asked; a result that is not finite is found when it is there
+        with(|trace| match trace.nodes.get(self.0 as usize) {
+            Some(Node::Constant(bits)) => f64::from_bits(*bits).is_finite(),
+            Some(Node::Input(_)) => trace.present,
+            _ => true,
+        })
+    }
+    recorded! {
+        abs() Abs; sqrt() Sqrt; sin() Sin; cos() Cos; tan() Tan; atan() Atan; exp() Exp; ln() Ln;
+        tanh() Tanh; copysign(sign) CopySign; powf(power) Power; atan2(x) Atan2;
+        min(other) Min; max(other) Max; innovation(x_hat) Innovation;
+    }
+    fn or(self, other: Self) -> Self {
+        apply(Operation::Select, [self, self, other])
+    }
+}

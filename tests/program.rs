@@ -1,0 +1,170 @@
+//! Programs: the same as the operations they are made of, alone and in a block of runs.
+
+use hgo_rs::lanes::{LANES, Lane};
+use hgo_rs::program::{Instruction, Operation, Program, REGISTERS, Registers};
+use hgo_rs::vectors::{Task, Vectors};
+use proptest::prelude::*;
+
+const OPERATIONS: [Operation; 28] = [
+    Operation::Negate,
+    Operation::Abs,
+    Operation::Sign,
+    Operation::Sqrt,
+    Operation::Sin,
+    Operation::Cos,
+    Operation::Tan,
+    Operation::Atan,
+    Operation::Exp,
+    Operation::Ln,
+    Operation::Tanh,
+    Operation::Add,
+    Operation::Subtract,
+    Operation::Multiply,
+    Operation::Divide,
+    Operation::Min,
+    Operation::Max,
+    Operation::Power,
+    Operation::Atan2,
+    Operation::CopySign,
+    Operation::Less,
+    Operation::LessEqual,
+    Operation::Equal,
+    Operation::Innovation,
+    Operation::Select,
+    Operation::MultiplyAdd,
+    Operation::MultiplySubtract,
+    Operation::SubtractProduct,
+];
+
+fn instruction() -> impl Strategy<Value = Instruction> {
+    (0..OPERATIONS.len(), any::<u8>(), any::<u8>(), any::<u8>(), any::<u8>()).prop_map(
+        |(operation, result, a, b, c)| {
+            // few registers, so that results are used again
+            let [result, a, b, c] = [result, a, b, c].map(|register| register % 24);
+            Instruction { operation: OPERATIONS[operation], result, a, b, c }
+        },
+    )
+}
+
+struct InLanes<'a>(Program<'a>, Box<Registers<Lane<f64>>>);
+
+impl Task for InLanes<'_> {
+    type Output = Box<Registers<Lane<f64>>>;
+    #[inline(always)]
+    fn run(mut self) -> Self::Output {
+        self.0.run_lanes(&mut self.1);
+        self.1
+    }
+}
+
+/// What an operation is, written down a second time.
+fn expected(operation: Operation, a: f64, b: f64, c: f64) -> Option<f64> {
+    let truth = |holds: bool| f64::from(u8::from(holds));
+    Some(match operation {
+        Operation::Negate => -a,
+        Operation::Abs => a.abs(),
+        Operation::Sqrt => a.sqrt(),
+        Operation::Add => a + b,
+        Operation::Subtract => a - b,
+        Operation::Multiply => a * b,
+        Operation::Divide => a / b,
+        Operation::CopySign => a.copysign(b),
+        Operation::Less => truth(a < b),
+        Operation::LessEqual => truth(a <= b),
+        #[allow(clippy::float_cmp)]
+        Operation::Equal => truth(a == b),
+        Operation::Sign if a.is_nan() => a,
+        Operation::Sign if a == 0.0 => a,
+        Operation::Sign => a.signum(),
+        Operation::Innovation if a.is_finite() => a - b,
+        Operation::Innovation => 0.0,
+        Operation::Select if a == 0.0 => c,
+        Operation::Select => b,
+        Operation::MultiplyAdd => a * b + c,
+        Operation::MultiplySubtract => a * b - c,
+        Operation::SubtractProduct => c - a * b,
+        Operation::Min if b < a => b,
+        Operation::Max if b > a => b,
+        Operation::Min | Operation::Max => a,
+        _ => return None, // elementary functions have tests of their own
+    })
+}
+
+fn bits(value: f64) -> u64 {
+    if value.is_nan() { f64::NAN.to_bits() } else { value.to_bits() }
+}
+
+proptest! {
+    #[test]
+    fn an_operation_is_what_it_says(
+        operation in 0..OPERATIONS.len(), a in any::<f64>(), b in any::<f64>(), c in any::<f64>(),
+    ) {
+        if let Some(value) = expected(OPERATIONS[operation], a, b, c) {
+            prop_assert_eq!(bits(OPERATIONS[operation].apply(a, b, c)), bits(value));
+        }
+    }
+
+    #[test]
+    fn a_program_is_its_operations_one_after_the_other(
+        instructions in prop::collection::vec(instruction(), 0..60),
+        start in prop::collection::vec(-3.0..3.0_f64, 24),
+    ) {
+        let program = Program { instructions: &instructions, outputs: &[] };
+        let mut registers = Registers::zero();
+        registers.0[..24].copy_from_slice(&start);
+        let mut by_hand = registers;
+        program.run(&mut registers);
+        for Instruction { operation, result, a, b, c } in &instructions {
+            let [a, b, c] = [a, b, c].map(|register| by_hand.0[usize::from(*register)]);
+            by_hand.0[usize::from(*result)] = operation.apply(a, b, c);
+        }
+        for register in 0..REGISTERS {
+            prop_assert_eq!(bits(registers.0[register]), bits(by_hand.0[register]));
+        }
+    }
+
+    #[test]
+    fn a_block_of_runs_has_the_bits_of_each(
+        instructions in prop::collection::vec(instruction(), 0..40),
+        start in prop::collection::vec(-3.0..3.0_f64, 24 * LANES),
+    ) {
+        let program = Program { instructions: &instructions, outputs: &[] };
+        let mut lanes = Box::new(Registers::in_lanes(&Registers::zero()));
+        for (i, value) in start.iter().enumerate() {
+            lanes.0[i / LANES].0[i % LANES] = *value;
+        }
+        for vectors in Vectors::ALL {
+            let Some(moved) = vectors.run(InLanes(program, lanes.clone())) else { continue };
+            for lane in 0..LANES {
+                let mut alone = Registers::zero();
+                for register in 0..REGISTERS {
+                    alone.0[register] = lanes.0[register].0[lane];
+                }
+                program.run(&mut alone);
+                for register in 0..REGISTERS {
+                    prop_assert_eq!(
+                        bits(moved.0[register].0[lane]), bits(alone.0[register]), "{:?}", vectors
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_chip_runs_a_program_from_its_flash() {
+    // φ = −x₁/(1 + x₁²) − x₂ of Lee, Choi and Khalil (38), in single precision
+    const PROGRAM: Program<'static> = Program {
+        instructions: &[
+            Instruction { operation: Operation::MultiplyAdd, result: 3, a: 0, b: 0, c: 2 },
+            Instruction { operation: Operation::Negate, result: 4, a: 0, b: 0, c: 0 },
+            Instruction { operation: Operation::Divide, result: 4, a: 4, b: 3, c: 0 },
+            Instruction { operation: Operation::Subtract, result: 4, a: 4, b: 1, c: 0 },
+        ],
+        outputs: &[4],
+    };
+    let mut registers = Registers::<f32>::zero();
+    registers.0[..3].copy_from_slice(&[0.5, 0.25, 1.0]);
+    PROGRAM.run(&mut registers);
+    assert_eq!(registers.0[usize::from(PROGRAM.outputs[0])].to_bits(), (-0.65_f32).to_bits());
+}

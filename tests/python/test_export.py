@@ -1,0 +1,513 @@
+"""Exported programs: the bits of the core, in C and in Rust, on this computer and on a chip."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from exported import FLAGS, STRICT, in_c, in_rust, lacking, on_the_chip, put, run, says_ok
+
+import hgo_rs
+from hgo_rs import InputGain, LowPowerObserver, StandardObserver, _core
+from hgo_rs.errors import HgoError
+from hgo_rs.exports import export, sources
+from hgo_rs.exports.c import files as c_files
+from hgo_rs.exports.elementary import PRECISIONS, Elementary
+from hgo_rs.exports.expressions import Names
+from hgo_rs.exports.program import Field, Program, Row, program
+from hgo_rs.exports.rust import files as rust_files
+from hgo_rs.exports.table import FUNCTIONS, graph
+from hgo_rs.observers import Observer
+
+ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="written for GNU's tools")
+# --- observers ------------------------------------------------------------------------------------
+
+KINDS = {
+    "standard": lambda: StandardObserver(3, 20.0, method="rk4", model=InputGain(1.7)),
+    "adaptive": lambda: StandardObserver(2, hgo_rs.AdaptiveGain(0.05, 0.5, 0.2)),
+    "low_power": lambda: LowPowerObserver(4, 5.0, method="staggered-euler", model=InputGain(2.0)),
+    "peaking_free": lambda: hgo_rs.PeakingFreeObserver(
+        5, 4.0, model=hgo_rs.Crackle(), saturation=[1.0, 0.5, 0.5, 0.5], method="bogacki-shampine"
+    ),
+    "sampled": hgo_rs.SampledDataObserver,
+    "current": lambda: StandardObserver(2, 20.0, timing="current", model=InputGain(1.7)),
+    "exact": lambda: StandardObserver(2, 20.0, method="zoh", timing="current"),
+    "arm": lambda: two_links(),
+    "pendulum": lambda: pendulum(),
+}
+
+
+def two_links() -> Observer:
+    """Two coupled joints with an encoder each."""
+    model = hgo_rs.Model(
+        states=["q1", "w1", "q2", "w2"],
+        orders=[2, 2],
+        parameters={"c": 2.0},
+        phi=["-sin(q1) + c*tanh(q2 - q1)", "c*(q1 - q2) - 0.1*w2"],
+    )
+    joint = [StandardObserver(2, ell) for ell in (12.0, 15.0)]
+    return hgo_rs.MultiOutputObserver(joint, model=model)
+
+
+def pendulum() -> Observer:
+    """An own model with a sine, a parameter and user's names, as its spec."""
+    table = {
+        "inputs": ["t", "x[0]", "x[1]", "u[0]", "g_l", "Fv"],
+        "constants": [],
+        "ops": [
+            ["sin", 1],
+            ["mul", 4, 6],
+            ["neg", 7],
+            ["mul", 5, 2],
+            ["sub", 8, 9],
+            ["add", 10, 3],
+        ],
+        "outputs": [11],
+        "output_names": ["phi"],
+    }
+    observer = StandardObserver(2, 15.0)
+    names = {"states": ["theta", "omega"], "inputs": ["torque"], "parameters": ["g_l", "Fv"]}
+    model = {"kind": "own", "form": "phase", "n": 2, "n_u": 1, "table": table}
+    return Observer(
+        {**observer.spec, "model": {**model, "parameters": [9.81, 0.3], "names": names}}
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_program_has_the_bits_of_the_core(tmp_path: Path, kind: str) -> None:
+    observer = KINDS[kind]()
+    observer.export(to="c", out=tmp_path, name=kind)
+    # every step of the vector has a value
+    assert ", 2, {" not in (tmp_path / f"{kind}_vector.h").read_text()
+    every = FLAGS.values() if kind == "pendulum" else [FLAGS["gnu11 -O3 native"]]
+    for flags in every:
+        assert says_ok(in_c(tmp_path, kind, flags), 100)
+    if kind in ("pendulum", "adaptive", "sampled", "arm"):
+        observer.export(to="rust", out=tmp_path, name=kind)
+        assert says_ok(in_rust(tmp_path, kind), 100)
+
+
+@pytest.mark.parametrize("kind", ["pendulum", "sampled"])
+def test_single_precision_is_the_cores_in_both_languages(tmp_path: Path, kind: str) -> None:
+    observer = KINDS[kind]()
+    observer.export(to="c", out=tmp_path, name=kind, precision="single")
+    assert says_ok(in_c(tmp_path, kind, FLAGS["gnu11 -O3 native"]), 100)
+    observer.export(to="rust", out=tmp_path, name=kind, precision="single")
+    assert says_ok(in_rust(tmp_path, kind), 100)
+
+
+def test_the_vector_is_what_run_gives(tmp_path: Path) -> None:
+    observer = pendulum()
+    observer.reset([0.4, -0.2])
+    t = np.cumsum([0.0, 0.01, 0.012, 0.01, 0.02, 0.01])
+    y, u = [0.5, 0.49, np.nan, 0.46, 0.41, 0.0], [0.1, 0.2, 0.0, -0.1, 0.3, 0.0]
+    described = program(observer, name="p", precision="double", log=(t, y, u))
+    result = observer.run(t, y, u, memory0=observer.memory)
+    assert [row.memory for row in described.vector] == [tuple(m) for m in result.memory[1:]]
+    assert [row.status for row in described.vector] == [0, 0, 1, 0, 0]
+
+
+def test_the_single_vector_is_what_the_core_runs_in_single_precision() -> None:
+    observer = pendulum()
+    t = np.cumsum(np.full(40, 0.0125)).astype(np.float32).astype(float)
+    y, u = np.sin(t), 0.2 * np.cos(t)
+    y[7] = np.nan
+    described = program(observer, name="p", precision="single", log=(t, y, u))
+    memory = _core.run_single(observer.spec, t.tolist(), y[:, None], u[:, None], [0.0, 0.0])
+    assert [row.memory for row in described.vector] == [tuple(map(float, m)) for m in memory[1:]]
+
+
+def test_a_source_is_readable() -> None:
+    text = sources(pendulum(), to="c", name="arm", dt=0.01)
+    header, source = text["arm.h"], text["arm.c"]
+    for line in (
+        "Standard observer of order 2.",
+        "phi = -(g_l * sin(theta)) - Fv * omega + torque",
+        "method: euler",
+        "sampling: 0.01 s",
+        "double theta; /* estimate of theta */",
+        "double Fv; /* parameter */",
+        "int arm_step(arm_state *state, double y, double torque, double t, double dt);",
+    ):
+        assert line in header, line
+    for line in (
+        "state->g_l = 9.81;",
+        "const double innovation = isfinite(y) ? y - theta : 0.0;",
+        "const double next_theta = theta + dt * (omega + 45.0 * innovation);",
+    ):
+        assert line in source, line
+
+
+def test_a_step_without_a_value_keeps_the_memory(tmp_path: Path) -> None:
+    observer = pendulum()
+    y, u = [0.5, 0.49, 0.46, 0.41], [0.1, np.nan, 1e308, 0.0]
+    observer.export(to="c", out=tmp_path, name="arm", log=(np.arange(4.0) / 100.0, y, u))
+    assert ", 2, {" in (tmp_path / "arm_vector.h").read_text()
+    assert says_ok(in_c(tmp_path, "arm"), 3)
+
+
+def test_a_wrong_bit_is_found(tmp_path: Path) -> None:
+    texts = sources(StandardObserver(2, 37.0), to="c", name="axis")
+    texts["axis.c"] = texts["axis.c"].replace("isfinite(y) ? y - x1", "isfinite(y) ? x1 - y")
+    put(tmp_path, texts)
+    run("cc", *STRICT, tmp_path / "main.c", tmp_path / "axis.c", "-o", tmp_path / "d")
+    done = subprocess.run([tmp_path / "d"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert re.match(r"step 0: x1 = \S+, expected \S+\n", done.stdout)
+
+
+# --- every operation ------------------------------------------------------------------------------
+
+ELEMENTARY = sorted(set(FUNCTIONS.values()) & set(Elementary.read("double").functions))
+TWO = ("powf", "atan2")
+
+
+def some_numbers(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Of all sizes and signs, with every special one."""
+    special = [0.0, -0.0, 1.0, -1.0, 0.5, math.inf, -math.inf, math.nan, 5e-324, 1e-310, 1e-42,
+               2.0**-149, 1.5, 709.0, -745.0, 88.0, -103.0, 1e9, 2e4, 3.0e38, 1.7e308]  # fmt: skip
+    wide = rng.standard_normal(count) * 10.0 ** rng.uniform(-12, 12, count)
+    near = rng.uniform(-30.0, 30.0, count)
+    return np.concatenate([special, wide, near])
+
+
+def random_table(rng: np.random.Generator, count: int) -> dict[str, Any]:
+    """A program of all operations on two inputs beside t, dt and two states."""
+    names = ["t", "dt", "a", "b", "y", "u"]
+    constants = [0.5, -1.25, 3.0, 1.0, -0.0, 0.0, 0.1]
+    unary = ["neg", "abs", "sign", "sqrt"]
+    binary = ["add", "sub", "mul", "div", "min", "max", "lt", "le", "eq", "innovation", "copysign"]
+    words = [*unary, *binary, "select", *(w for w, f in FUNCTIONS.items() if f in ELEMENTARY)]
+    ops: list[list[Any]] = []
+    for i in range(count):
+        word = words[i % len(words)]
+        arity = 3 if word == "select" else 2 if word in (*binary, "pow", "atan2") else 1
+        known = len(names) + len(constants) + i
+        ops.append([word, *rng.integers(max(0, known - 14), known, arity).tolist()])
+        if rng.random() < 0.3:
+            ops[-1][1] = int(rng.integers(0, len(names)))
+    last = len(names) + len(constants) + count
+    return {"inputs": names, "constants": constants, "ops": ops, "outputs": [last - 1, last - 2]}
+
+
+def bare(table: dict[str, Any], rows: np.ndarray, precision: str) -> Program:
+    """A program without an observer; the vector is evaluated here."""
+    real = PRECISIONS[precision].real
+    memory, vector = [0.5, -0.25], []
+    for row in rows.astype(real).astype(float):
+        t, dt, y, u = row.tolist()
+        [moved] = _core.evaluate_table(table, [[t, dt, *memory, y, u]], precision == "single")
+        fine = np.isfinite(moved).all()
+        memory = moved if fine else memory
+        status = 2 if not fine else 0 if math.isfinite(y) else 1
+        vector.append(Row(t, dt, (y,), (u,), status, tuple(memory)))
+    fields = (Field("alpha", "one", 0.5), Field("Beta", "two", -0.25))
+    names = Names()
+    for word in ("alpha", "Beta", "y", "u"):
+        names.new(word)
+    known = graph(table, precision), tuple(table["inputs"])
+    words: Any = ("y",), ("u",), names
+    return Program(
+        "maze", PRECISIONS[precision], fields, (), *words, *known, "A maze.", tuple(vector)
+    )
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_random_programs_have_the_same_bits_everywhere(tmp_path: Path, precision: str) -> None:
+    rng = np.random.default_rng(5)
+    for size in (40, 110):
+        table = random_table(rng, size)
+        rows = rng.standard_normal((60, 4)) * [1.0, 0.1, 2.0, 3.0]
+        rows[10:13, 2] = np.nan
+        program = bare(table, rows, precision)
+        put(tmp_path, c_files(program))
+        assert says_ok(in_c(tmp_path, "maze", FLAGS["gnu11 -O3 native"]), 60)
+        if size > 100:
+            put(tmp_path, rust_files(program))
+            assert says_ok(in_rust(tmp_path, "maze"), 60)
+
+
+# --- elementary functions -------------------------------------------------------------------------
+
+CORE = """\
+#![allow(dead_code)]
+#[path = "{source}"]
+mod elementary;
+mod double {{ {double} }}
+mod single {{ {single} }}
+use std::io::Read;
+fn main() {{
+    let mut bytes = Vec::new();
+    std::io::stdin().read_to_end(&mut bytes).unwrap();
+    let numbers: Vec<f64> =
+        bytes.chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().unwrap())).collect();
+    for pair in numbers.windows(2) {{
+        let (x, p) = (pair[0], pair[1]);
+        let (xs, ps) = (x as f32, p as f32);
+{lines}
+    }}
+}}
+"""
+
+IN_C = """\
+#include "{name}.c"
+#include <inttypes.h>
+#include <stdio.h>
+int main(void)
+{{
+    double pair[2];
+    pair[0] = 0.0;
+    if (fread(&pair[1], 8, 1, stdin) != 1) return 1;
+    for (;;) {{
+        {real} x, p;
+        pair[0] = pair[1];
+        if (fread(&pair[1], 8, 1, stdin) != 1) return 0;
+        x = ({real})pair[0];
+        p = ({real})pair[1];
+{lines}
+    }}
+}}
+"""
+
+
+def all_functions(precision: str) -> Program:
+    """A program that uses every elementary function and the square root."""
+    calls = [["sqrt", 4], *[[word, 4, 5] if function in TWO else [word, 4]
+             for word, function in FUNCTIONS.items() if function in ELEMENTARY]]  # fmt: skip
+    table = {"inputs": ["t", "dt", "a", "b", "y", "u"], "constants": [], "ops": calls}
+    first = len(table["inputs"])
+    ops: list[list[Any]] = [*calls]
+    for i in range(1, len(calls)):
+        ops.append(["add", first + len(ops) - (1 if i > 1 else len(calls)), first + i])
+    table = {**table, "ops": ops, "outputs": [first + len(ops) - 1, 3]}
+    return bare(table, np.zeros((0, 4)), precision)
+
+
+@pytest.fixture(scope="module")
+def numbers() -> np.ndarray:
+    return some_numbers(np.random.default_rng(3), 2000)
+
+
+@pytest.fixture(scope="module")
+def core_bits(tmp_path_factory: pytest.TempPathFactory, numbers: np.ndarray) -> dict[str, Any]:
+    """Every function of the core's own source, and of the exported Rust, by rustc."""
+    folder = tmp_path_factory.mktemp("core")
+    lines = []
+    for precision, x, p in (("double", "x", "p"), ("single", "xs", "ps")):
+        for name in ELEMENTARY:
+            given = f"{x}, {p}" if name in TWO else x
+            for place in (f"elementary::{precision}", precision):
+                lines.append(f'        print!("{{:x}} ", {place}::{name}({given}).to_bits());')
+        lines.append(f'        print!("{{:x}} {{:x}} ", {x}.sqrt().to_bits(), '
+                     f"{precision}::sqrt({x}).to_bits());")  # fmt: skip
+    lines.append("        println!();")
+    texts = {}
+    for precision in PRECISIONS:
+        text = rust_files(all_functions(precision))["src/lib.rs"]
+        text = re.sub(r"^(//!|#!).*\n", "", text, flags=re.M)
+        texts[precision] = re.sub(r"^fn ", "pub fn ", text, flags=re.M)
+    source = CORE.format(source=ROOT / "src" / "elementary.rs", lines="\n".join(lines), **texts)
+    put(folder, {"main.rs": source})
+    run("rustc", "--edition=2024", "-Copt-level=1", "-o", folder / "main", folder / "main.rs")
+    done = subprocess.run(
+        [folder / "main"], input=numbers.tobytes(), capture_output=True, check=True
+    )
+    words = np.array([line.split() for line in done.stdout.decode().splitlines()])
+    columns: dict[str, Any] = {}
+    count = 2 * len(ELEMENTARY) + 2
+    for i, precision in enumerate(("double", "single")):
+        part = words[:, i * count : (i + 1) * count]
+        for j, name in enumerate([*ELEMENTARY, "sqrt"]):
+            columns[precision, name, "core"] = part[:, 2 * j]
+            columns[precision, name, "rust"] = part[:, 2 * j + 1]
+    return columns
+
+
+def as_numbers(words: np.ndarray, precision: str) -> np.ndarray:
+    width = PRECISIONS[precision].width
+    kind = np.uint64 if width == 64 else np.uint32
+    return np.array([int(word, 16) for word in words], kind).view(PRECISIONS[precision].real)
+
+
+def same(a: np.ndarray, b: np.ndarray) -> bool:
+    """The same bits; one NaN is as good as another."""
+    kind = np.uint64 if a.dtype == np.float64 else np.uint32
+    return bool(np.all((a.view(kind) == b.view(kind)) | (np.isnan(a) & np.isnan(b))))
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_exported_rust_has_the_cores_functions(core_bits: dict[str, Any], precision: str) -> None:
+    for name in [*ELEMENTARY, "sqrt"]:
+        core, rust = (core_bits[precision, name, place] for place in ("core", "rust"))
+        assert same(as_numbers(core, precision), as_numbers(rust, precision)), name
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_exported_c_has_the_cores_functions(
+    tmp_path: Path, core_bits: dict[str, Any], numbers: np.ndarray, precision: str
+) -> None:
+    put(tmp_path, c_files(all_functions(precision)))
+    real, width, code = (
+        ("double", 64, "PRIx64") if precision == "double" else ("float", 32, "PRIx32")
+    )
+    calls = [f"maze_{name}({'x, p' if name in TWO else 'x'})" for name in ELEMENTARY]
+    lines = [f'        printf("%" {code} " ", maze_to_bits({call}));' for call in calls]
+    lines.append('        printf("\\n");')
+    driver = IN_C.format(name="maze", real=real, lines="\n".join(lines))
+    put(tmp_path, {"driver.c": driver})
+    assert width == PRECISIONS[precision].width
+    for flags in FLAGS.values():
+        run("cc", *flags, tmp_path / "driver.c", "-lm", "-o", tmp_path / "driver")
+        done = subprocess.run(
+            [tmp_path / "driver"], input=numbers.tobytes(), capture_output=True, check=True
+        )
+        words = np.array([line.split() for line in done.stdout.decode().splitlines()])
+        for j, name in enumerate(ELEMENTARY):
+            core = as_numbers(core_bits[precision, name, "core"], precision)
+            assert same(core, as_numbers(words[:, j], precision)), (name, flags)
+
+
+def test_the_source_that_is_read_is_the_cores() -> None:
+    assert (ROOT / "src" / "elementary.rs").read_text() == _core.ELEMENTARY
+
+
+def test_only_functions_that_are_used_are_printed() -> None:
+    text = sources(StandardObserver(2, 37.0), to="c")["observer.c"]
+    assert "_exp" not in text and "memcpy" not in text
+
+
+# --- on a chip ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_a_cortex_m4f_gives_the_same_bits(tmp_path: Path, precision: str) -> None:
+    if lacking():
+        pytest.skip(f"not installed: {lacking()}")
+    pendulum().export(to="c", out=tmp_path, name="arm", precision=precision)
+    assert says_ok(on_the_chip(tmp_path, "arm"), 100)
+    rng = np.random.default_rng(7)
+    rows = rng.standard_normal((40, 4)) * [1.0, 0.1, 2.0, 3.0]
+    rows[20, 2] = np.nan
+    put(tmp_path, c_files(bare(random_table(rng, 100), rows, precision)))
+    assert says_ok(on_the_chip(tmp_path, "maze"), 40)
+
+
+# --- names, refusals ------------------------------------------------------------------------------
+
+
+def test_names_are_identifiers_and_never_the_same_twice() -> None:
+    names = Names()
+    made = [names.new(w) for w in ("x", "x", "for", "t", "2nd", "θ", "Fv", "a b", "x_2", "sin")]
+    assert made == ["x", "x_2", "v_for", "v_t", "v_2nd", "value", "Fv", "a_b", "x_2_2", "v_sin"]
+
+
+def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
+    observer = StandardObserver(2, 37.0)
+    with pytest.raises(HgoError, match="to = 'ada': must be one of c, rust"):
+        sources(observer, to="ada")
+    with pytest.raises(HgoError, match="precision = 'half'"):
+        sources(observer, to="c", precision="half")
+    for name in ("Axis", "2nd", "a-b", "for", "core", ""):
+        with pytest.raises(HgoError, match="name = "):
+            sources(observer, to="c", name=name)
+    with pytest.raises(HgoError, match="dt = -1"):
+        sources(observer, to="c", dt=-1.0)
+    with pytest.raises(HgoError, match="log"):
+        sources(observer, to="c", log=([0.0, 0.0], [1.0, 2.0], []))
+    table = {"inputs": ["t"], "constants": [], "outputs": [1]}
+    with pytest.raises(HgoError, match="op 0 is 'cosh'"):
+        graph({**table, "ops": [["cosh", 0]]}, "double")
+    with pytest.raises(HgoError, match="op 0 uses a register"):
+        graph({**table, "ops": [["neg", 9]]}, "double")
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(HgoError, match="cannot be written"):
+        export(observer, to="c", out=blocked)
+    with pytest.raises(HgoError, match="reduced-order"):
+        hgo_rs.ReducedOrderObserver(0.5).export(to="c", out=tmp_path)
+
+
+def test_the_command_writes_what_the_file_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("hgo_rs.config")
+    from hgo_rs.cli import main
+
+    config = tmp_path / "my-axis.toml"
+    config.write_text(
+        'format = 1\nobserver = "standard"\norder = 2\ngain = 20.0\n[log]\ndt = 0.001\n'
+    )
+    with pytest.raises(SystemExit) as ended:
+        main(["export", str(config), "--to", "c", "--out", str(tmp_path / "c")])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.endswith(
+        "my_axis.h, my_axis.c, my_axis_vector.h, main.c, Makefile\n"
+    )
+    assert "sampling: 0.001 s" in (tmp_path / "c" / "my_axis.h").read_text()
+    assert says_ok(in_c(tmp_path / "c", "my_axis"), 100)
+    with pytest.raises(SystemExit) as ended:
+        main(["export", str(config), "--to", "c", "--out", str(config)])
+    assert ended.value.code == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
+# --- python-control -------------------------------------------------------------------------------
+
+
+def test_a_control_system_runs_as_the_observer_does() -> None:
+    control = pytest.importorskip("control")
+    observer = StandardObserver(2, 20.0, model=InputGain(1.5))
+    t = np.arange(300) * 0.005
+    y, u = np.sin(3.0 * t), np.cos(2.0 * t)
+    system = observer.to_control(0.005)
+    assert system.state_labels == ["x1", "x2"] and system.output_labels == ["x1_hat", "x2_hat"]
+    start = observer.initial_memory([0.5, 0.0])
+    response = control.input_output_response(system, t, np.vstack([y, u]), start)
+    result = observer.run(0.005, y, u, memory0=start)
+    # control interpolates its inputs, which rounds
+    np.testing.assert_allclose(response.outputs.T, result.x_hat, rtol=0, atol=1e-12)
+    # beside a plant in one diagram
+    plant = control.ss([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.5]], [[1.0, 0.0]], 0.0,
+                       inputs="u", outputs="y", name="plant")  # fmt: skip
+    sampled = control.c2d(plant, 0.005)
+    both = control.interconnect([sampled, system], inputs="u", outputs=["x1_hat", "x2_hat", "y"])
+    response = control.input_output_response(both, t, u)
+    assert np.max(np.abs(response.outputs[0] - response.outputs[2])[100:]) < 0.02
+
+
+def test_a_control_system_of_a_law_that_filters() -> None:
+    control = pytest.importorskip("control")
+    observer: Observer = hgo_rs.ReducedOrderObserver(0.5)
+    rng = np.random.default_rng(2)
+    y = np.cumsum(0.1 + 0.01 * rng.standard_normal((50, 3)), axis=0)
+    u = np.full((50, 2), 0.01)
+    t = np.arange(50) * 0.1
+    system = observer.to_control(0.1)
+    response = control.input_output_response(system, t, np.hstack([y, u]).T, observer.memory)
+    np.testing.assert_allclose(response.outputs.T, observer.run(0.1, y, u).x_hat, atol=1e-9)
+
+
+def test_a_control_system_of_current_timing() -> None:
+    control = pytest.importorskip("control")
+    observer = StandardObserver(2, 20.0, timing="current", model=InputGain(1.5))
+    t = np.arange(200) * 0.005
+    y, u = np.sin(3.0 * t), np.cos(2.0 * t)
+    system = observer.to_control(0.005)
+    assert system.state_labels == ["x1", "x2", "period", "held_u"]
+    response = control.input_output_response(system, t, np.vstack([y, u]), observer.memory)
+    np.testing.assert_allclose(response.outputs.T, observer.run(0.005, y, u).x_hat, atol=1e-12)
+
+
+def test_a_control_system_needs_a_stable_step() -> None:
+    pytest.importorskip("control")
+    with pytest.raises(HgoError, match="dt"):
+        StandardObserver(2, 20.0).to_control(1.0)
+    with pytest.raises(HgoError, match="dt = nan"):
+        StandardObserver(2, 20.0).to_control(math.nan)
