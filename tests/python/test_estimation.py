@@ -356,7 +356,8 @@ def test_two_pendulums_with_gaps_jitter_and_a_slower_sensor():
         mine = [i for i, gap in enumerate(result.gaps) if gap.channel == channel]
         mine = [i for i in mine if result.gaps[i].start >= 400]
         assert len(mine) > 15
-        ends = [result.gaps[i].start + result.gaps[i].length for i in mine]
+        # the last row without a sample: the next one has been corrected by its own
+        ends = [result.gaps[i].start + result.gaps[i].length - 1 for i in mine]
         of_chain = slice(2 * channel, 2 * channel + 2)
         measured = np.sqrt(np.mean(error[ends, of_chain] ** 2, axis=0))
         expected = np.sqrt(np.mean(result.gap_error[mine, of_chain] ** 2, axis=0))
