@@ -410,13 +410,19 @@ pub struct Programs<'a, T, const Z: usize> {
     pub filters: bool,
 }
 
-/// Columns into registers; `worst` becomes the largest magnitude so far.
+/// Columns into registers.
 #[inline(always)]
-fn put<T: Scalar>(to: &mut [Lane<T>], from: &[[T; LANES]], worst: &mut Lane<T>) {
-    for (to, from) in to.iter_mut().zip(from) {
+fn put<T: Scalar>(to: &mut [Lane<T>], from: &[[T; LANES]]) {
+    to.iter_mut().zip(from).for_each(|(to, from)| to.0 = *from);
+}
+
+/// `worst` becomes the largest magnitude so far.
+#[inline(always)]
+fn look<T: Scalar>(columns: &[[T; LANES]], worst: &mut Lane<T>) {
+    for column in columns {
+        let so_far = worst.0; // a copy: what is chosen is stored, not where
         for lane in 0..LANES {
-            worst.0[lane] = worst.0[lane].max(from[lane].abs());
-            to.0[lane] = from[lane];
+            worst.0[lane] = so_far[lane].max(column[lane].abs());
         }
     }
 }
@@ -463,9 +469,11 @@ where
         let [t, dt, rest @ ..] = &mut r.0;
         (t.0, dt.0) = ([at.t; LANES], [at.dt; LANES]);
         let (z, rest) = rest.split_at_mut(n_z.min(REGISTERS / 4));
-        put(z, &block.z.0, worst);
+        put(z, &block.z.0);
         let (x, rest) = rest.split_at_mut(n_x.min(REGISTERS / 4));
-        put(x, &block.x.0, worst);
+        put(x, &block.x.0);
+        look(block.z.0.get(..n_z).unwrap_or_default(), worst);
+        look(block.x.0.get(..n_x).unwrap_or_default(), worst);
         if let [noise, sines, ..] = rest {
             noise.0 = running.given.0.0;
             if !self.joint {
@@ -494,13 +502,12 @@ where
         let r = &mut *self.registers[1];
         let h = at.plant_dt / T::from_f64(f64::from(study.substeps));
         let noisy = matches!(study.plant_scheme, PlantScheme::Stochastic(_));
-        let mut worst = Lane([T::ZERO; LANES]); // looked at with the next sample
         for i in 0..study.substeps {
             let time = running.plant_t + T::from_f64(f64::from(i)) * h;
             let [t, step, rest @ ..] = &mut r.0;
             (t.0, step.0) = ([time; LANES], [h; LANES]);
             let (x, rest) = rest.split_at_mut(n_x.min(REGISTERS / 4));
-            put(x, &block.x.0, &mut worst);
+            put(x, &block.x.0); // looked at with the next sample
             if noisy && let [first, second, ..] = rest {
                 for lane in 0..LANES {
                     let mut stream = running.process.load(lane);

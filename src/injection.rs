@@ -235,6 +235,8 @@ where
     T: Scalar,
     L: Injected<T>,
 {
+    const OVER_GAPS: bool = true;
+
     #[inline(always)]
     fn advance(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State {
         self.predict(law, t, &self.correct(law, t, z, y, u, dt), u, dt)

@@ -144,6 +144,9 @@ fn missing<T: Scalar>() -> T {
 /// With predictor timing z⁻(k+1) = `advance`(z⁻(k), y(k)). With current timing the step is cut in two:
 /// z⁻(k) = `predict`(z⁺(k−1)) over the past period, then z⁺(k) = `correct`(z⁻(k), y(k)).
 pub trait Scheme<T: Scalar, L: ContinuousLaw<T>>: Copy {
+    /// Whether `correct` is for all the time since the last sample, not for the past step alone: true
+    /// if it is stable for any time. A sample after a gap, or of a slow sensor, then counts in full.
+    const OVER_GAPS: bool = false;
     /// Memory after a step of length dt from (t, z) with sample y and input u.
     fn advance(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State;
     /// Memory after a step of length dt from (t, z) without a sample.
@@ -151,8 +154,8 @@ pub trait Scheme<T: Scalar, L: ContinuousLaw<T>>: Copy {
     fn predict(&self, law: &L, t: T, z: &L::State, u: &L::Input, dt: T) -> L::State {
         self.advance(law, t, z, missing(), u, dt)
     }
-    /// Memory after the use of sample y that ends a period of length dt: what the sample injects in
-    /// that time, by forward Euler.
+    /// Memory after the use of sample y that ends a time dt: what the sample injects in that time, by
+    /// forward Euler.
     #[inline(always)]
     fn correct(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State {
         z.plus(dt, &law.injection(t, z, &law.innovation(z, y), u))
@@ -359,8 +362,8 @@ where
 /// A continuous law under a discretisation: an observer with current timing.
 ///
 /// A step with y(k) predicts over the period before it, under the input that was held, and corrects;
-/// the first one only corrects, as if a period as long as the next one had passed. Memory: the law's,
-/// the period, the input.
+/// the first one only corrects, as if a period as long as the next one had passed. Memory: the law's;
+/// the time from the last sample used (or the start) to the next one, the period, the input.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -371,10 +374,17 @@ pub struct Current<L, S> {
     pub scheme: S,
 }
 
+/// A law's memory, the time from the last sample used to the next one, the period, the input.
+type WithHeld<Z, T, U> = (Z, (T, (T, U)));
+
 impl<L, S> Current<L, S> {
     /// The law's memory predicted up to time t.
     #[inline(always)]
-    fn before<T>(&self, t: T, (state, (period, u)): &(L::State, (T, L::Input))) -> L::State
+    fn before<T>(
+        &self,
+        t: T,
+        (state, (_, (period, u))): &WithHeld<L::State, T, L::Input>,
+    ) -> L::State
     where
         T: Scalar,
         L: ContinuousLaw<T>,
@@ -391,7 +401,7 @@ where
     L: ContinuousLaw<T, Input: Memory<T>>,
     S: Scheme<T, L>,
 {
-    type State = (L::State, (T, L::Input));
+    type State = WithHeld<L::State, T, L::Input>;
     type Measurement = T;
     type Input = L::Input;
     const TIMING: Timing = Timing::Current;
@@ -399,16 +409,18 @@ where
 
     #[inline(always)]
     fn initial(&self) -> Self::State {
-        (self.law.initial(), (T::ZERO, L::Input::zero()))
+        (self.law.initial(), (T::ZERO, (T::ZERO, L::Input::zero())))
     }
 
     #[inline(always)]
     fn step(&self, z: &mut Self::State, y: &T, u: &L::Input, t: T, dt: T) -> Status {
         let Self { law, scheme } = self;
-        let (_, (period, _)) = *z;
+        let (_, (elapsed, (period, _))) = *z;
         let before = self.before(t, z);
-        let next = law.admissible(scheme.correct(law, t, &before, *y, u, period.or(dt)));
-        *z = (z.0.zip(&next, |_, new| new), (dt, *u));
+        let time = if S::OVER_GAPS { elapsed } else { period };
+        let next = law.admissible(scheme.correct(law, t, &before, *y, u, time.or(dt)));
+        let elapsed = dt + elapsed.while_missing(*y);
+        *z = (z.0.zip(&next, |_, new| new), (elapsed, (dt, *u)));
         if y.is_present() { Status::Updated } else { Status::Predicted }
     }
 

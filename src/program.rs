@@ -277,8 +277,9 @@ impl Program<'_> {
     pub fn run<T: Scalar>(&self, r: &mut Registers<T>) {
         let r = &mut r.0;
         for Instruction { operation, result, a, b, c } in self.instructions {
-            let [a, b, c] = [a, b, c].map(|register| r[usize::from(*register)]);
-            r[usize::from(*result)] = compute!(*operation, a, b, c);
+            let value =
+                compute!(*operation, r[usize::from(*a)], r[usize::from(*b)], r[usize::from(*c)]);
+            r[usize::from(*result)] = value;
         }
     }
 
@@ -291,28 +292,22 @@ impl Program<'_> {
     }
 }
 
-/// As many runs as go through an instruction together.
-const GROUP: usize = 8;
-
 /// One instruction for all runs of a block.
 #[inline(always)]
 fn step_lanes<T: Scalar>(r: &mut [Lane<T>; REGISTERS], instruction: Instruction) {
     let Instruction { operation, result, a, b, c } = instruction;
-    // the choice outside of the loop; a group is read before it is written, so registers may be equal
+    // the choice outside of the loop; all is read before the result is written: registers may be equal
     macro_rules! lanes {
         ($($name:ident($($operand:ident),+);)+) => {
             match operation {
                 $(Operation::$name => {
-                    for group in 0..LANES / GROUP {
-                        let first = group * GROUP;
-                        let mut out = [T::ZERO; GROUP];
-                        $(let $operand: [T; GROUP] = load(&r[usize::from($operand)], first);)+
-                        for lane in 0..GROUP {
-                            $(let $operand = $operand[lane];)+
-                            out[lane] = operation!($name, $($operand),+);
-                        }
-                        store(&mut r[usize::from(result)], first, &out);
+                    let mut out = [T::ZERO; LANES];
+                    $(let $operand = &r[usize::from($operand)].0;)+
+                    for lane in 0..LANES {
+                        $(let $operand = $operand[lane];)+
+                        out[lane] = operation!($name, $($operand),+);
                     }
+                    r[usize::from(result)].0 = out;
                 })+
             }
         };
@@ -322,17 +317,5 @@ fn step_lanes<T: Scalar>(r: &mut [Lane<T>; REGISTERS], instruction: Instruction)
         Add(a, b); Subtract(a, b); Multiply(a, b); Divide(a, b); Min(a, b); Max(a, b); Power(a, b);
         Atan2(a, b); CopySign(a, b); Less(a, b); LessEqual(a, b); Equal(a, b); Innovation(a, b);
         Select(a, b, c); MultiplyAdd(a, b, c); MultiplySubtract(a, b, c); SubtractProduct(a, b, c);
-    }
-}
-
-#[inline(always)]
-fn load<T: Scalar>(lane: &Lane<T>, first: usize) -> [T; GROUP] {
-    core::array::from_fn(|i| lane.0[(first + i) % LANES])
-}
-
-#[inline(always)]
-fn store<T: Scalar>(lane: &mut Lane<T>, first: usize, values: &[T; GROUP]) {
-    for i in 0..GROUP {
-        lane.0[(first + i) % LANES] = values[i];
     }
 }

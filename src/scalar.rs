@@ -121,6 +121,13 @@ pub trait Scalar:
         if self == Self::ZERO { other } else { self }
     }
 
+    /// `self` where the sample y is missing, else 0.
+    #[inline(always)]
+    #[must_use]
+    fn while_missing(self, y: Self) -> Self {
+        if y.is_finite() { Self::ZERO } else { self }
+    }
+
     /// `self` brought into [low, high]; NaN stays NaN.
     #[inline(always)]
     #[must_use]

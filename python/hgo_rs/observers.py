@@ -68,7 +68,8 @@ class Observer(_core.Online):
         Whether the estimate at sample k uses samples up to k - 1, or up to k.
     memory : (m,) ndarray
         Where it stands: x_hat first, then auxiliary states, then the gain r where it moves; with
-        current timing then the period and the inputs before the sample. A step makes a new one.
+        current timing then the time from the last sample used to the next one, the period and the
+        inputs before that one. A step makes a new one.
     model : System or None
         What it knows of the system; None: nothing, or what its class takes by default.
     allow_unstable : bool
@@ -150,7 +151,7 @@ class Observer(_core.Online):
     @property
     def _law_len(self) -> int:
         """Entries of the memory without what current timing holds beside the law's own."""
-        held = 1 + self.n_u if self.spec.get("timing") == "current" else 0
+        held = 2 + self.n_u if self.spec.get("timing") == "current" else 0
         return int(self._core.memory_len) - held
 
     def with_timing(self, timing: str) -> Observer:
@@ -408,13 +409,14 @@ class Observer(_core.Online):
         _check_times(clock)
         _check_inputs(told)
         count = len(samples)
-        t = np.arange(count) * clock if isinstance(clock, float) else clock
-        track, interpreted = clocked(lambda: self._reference().run(t, samples, told, start))
+        t, dt = (np.arange(count) * clock, clock) if isinstance(clock, float) else (clock, None)
+        track, interpreted = clocked(lambda: self._reference().run(t, samples, told, start, dt))
         _, compiled = clocked(lambda: self._core.run(clock, samples, told, start))
         slowdown = warn_slow(
             cast("Model", self.model), compiled / count, interpreted / count, "run"
         )
-        steps, present = np.diff(t), ~np.all(np.isnan(samples), axis=1)
+        steps = np.diff(t) if dt is None else np.full(count - 1, dt)
+        present = ~np.all(np.isnan(samples), axis=1)
         correcting = np.where(present[1:] if self._core.is_current else present[:-1], steps, 0.0)
         k = int(np.argmax(correcting)) if count > 1 else 0
         undefined = np.flatnonzero(track["status"] == _UNDEFINED)

@@ -9,6 +9,7 @@ use super::interrupt::StopFlag;
 use super::observers::{AnyObserver, Recursion};
 use super::record::Block;
 use super::study::{self, Plan, StudyResult};
+use crate::Scalar;
 use crate::injection::{Injected, Placed};
 use crate::memory::Memory;
 use crate::observer::{ContinuousLaw, Discretised, Observer, Scheme, Status, Timing};
@@ -24,6 +25,8 @@ pub trait Halves: Send + Sync {
     fn initial(&self) -> Vec<f64>;
     fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64);
     fn correct(&self, memory: &mut [f64], y: f64, u: &[f64], t: f64, dt: f64);
+    /// [`Scheme::OVER_GAPS`].
+    fn over_gaps(&self) -> bool;
     /// The same with its gains computed for steps of this length, if that is of use.
     fn prepared(&self, dt: f64) -> Option<Box<dyn Halves>>;
 }
@@ -50,6 +53,9 @@ where
         let scheme = crate::observer::Euler;
         law.admissible(scheme.correct(law, t, &z, y, &u, dt)).write(memory);
     }
+    fn over_gaps(&self) -> bool {
+        false
+    }
     fn prepared(&self, _: f64) -> Option<Box<dyn Halves>> {
         None
     }
@@ -72,6 +78,9 @@ where
         let (law, z, u) = (&self.law, L::State::read(memory), L::Input::read(u));
         law.admissible(self.scheme.correct(law, t, &z, y, &u, dt)).write(memory);
     }
+    fn over_gaps(&self) -> bool {
+        true
+    }
     fn prepared(&self, dt: f64) -> Option<Box<dyn Halves>> {
         L::CONSTANT.then(|| -> Box<dyn Halves> { Box::new(Observer::prepared(self, dt)) })
     }
@@ -83,8 +92,8 @@ fn flat(z: &impl Memory<f64>) -> Vec<f64> {
     values
 }
 
-/// An observer of two halves. Memory: the law's; with current timing then the period and the input
-/// before the sample, as in [`crate::observer::Current`].
+/// An observer of two halves. Memory: the law's; with current timing then the time since the last
+/// sample, the period and the input before the sample, as in [`crate::observer::Current`].
 pub struct Halved {
     pub halves: Box<dyn Halves>,
     pub n: usize,
@@ -92,6 +101,7 @@ pub struct Halved {
     /// Entries of the law's memory.
     pub law_len: usize,
     pub timing: Timing,
+    over_gaps: bool,
     /// The halves prepared for the length of the last correction, `None` where that is of no use.
     usual: Mutex<Option<Usual>>,
 }
@@ -101,8 +111,8 @@ type Usual = (f64, Option<Arc<dyn Halves>>);
 
 impl Halved {
     pub fn new(halves: Box<dyn Halves>, n: usize, n_u: usize, timing: Timing) -> Self {
-        let law_len = halves.initial().len();
-        Self { halves, n, n_u, law_len, timing, usual: Mutex::default() }
+        let (law_len, over_gaps) = (halves.initial().len(), halves.over_gaps());
+        Self { halves, n, n_u, law_len, timing, over_gaps, usual: Mutex::default() }
     }
 
     /// The halves with gains for corrections of this length, which most steps have in common.
@@ -118,11 +128,19 @@ impl Halved {
         halves
     }
 
+    /// The time that a correction is for.
+    fn corrected(&self, held: &[f64], dt: f64) -> f64 {
+        match held {
+            [elapsed, period, ..] => if self.over_gaps { *elapsed } else { *period }.or(dt),
+            _ => dt,
+        }
+    }
+
     /// The law's memory before the sample at time t.
     fn before(&self, halves: &dyn Halves, memory: &mut [f64], t: f64) {
         if self.timing == Timing::Current {
             let (law, held) = memory.split_at_mut(self.law_len);
-            halves.predict(law, &held[1..], t - held[0], held[0]);
+            halves.predict(law, &held[2..], t - held[1], held[1]);
         }
     }
 
@@ -131,10 +149,10 @@ impl Halved {
         let (law, held) = memory.split_at_mut(self.law_len);
         match self.timing {
             Timing::Current => {
-                let period = if held[0] > 0.0 { held[0] } else { dt };
-                halves.correct(law, y, u, t, period);
-                held[0] = dt;
-                held[1..].copy_from_slice(u);
+                halves.correct(law, y, u, t, self.corrected(held, dt));
+                held[0] = dt + held[0].while_missing(y);
+                held[1] = dt;
+                held[2..].copy_from_slice(u);
             }
             Timing::Predictor => {
                 halves.correct(law, y, u, t, dt);
@@ -147,11 +165,7 @@ impl Halved {
 impl Recursion for Halved {
     fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
         let y = y.first().copied().unwrap_or(f64::NAN);
-        let period = match self.timing {
-            Timing::Current if memory[self.law_len] > 0.0 => memory[self.law_len],
-            _ => dt,
-        };
-        let usual = self.usual(period);
+        let usual = self.usual(self.corrected(&memory[self.law_len..], dt));
         let halves = usual.as_deref().unwrap_or(&*self.halves);
         self.before(halves, memory, t);
         self.after(halves, memory, y, u, t, dt);
@@ -203,7 +217,7 @@ impl AnyObserver for Halved {
     fn initial(&self) -> Vec<f64> {
         let mut memory = self.halves.initial();
         if self.timing == Timing::Current {
-            memory.resize(self.law_len + 1 + self.n_u, 0.0);
+            memory.resize(self.law_len + 2 + self.n_u, 0.0);
         }
         memory
     }
@@ -252,7 +266,7 @@ impl<const N: usize, const CURRENT: bool> Observer<f64> for Watched<'_, N, CURRE
 
     fn step(&self, z: &mut Self::State, y: &f64, u: &Self::Input, t: f64, dt: f64) -> Status {
         let (whole, u) = (self.whole, &u.as_slice()[..self.whole.n_u]);
-        let held = if CURRENT { 1 + whole.n_u } else { 0 };
+        let held = if CURRENT { 2 + whole.n_u } else { 0 };
         let memory = &mut z.as_mut_slice()[..whole.law_len + held];
         whole.before(self.halves, memory, t);
         whole.after(self.halves, memory, *y, u, t, dt);

@@ -35,6 +35,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Known inputs that a model may have.
 pub const MAX_INPUTS: usize = 8;
+/// Outputs that a model of chains may have.
+const CHAINS: usize = 12;
+
+/// For each chain, the bits of the time that a correction is for.
+type Lengths = [u64; CHAINS];
 
 /// A model as it was given.
 pub struct OwnModel {
@@ -257,8 +262,9 @@ pub struct Tables {
     /// The same with and without a sample, for a law that has not started: the entry of its memory of
     /// this index is 0.
     unstarted: Option<(usize, [Table; 2])>,
-    /// Whether much of a step depends on its length alone: a law whose eigenvalues are placed.
-    placed: bool,
+    /// For each chain, where the time stands in the memory that a correction is for: of laws with
+    /// current timing whose eigenvalues are placed.
+    elapsed: Vec<Option<usize>>,
     /// A continuous law: (t, z, y, u, parameters) → ż, and z → z within the set that it lives in.
     law: Option<(Table, Table)>,
     parameters: Vec<f64>,
@@ -381,7 +387,7 @@ impl Tables {
             step: law.step(setting, manner)?,
             missing: None,
             unstarted: None,
-            placed,
+            elapsed: vec![(current && placed).then_some(law.len)],
             law: if together { Some(law.together(setting)?) } else { None },
             parameters: given.parameters().to_vec(),
         })
@@ -520,7 +526,7 @@ where
         step: step(true)?,
         missing: Some(step(false)?),
         unstarted: None,
-        placed: false,
+        elapsed: Vec::new(),
         law: None,
         parameters: given.parameters().to_vec(),
     })
@@ -571,7 +577,7 @@ fn reduced_order<const NX: usize, const NZ: usize>(
         step: step(true, true)?,
         missing: Some(step(true, false)?),
         unstarted: Some((NZ + NX + MAX_INPUTS, [step(false, true)?, step(false, false)?])),
-        placed: false,
+        elapsed: Vec::new(),
         law: None,
         parameters: given.parameters().to_vec(),
     })
@@ -580,24 +586,38 @@ fn reduced_order<const NX: usize, const NZ: usize>(
 impl Tables {
     /// Of the observer that a spec describes; with `single` in single precision.
     ///
-    /// With `dt`, corrections that are placed are right for periods of this length only.
+    /// With `dt`, corrections that are placed are right for times of this length only.
     pub fn read(spec: &Spec<'_>, single: bool, dt: Option<f64>) -> PyResult<Self> {
-        let setting = Setting { dt, ..Setting::usual(single) };
+        Self::of_lengths(spec, single, dt.map(|dt| [dt.to_bits(); CHAINS]))
+    }
+
+    /// The same, with a length for each chain.
+    fn of_lengths(spec: &Spec<'_>, single: bool, lengths: Option<Lengths>) -> PyResult<Self> {
+        let setting = |chain: usize| {
+            let dt = lengths.map(|lengths| f64::from_bits(lengths[chain.min(CHAINS - 1)]));
+            Setting { dt, ..Setting::usual(single) }
+        };
         if spec.text("kind")? == "chains" {
             return Self::of_chains(spec, setting);
         }
-        Self::of(spec, &Given::read(spec)?, setting)
+        Self::of(spec, &Given::read(spec)?, setting(0))
     }
 
     /// Of an observer of several outputs: one observer for each chain, which takes the states of the
     /// other chains as they stand at the beginning of a step.
-    fn of_chains(spec: &Spec<'_>, setting: Setting) -> PyResult<Self> {
+    fn of_chains(spec: &Spec<'_>, setting: impl Fn(usize) -> Setting) -> PyResult<Self> {
         spec.only(&["kind", "observers", "model"])?;
         let own = OwnModel::read(&spec.sub("model")?)?;
         if own.form != "chains" {
             return Err(refused("an observer of several outputs needs a model of chains"));
         }
         let specs = spec.list("observers")?;
+        if specs.len() > CHAINS {
+            return Err(refused(&format!(
+                "{} outputs are not allowed: 1 to {CHAINS}",
+                specs.len()
+            )));
+        }
         if specs.len() != own.orders.len() {
             return Err(refused(&format!(
                 "{} observers do not fit a model of {} chains",
@@ -608,7 +628,7 @@ impl Tables {
         let chains: Vec<Self> = specs
             .iter()
             .enumerate()
-            .map(|(chain, spec)| Self::of(spec, &Given::Chain(&own, chain), setting))
+            .map(|(chain, spec)| Self::of(spec, &Given::Chain(&own, chain), setting(chain)))
             .collect::<PyResult<_>>()?;
         if chains.iter().any(|of| of.shape.current != chains[0].shape.current) {
             return Err(refused("the observers of a model of chains must have the same timing"));
@@ -625,7 +645,9 @@ impl Tables {
         for (of, place) in chains.iter().zip(&place) {
             place.iter().zip(&of.shape.initial).for_each(|(place, value)| initial[*place] = *value);
         }
-        let step = trace(setting, || {
+        let elapsed = chains.iter().zip(&place);
+        let elapsed = elapsed.map(|(of, place)| Some(place[(*of.elapsed.first()?)?])).collect();
+        let step = trace(setting(0), || {
             let (t, dt) = (input("t"), input("dt"));
             let (z, y) = (inputs("z", rest), inputs("y", chains.len()));
             let u = inputs("u", own.n_u);
@@ -643,13 +665,12 @@ impl Tables {
         let current = chains.first().is_some_and(|of| of.shape.current);
         let (n, n_y, n_u, memory) = (own.n, chains.len(), own.n_u, rest);
         let shape = Shape { n, n_y, n_u, memory, current, initial };
-        let placed = chains.iter().any(|of| of.placed);
         Ok(Self {
             shape,
             step,
             missing: None,
             unstarted: None,
-            placed,
+            elapsed,
             law: None,
             parameters: own.parameters,
         })
@@ -747,7 +768,7 @@ struct Step {
 pub struct Programmed {
     tables: Tables,
     /// The step, and the step that tells the innovation too.
-    steps: [Arc<Step>; 2],
+    steps: Pair,
     /// The same (both) for a missing sample, if that is another law.
     missing: Option<Arc<Step>>,
     /// The same for a law that has not started.
@@ -761,8 +782,11 @@ struct Remade {
     spec: Py<PyAny>,
     /// Whether there is no step for any length.
     only: bool,
-    made: Mutex<Vec<(u64, [Arc<Step>; 2])>>,
+    made: Mutex<Vec<(Lengths, Pair)>>,
 }
+
+/// A step, and the same step that tells the innovation too.
+type Pair = [Arc<Step>; 2];
 
 /// Lengths that are remembered.
 const REMEMBERED: usize = 64;
@@ -831,14 +855,8 @@ impl Tables {
         &self.parameters
     }
 
-    /// Where periods stand in the memory of a law with current timing: after the law's own.
-    fn period(&self) -> Option<usize> {
-        let Shape { memory, n_u, current, .. } = self.shape;
-        (current && self.placed).then(|| memory.checked_sub(1 + n_u)).flatten()
-    }
-
     /// The step, and the step that tells the innovation too.
-    fn steps(&self) -> PyResult<[Arc<Step>; 2]> {
+    fn steps(&self) -> PyResult<Pair> {
         let step = self.program(&self.step.with_outputs(0..self.memory_len()))?;
         Ok([Arc::new(step), Arc::new(self.program(&self.step)?)])
     }
@@ -923,19 +941,20 @@ impl Programmed {
         }
     }
 
-    /// Length of the period that a sample ends, or that its step begins if it is the first.
-    fn period(&self, memory: &[f64], dt: f64) -> f64 {
-        match self.tables.period().and_then(|period| memory.get(period)) {
-            Some(period) if *period != 0.0 => *period,
-            _ => dt,
+    /// The times that a sample's corrections are for.
+    fn lengths(&self, memory: &[f64], dt: f64) -> Lengths {
+        let mut lengths = [0; CHAINS];
+        for (length, place) in lengths.iter_mut().zip(&self.tables.elapsed) {
+            let elapsed = place.and_then(|place| memory.get(place)).copied();
+            *length = elapsed.unwrap_or(dt).or(dt).to_bits();
         }
+        lengths
     }
 
-    /// The step for periods of this length, of a law that has one for each.
-    fn of_length(&self, remade: &Remade, length: f64, told: bool) -> PyResult<Arc<Step>> {
-        let key = length.to_bits();
+    /// The step for times of these lengths, of a law that has one for each.
+    fn of_lengths(&self, remade: &Remade, lengths: Lengths, told: bool) -> PyResult<Arc<Step>> {
         let mut made = remade.made.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, steps)) = made.iter().find(|(known, _)| *known == key) {
+        if let Some((_, steps)) = made.iter().find(|(known, _)| *known == lengths) {
             return Ok(steps[usize::from(told)].clone());
         }
         if made.len() >= REMEMBERED && !remade.only {
@@ -943,14 +962,67 @@ impl Programmed {
         }
         let steps = Python::attach(|py| {
             let spec = Spec::new(remade.spec.bind(py), "observer")?;
-            Tables::read(&spec, false, Some(length))?.steps()
+            Tables::of_lengths(&spec, false, Some(lengths))?.steps()
         })?;
         if made.len() >= REMEMBERED {
             made.remove(0);
         }
-        made.push((key, steps.clone()));
+        made.push((lengths, steps.clone()));
         let [step, telling] = steps;
         Ok(if told { telling } else { step })
+    }
+
+    /// Step over a block with m entries of memory, at best a number that the compiler knows.
+    #[inline(always)]
+    fn advance_by(&self, m: usize, memory: &mut [f64], block: Block<'_>) -> f64 {
+        let Block { t, dt, y, u, memory: rows, innovation, status: made } = block;
+        let Shape { n_y: p, n_u: q, current, .. } = self.tables.shape;
+        let told = !innovation.is_empty();
+        let place = MEMORY..MEMORY + m;
+        let one = self.remade.is_none() && self.missing.is_none() && self.unstarted.is_none();
+        let mut of_lengths: Option<(Lengths, Arc<Step>)> = None;
+        let mut step = self.choose(memory, true, told).clone();
+        let mut r = step.at_rest;
+        r.0[place.clone()].copy_from_slice(memory);
+        let mut largest = [0.0_f64; REGISTERS];
+        for (k, made) in made.iter_mut().enumerate() {
+            let row = &mut rows[k * m..(k + 1) * m];
+            if !current {
+                keep(row, &r, &mut largest);
+            }
+            let sample = &y[k * p..(k + 1) * p];
+            let present = sample.iter().all(|y| y.is_finite());
+            if !one {
+                if let Some(remade) = &self.remade {
+                    let lengths = self.lengths(&r.0[place.clone()], dt[k]);
+                    if of_lengths.as_ref().is_none_or(|(known, _)| *known != lengths) {
+                        let step = self.of_lengths(remade, lengths, told);
+                        of_lengths = step.ok().map(|step| (lengths, step));
+                    }
+                }
+                let wanted = match &of_lengths {
+                    Some((_, step)) => step,
+                    None => self.choose(&r.0[place.clone()], present, told),
+                };
+                if !Arc::ptr_eq(wanted, &step) {
+                    let mut fresh = wanted.at_rest;
+                    fresh.0[place.clone()].copy_from_slice(&r.0[place.clone()]);
+                    (step, r) = (wanted.clone(), fresh);
+                }
+            }
+            let moved = step.advance(&mut r, m, (t[k], dt[k]), (sample, &u[k * q..(k + 1) * q]));
+            *made = status(moved, present) as u8;
+            if let Some(slots) = innovation.get_mut(k * p..(k + 1) * p) {
+                for (slot, output) in slots.iter_mut().zip(&step.compiled.outputs[m..]) {
+                    *slot = r.0[usize::from(*output)];
+                }
+            }
+            if current {
+                keep(row, &r, &mut largest);
+            }
+        }
+        memory.copy_from_slice(&r.0[place]);
+        largest.iter().fold(0.0, |most: f64, value| most.max(*value))
     }
 }
 
@@ -976,7 +1048,7 @@ impl Recursion for Programmed {
     fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
         let present = y.iter().all(|y| y.is_finite());
         let step = match &self.remade {
-            Some(remade) => self.of_length(remade, self.period(memory, dt), false),
+            Some(remade) => self.of_lengths(remade, self.lengths(memory, dt), false),
             None => Ok(self.choose(memory, present, false).clone()),
         };
         let Ok(step) = step else { return Status::ModelUndefined };
@@ -988,57 +1060,15 @@ impl Recursion for Programmed {
     }
 
     fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64 {
-        let Block { t, dt, y, u, memory: rows, innovation, status: made } = block;
-        let Shape { n_y: p, n_u: q, current, .. } = self.tables.shape;
-        let (m, told) = (memory.len(), !innovation.is_empty());
-        let place = MEMORY..MEMORY + m;
-        let one = self.remade.is_none() && self.missing.is_none() && self.unstarted.is_none();
-        let mut of_length: Option<(f64, Arc<Step>)> = None;
-        let mut step = self.choose(memory, true, told).clone();
-        let mut r = step.at_rest;
-        r.0[place.clone()].copy_from_slice(memory);
-        let mut largest = [0.0_f64; REGISTERS];
-        for (k, made) in made.iter_mut().enumerate() {
-            let row = &mut rows[k * m..(k + 1) * m];
-            if !current {
-                keep(row, &r, &mut largest);
-            }
-            let sample = &y[k * p..(k + 1) * p];
-            let present = sample.iter().all(|y| y.is_finite());
-            if !one {
-                if let Some(remade) = &self.remade {
-                    let length = self.period(&r.0[place.clone()], dt[k]);
-                    if of_length
-                        .as_ref()
-                        .is_none_or(|(known, _)| known.to_bits() != length.to_bits())
-                    {
-                        let step = self.of_length(remade, length, told);
-                        of_length = step.ok().map(|step| (length, step));
-                    }
-                }
-                let wanted = match &of_length {
-                    Some((_, step)) => step,
-                    None => self.choose(&r.0[place.clone()], present, told),
-                };
-                if !Arc::ptr_eq(wanted, &step) {
-                    let mut fresh = wanted.at_rest;
-                    fresh.0[place.clone()].copy_from_slice(&r.0[place.clone()]);
-                    (step, r) = (wanted.clone(), fresh);
-                }
-            }
-            let moved = step.advance(&mut r, m, (t[k], dt[k]), (sample, &u[k * q..(k + 1) * q]));
-            *made = status(moved, present) as u8;
-            if let Some(slots) = innovation.get_mut(k * p..(k + 1) * p) {
-                for (slot, output) in slots.iter_mut().zip(&step.compiled.outputs[m..]) {
-                    *slot = r.0[usize::from(*output)];
-                }
-            }
-            if current {
-                keep(row, &r, &mut largest);
-            }
+        match memory.len() {
+            1 => self.advance_by(1, memory, block),
+            2 => self.advance_by(2, memory, block),
+            3 => self.advance_by(3, memory, block),
+            4 => self.advance_by(4, memory, block),
+            5 => self.advance_by(5, memory, block),
+            6 => self.advance_by(6, memory, block),
+            m => self.advance_by(m, memory, block),
         }
-        memory.copy_from_slice(&r.0[place]);
-        largest.iter().fold(0.0, |most: f64, value| most.max(*value))
     }
 }
 
@@ -1069,7 +1099,7 @@ impl AnyObserver for Programmed {
 
 /// One step of the observer that `spec` describes, as a table: (t, dt, z, y, u, parameters) in,
 /// (z after the step, innovation) out; with `missing` the step over a missing sample. With `dt`,
-/// corrections that are placed (zoh, bilinear) are right for periods of this length only.
+/// corrections that are placed (zoh, bilinear) are right for times of this length only.
 #[pyfunction]
 #[pyo3(signature = (spec, single=false, missing=false, dt=None))]
 pub fn trace_step<'py>(

@@ -40,6 +40,17 @@ impl Clock<'_> {
             }
         }
     }
+
+    /// Steps between samples at the times t. A period is itself, whatever rounding makes of its
+    /// multiples: a record of it has the bits of steps of this length.
+    fn steps(&self, t: &[f64], dt: &mut [f64]) {
+        match self {
+            Self::Period(period) => dt.fill(*period),
+            Self::Times(_) => {
+                dt.iter_mut().zip(t.windows(2)).for_each(|(dt, t)| *dt = t[1] - t[0]);
+            }
+        }
+    }
 }
 
 /// Some samples of a record, a row each.
@@ -141,7 +152,7 @@ impl Pass<'_> {
         let steps = len - usize::from(rows.end == self.missing.len());
         let (t, dt) = (&mut self.t, &mut self.dt);
         self.clock.read(rows.start, &mut t[..=steps]);
-        dt.iter_mut().zip(t.windows(2)).take(steps).for_each(|(dt, t)| *dt = t[1] - t[0]);
+        self.clock.steps(&t[..=steps], &mut dt[..steps]);
         let u = &self.u[by(q, &rows)];
         found.unsound |= !all(&dt[..steps], |dt| dt > 0.0) || !all(u, f64::is_finite);
 

@@ -187,7 +187,7 @@ impl LawTables {
 
     /// Entries of an observer's memory.
     pub fn memory(&self, timing: Timing) -> usize {
-        let held = if timing == Timing::Current { 1 + self.n_u } else { 0 };
+        let held = if timing == Timing::Current { 2 + self.n_u } else { 0 };
         self.len + held
     }
 
@@ -231,11 +231,11 @@ impl LawTables {
             }
             Timing::Current => {
                 let observer = Current { law, scheme };
-                let before = (z, (held[0], Inputs::read(&held[1..])));
+                let before = (z, (held[0], (held[1], Inputs::read(&held[2..]))));
                 let mut next = before;
                 observer.step(&mut next, &y, &u, t, dt);
-                let (next, (period, u)) = next;
-                let held = [&[period], &u.as_slice()[..self.n_u]].concat();
+                let (next, (elapsed, (period, u))) = next;
+                let held = [&[elapsed, period], &u.as_slice()[..self.n_u]].concat();
                 (next, held, observer.innovation(t, &before, &y))
             }
         }
@@ -297,6 +297,7 @@ impl ContinuousLaw<Traced> for Tabled<'_> {
 }
 
 impl<'a> Scheme<Traced, Tabled<'a>> for Tabled<'a> {
+    const OVER_GAPS: bool = true;
     fn advance(
         &self,
         law: &Self,

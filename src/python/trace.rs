@@ -343,4 +343,9 @@ impl Scalar for Traced {
     fn or(self, other: Self) -> Self {
         apply(Operation::Select, [self, self, other])
     }
+    fn while_missing(self, y: Self) -> Self {
+        let nothing = apply(Operation::Subtract, [y, y]); // NaN if y is not finite
+        let present = apply(Operation::Equal, [nothing, nothing]);
+        apply(Operation::Select, [present, Self::ZERO, self])
+    }
 }

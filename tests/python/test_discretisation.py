@@ -315,3 +315,19 @@ def test_a_record_of_one_sample_has_no_time_to_move_in(method: str, timing: str)
     ):
         result = observer.run([0.3], [0.7], x_hat0=[0.5] * observer.n)
         assert np.all(result.x_hat == 0.5)
+
+
+@pytest.mark.parametrize("method", ["zoh", "bilinear"])
+def test_a_row_without_a_sample_changes_nothing(method: str) -> None:
+    """A placed correction is for all the time since the last sample, as if no rows were between."""
+    rng = np.random.default_rng(8)
+    t = np.cumsum(rng.uniform(0.01, 0.03, 300))
+    y = np.where(rng.random(300) < 0.4, np.nan, np.sin(3.0 * t))
+    y[100:140] = np.nan
+    y[:2] = np.sin(3.0 * t[:2])  # the first correction is for the step after it
+    there = np.isfinite(y)
+    law = StandardObserver(3, 15.0, method=method, timing="current")
+    whole, part = law.run(t, y), law.run(t[there], y[there])
+    np.testing.assert_allclose(whole.x_hat[there], part.x_hat, atol=1e-9)
+    euler = StandardObserver(3, 15.0, timing="current", allow_unstable=True)
+    assert not np.allclose(euler.run(t, y).x_hat[there][60:], part.x_hat[60:], atol=1e-3)

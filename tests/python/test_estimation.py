@@ -318,3 +318,48 @@ def test_the_bound_holds_on_a_pendulum():
         mismatch = 0.5 * np.abs(real.y[1]).max() * 1.05
         bound = hgo_rs.gap_bound(tau, mismatch, n=2, lipschitz=[9.81, 0.0])
         assert np.all(np.abs(real.y[:, -1] - known) <= bound)
+
+
+def test_two_pendulums_with_gaps_jitter_and_a_slower_sensor():
+    """Coupled, three quarters of the coupling known; the second sensor has a sixth of the rate."""
+    rng = np.random.default_rng(3)
+    fast = np.cumsum(rng.uniform(4e-3, 6e-3, 8000))
+    slow = np.arange(0.02, fast[-1], 0.03)
+    t = np.unique(np.r_[fast, slow])
+
+    def rate(_t, x):
+        q1, w1, q2, w2 = x
+        between = 2.0 * (q1 - q2)
+        first = -9.81 * np.sin(q1) - between - 0.05 * w1
+        return [w1, first, w2, -9.81 * np.sin(q2) + between - 0.05 * w2]
+
+    x = solve_ivp(rate, (0.0, t[-1]), [1.0, 0.0, -0.4, 0.0], t_eval=t, rtol=1e-8, atol=1e-9).y.T
+    y = x[:, [0, 2]] + [1e-3, 2e-3] * rng.standard_normal((len(t), 2))
+    y[~np.isin(t, fast), 0] = np.nan
+    y[~np.isin(t, slow), 1] = np.nan
+    for channel, usual, longest in ((0, 1, 80), (1, 6, 200)):
+        k = 400
+        while k < len(t) - 600:
+            length = int(rng.integers(4 * usual, longest))
+            y[k : k + length, channel] = np.nan
+            k += length + int(rng.integers(250, 450))
+    phi = ["-9.81*sin(q1) - c*(q1 - q2)", "-9.81*sin(q2) + c*(q1 - q2)"]
+    model = hgo_rs.Model(
+        states=["q1", "w1", "q2", "w2"], orders=[2, 2], parameters={"c": 1.5}, phi=phi
+    )
+    law = {"method": "zoh", "timing": "current"}
+    chains = [hgo_rs.StandardObserver(2, ell, **law) for ell in (20.0, 10.0)]
+    result = hgo_rs.MultiOutputObserver(chains, model=model).run(t, y)
+    error = result.x_hat - x
+    assert np.abs(error[400:]).max() < 1.0  # stays bounded, beside velocities of 4 rad/s
+    for channel in (0, 1):
+        mine = [i for i, gap in enumerate(result.gaps) if gap.channel == channel]
+        mine = [i for i in mine if result.gaps[i].start >= 400]
+        assert len(mine) > 15
+        # the last row without a sample: the next one has been corrected by its own
+        ends = [result.gaps[i].start + result.gaps[i].length - 1 for i in mine]
+        of_chain = slice(2 * channel, 2 * channel + 2)
+        measured = np.sqrt(np.mean(error[ends, of_chain] ** 2, axis=0))
+        expected = np.sqrt(np.mean(result.gap_error[mine, of_chain] ** 2, axis=0))
+        ratio = expected / measured
+        assert np.all((ratio > 0.5) & (ratio < 2.0)), (channel, ratio)

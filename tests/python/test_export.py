@@ -500,7 +500,7 @@ def test_a_control_system_of_current_timing() -> None:
     t = np.arange(200) * 0.005
     y, u = np.sin(3.0 * t), np.cos(2.0 * t)
     system = observer.to_control(0.005)
-    assert system.state_labels == ["x1", "x2", "period", "held_u"]
+    assert system.state_labels == ["x1", "x2", "elapsed", "period", "held_u"]
     response = control.input_output_response(system, t, np.vstack([y, u]), observer.memory)
     np.testing.assert_allclose(response.outputs.T, observer.run(0.005, y, u).x_hat, atol=1e-12)
 

@@ -596,8 +596,10 @@ def test_a_record_gives_the_bits_of_single_steps(n):
     y, u = rng.standard_normal(40), rng.standard_normal(40)
     y[7:10] = np.nan
     laws = [StandardObserver] if n == 1 else [StandardObserver, LowPowerObserver]
-    for law, method, timing, model in itertools.product(
-        laws, METHODS, TIMINGS, (None, InputGain(2.0))
+    # uneven steps; and a period, which is itself even where k times it is rounded
+    clocks = ((t, np.diff(t)), (1e-3, np.full(39, 1e-3)))
+    for law, method, timing, model, (clock, steps) in itertools.product(
+        laws, METHODS, TIMINGS, (None, InputGain(2.0)), clocks
     ):
         try:
             observer = law(n, 2.0, method=method, timing=timing, model=model)
@@ -605,10 +607,10 @@ def test_a_record_gives_the_bits_of_single_steps(n):
             assert method == "bilinear"  # refused at high orders
             continue
         told = None if model is None else u
-        rows = observer.run(t, y, told).memory
-        for k in range(39):
+        rows = observer.run(clock, y, told).memory
+        for k, dt in enumerate(steps):
             if timing == "predictor":
                 assert np.array_equal(observer.memory, rows[k]), (law, method, k)
-            observer.step(y[k], None if model is None else u[k], dt=t[k + 1] - t[k])
+            observer.step(y[k], None if model is None else u[k], dt=dt)
             if timing == "current":
                 assert np.array_equal(observer.memory, rows[k]), (law, method, k)

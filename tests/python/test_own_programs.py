@@ -188,7 +188,7 @@ def test_a_traced_step_is_a_table_with_the_bits_of_the_step() -> None:
         memory = observer.initial_memory()
         z = memory + 0.1 * rng.random(m)
         if timing == "current":
-            z[-1] = 0.002
+            z[-2:] = 0.002
         row = [0.3, 0.001, *z, 0.7]
         made = _core.evaluate_table(table, [row])[0]
         moved, _ = observer._core.step(z, [0.7], [], 0.3, 0.001)

@@ -225,6 +225,7 @@ def _memory_words(observer: Observer) -> list[tuple[str, str]]:
     if observer._gain_index() == len(words):
         words.append(("r", "gain"))
     if observer._core.is_current and kind != "reduced-order":
+        words.append(("elapsed", "time from the last sample used to the next one, s"))
         words.append(("period", "length of the step that the next sample ends, s"))
         words += [(f"held_{word}", f"{word} over that step") for word in _controls(observer)]
     rest = range(len(words), len(observer.memory))

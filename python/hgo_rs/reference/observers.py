@@ -732,8 +732,10 @@ class ReducedOrderObserver(Law):
 class CurrentLaw(Law):
     """A continuous law with current timing: predict over the past period, then correct.
 
-    Memory: the law's, the period before the sample (0: none yet), the inputs held over it.  The
-    first sample corrects as if a period as long as the next one had passed.
+    Memory: the law's, the time from the last sample used (or the start) to the next one, the period
+    before that one (0: none yet), the inputs held over it.  Euler's correction is for the period, a
+    placed one for the whole time.  The first sample corrects as if a period as long as the next one
+    had passed.
     """
 
     filters = True
@@ -741,7 +743,7 @@ class CurrentLaw(Law):
     def __init__(self, law: ContinuousLaw) -> None:
         self.law = law
         self.n, self.n_u = law.n, law.n_u
-        self.memory_len = law.memory_len + 1 + law.n_u
+        self.memory_len = law.memory_len + 2 + law.n_u
 
     @property
     def signals(self) -> int:
@@ -750,7 +752,7 @@ class CurrentLaw(Law):
 
     def initial(self) -> Array:
         """The law's, and no sample yet."""
-        return np.concatenate([self.law.initial(), np.zeros(1 + self.n_u)])
+        return np.concatenate([self.law.initial(), np.zeros(2 + self.n_u)])
 
     def check(self, memory: Array) -> None:
         """As the law's."""
@@ -759,8 +761,8 @@ class CurrentLaw(Law):
     def before(self, memory: Array, t: float) -> tuple[Array, float]:
         """The law's memory predicted up to ``t``, and over which period (one for all runs)."""
         m = self.law.memory_len
-        period = float(memory[m, 0])
-        held = memory[m + 1 :] if self.n_u else None
+        period = float(memory[m + 1, 0])
+        held = memory[m + 2 :] if self.n_u else None
         if period == 0.0:
             return memory[:m].copy(), period
         return self.law.predict(memory[:m], held, t - period, period), period
@@ -782,10 +784,18 @@ class CurrentLaw(Law):
         before, period = self.before(memory, t)
         new = np.empty_like(memory)
         m = self.law.memory_len
-        new[:m] = self.law.correct(before, y, u, period or dt, missing)
-        new[m] = dt
+        elapsed = memory[m]
+        times = elapsed if self.law.method in PLACED else np.full_like(elapsed, period)
+        times = np.where(times == 0.0, dt, times)
+        for time in np.unique(times):  # gains are those of one time
+            some = times == time
+            told = None if u is None else u[:, some]
+            absent = None if missing is None else missing[some]
+            new[:m, some] = self.law.correct(before[:, some], y[some], told, float(time), absent)
+        new[m] = dt if missing is None else np.where(missing, elapsed + dt, dt)
+        new[m + 1] = dt
         if u is not None:
-            new[m + 1 :] = u
+            new[m + 2 :] = u
         return new
 
 
@@ -877,10 +887,16 @@ class Observer:
         return new, UNDEFINED if undefined[0] else MISSED if missing[0] else USED
 
     def run(
-        self, t: ArrayLike, y: ArrayLike, u: ArrayLike | None, memory0: ArrayLike
+        self,
+        t: ArrayLike,
+        y: ArrayLike,
+        u: ArrayLike | None,
+        memory0: ArrayLike,
+        dt: float | None = None,
     ) -> dict[str, NDArray[Any]]:
         """Over a record: ``t`` (N,) increasing, ``y`` (N, n_y), ``u`` (N, n_u), ``memory0``.
 
+        ``dt``: length of every step [s], where it is not what lies between the times.
         Returns "memory" (N, memory_len), before the use of y(k), or after it for the reduced-order
         law, which filters; "innovation" (N, n_y) = y - y_hat, not finite where y(k) is not;
         "status" (N,) as of ``step``; "missing" (N,).
@@ -908,7 +924,7 @@ class Observer:
                 raise fail("u", "an array with NaN or inf", "finite", "inputs must be known")
         memory = vector(memory0, "memory0", self.memory_len)[:, None]
         self.law.check(memory)
-        steps = np.diff(time)
+        steps = np.diff(time) if dt is None else np.full(time.size - 1, dt)
         steps = np.append(steps, steps[-1] if steps.size else 0.0)
         missing = ~np.all(np.isfinite(samples), axis=1)
         memories = np.empty((time.size, self.memory_len))
