@@ -110,7 +110,8 @@ where
     let scheme = Placed::new(&law, Placement::Exact)?;
     let prepared = Discretised { law, scheme }.prepared(T::from_f64(1e-3));
     visitor.visit(name, "zoh", prepared, input);
-    visitor.visit(name, "zoh, current", Current { law, scheme }, input);
+    let prepared = Current { law, scheme }.prepared(T::from_f64(1e-3));
+    visitor.visit(name, "zoh, current", prepared, input);
     Ok(())
 }
 
