@@ -16,6 +16,9 @@
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-print-directory
 
+# Its compilers take no places of make's.
+CARGO := env -u MAKEFLAGS cargo
+
 VENV := .venv
 BIN  := $(VENV)/bin
 
@@ -75,15 +78,15 @@ test: $(VENV)/stamp-venv
 # what they add to its dependencies, in every form in which others take it.
 test-rust: $(VENV)/stamp-venv
 	$(call say,cargo fmt)
-	cargo fmt --all --check
+	$(CARGO) fmt --all --check
 	$(call say,clippy: default$(,) python$(,) no_std$(,) serde and defmt)
-	cargo clippy --quiet --all-targets --features serde,defmt -- -D warnings
-	cargo clippy --quiet --all-targets -- -D warnings
-	PYO3_PYTHON=$(abspath $(BIN)/python) cargo clippy --quiet --features python -- -D warnings
-	cargo clippy --quiet $(LIBM) -- -D warnings
-	cargo clippy --quiet $(LIBM),serde,defmt -- -D warnings
+	$(CARGO) clippy --quiet --all-targets --features serde,defmt -- -D warnings
+	$(CARGO) clippy --quiet --all-targets -- -D warnings
+	PYO3_PYTHON=$(abspath $(BIN)/python) $(CARGO) clippy --quiet --features python -- -D warnings
+	$(CARGO) clippy --quiet $(LIBM) -- -D warnings
+	$(CARGO) clippy --quiet $(LIBM),serde,defmt -- -D warnings
 	$(call say,cargo test)
-	cargo test --quiet --profile checked --features serde,defmt
+	$(CARGO) test --quiet --profile checked --features serde,defmt
 
 test-types: $(VENV)/stamp-dev
 	$(call say,ruff)
@@ -101,7 +104,7 @@ pytest:
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
 
 bench: $(VENV)/stamp-bench
-	cargo bench
+	$(CARGO) bench
 	$(BIN)/python benches/compare --out out
 
 firmware:
@@ -117,6 +120,6 @@ clean:
 	rm -rf $(VENV) dist out build .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	rm -f python/hgo_rs/_core*.so python/hgo_rs/_core*.pyd
 	find python tests -name __pycache__ -type d -prune -exec rm -rf {} +
-	cargo clean
+	$(CARGO) clean
 
 , := ,

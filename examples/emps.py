@@ -321,7 +321,8 @@ def draw(
             f"load steps of {pulses.step:.0f} N, from position and voltage: "
             f"RMS {pulses.rms:.1f} N over the plateaus after 0.2 s"
         )
-        ax.legend(loc="center left")
+        ax.margins(y=0.2)
+        ax.legend(loc="upper center", ncols=2)
 
 
 def main() -> None:
