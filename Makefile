@@ -17,7 +17,7 @@
 MAKEFLAGS += --no-print-directory
 
 # Its compilers take no places of make's.
-CARGO := env -u MAKEFLAGS cargo
+CARGO := env -u MAKEFLAGS -u MFLAGS cargo
 
 VENV := .venv
 BIN  := $(VENV)/bin
