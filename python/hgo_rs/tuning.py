@@ -374,12 +374,7 @@ class _Candidate:
     ) -> None:
         """Compute the curve of estimate `index`, over a record where there is one."""
         self.index, self.noise, self.model_error = index, noise, model_error
-        grid = self.grid(record) if ells is None else np.unique(check_array(ells, "ells"))
-        sound = grid.ndim == 1 and np.all(np.isfinite(grid)) and grid[0] > 0.0
-        limit = step_limit(self.spec(0.1 / self.dt)).c / self.dt
-        grid = grid[grid < limit]
-        allowed = f"three gains or more in (0, {limit:.4g}), of steps that are stable"
-        check(sound and grid.size >= 3, "ells", ells, allowed, "leave it out")
+        grid = self.grid(record) if ells is None else self.asked(ells)
         measured = np.full(grid.size, math.nan)
         if record is not None:
             squares = np.array([record.innovation(self.build(ell)) for ell in grid.tolist()])
@@ -393,11 +388,23 @@ class _Candidate:
         columns = {name: np.array([point[name] for point in points]) for name in names}
         self.curve = TradeOff(ell=grid, innovation=measured, **columns)
 
+    def limit(self) -> float:
+        """The gain of the step limit [1/s]."""
+        return step_limit(self.spec(0.1 / self.dt)).c / self.dt
+
+    def asked(self, ells: npt.ArrayLike) -> Array:
+        """Of the gains that the caller gave, those that are stable."""
+        grid, limit = np.unique(check_array(ells, "ells")), self.limit()
+        stable = grid[grid < limit]
+        sound = stable.size >= 3 and np.all(np.isfinite(grid)) and grid[0] > 0.0
+        allowed = f"three gains or more in (0, {limit:.4g}), of steps that are stable"
+        check(sound, "ells", ells, allowed, "leave it out")
+        return stable
+
     def grid(self, record: _Record | None) -> Array:
         """Gains that are stable and, on a record, forget their start before they are judged."""
         low, high = _SPAN
-        high = min(high, 0.9 * step_limit(self.spec(0.1 / self.dt)).c) / self.dt
-        low /= self.dt
+        low, high = low / self.dt, min(high / self.dt, 0.9 * self.limit())
         if record is not None:
             unit = self.spec(1.0)
             low = max(low, float(np.max(settling(unit))) / record.skip)

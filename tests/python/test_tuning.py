@@ -184,6 +184,7 @@ def test_the_figure_and_the_table(tmp_path: Path) -> None:
             lambda: tune(standard, 1e-5, DT, cutoff=9.0, ells=[1.0, -2.0, 3.0]),
             "three gains or more in",
         ),
+        (lambda: tune(standard, 1e-5, DT, cutoff=9.0, ells=[]), "three gains or more in"),
         (lambda: tune({}, 1e-5, DT, cutoff=9.0), "at least one observer"),
         (lambda: tune(3, 1e-5, DT, cutoff=9.0), "build = 3"),  # type: ignore[arg-type]
         (lambda: tune(standard, (np.arange(9.0),)), "must be .t, y. or .t, y, u."),
