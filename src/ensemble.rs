@@ -79,8 +79,8 @@ impl Streams {
             column.0[lane] = word;
         }
     }
-    /// A standard normal pair of every run, the second only where it is wanted. In several passes:
-    /// the processor works on more runs at once where the chain of each is short.
+    /// A standard normal pair of every run, the second only where it is wanted. In several passes,
+    /// as all draws: the processor works on more runs at once where the chain of each is short.
     #[inline(always)]
     fn normal_pairs(&mut self, both: bool) -> [Lane<f64>; 2] {
         let (mut first, mut second) = (Lane([0.0; LANES]), Lane([0.0; LANES]));
@@ -193,9 +193,8 @@ struct Sampled<'a, O>(&'a O);
 struct Joint<'a, L>(&'a L, Integrator);
 
 impl<O> Sampled<'_, O> {
-    /// One pass over the runs: a draw, if its kind is given; the observer's step; the plant's, if its
-    /// scheme is given. Both are told by their names, so that the loop is compiled for them alone.
-    #[allow(clippy::too_many_arguments)]
+    /// One pass over the runs: the observer's step, and the plant's, if its scheme is given (by its
+    /// name, so that the loop is compiled for it alone).
     #[inline(always)]
     fn pass<T, P, S>(
         &self,
@@ -204,7 +203,6 @@ impl<O> Sampled<'_, O> {
         running: &mut Running<T, Given<T, P>>,
         block: &mut BlockOf<T, P, O::State>,
         worst: &mut Lane<T>,
-        draw: Option<Draw<'_, T>>,
         scheme: Option<PlantScheme>,
     ) where
         T: Scalar,
@@ -217,14 +215,7 @@ impl<O> Sampled<'_, O> {
             let x = P::State::load(&block.x.0, lane);
             let mut z = O::State::load(&block.z.0, lane);
             worst.0[lane] = z.largest(x.largest(worst.0[lane]));
-            let noise = if let Some(draw) = draw {
-                let mut stream = running.measurement.load(lane);
-                let noise = P::Output::fill(Drawn { draw, stream: &mut stream });
-                running.measurement.store(&stream, lane);
-                noise
-            } else {
-                P::Output::load(&running.given.0.0, lane)
-            };
+            let noise = P::Output::load(&running.given.0.0, lane);
             let y = study.plant.output(&x).plus(noise).plus(P::Output::fill(Same(at.sines)));
             let u = study.plant.control(&x, at.dt);
             let status = self.0.step(&mut z, &y, &u, at.t, at.dt);
@@ -273,25 +264,20 @@ where
     ) -> Moved {
         const EULER: PlantScheme = PlantScheme::Deterministic(Integrator::Euler);
         const MARUYAMA: PlantScheme = PlantScheme::Stochastic(StochasticIntegrator::EulerMaruyama);
-        // short steps go together, so that the processor works on one where it waits for another
+        study.draw_lanes(at.k, &mut running.measurement, &mut running.given.0.0);
+        // short steps go together: what both load is loaded once
         let together = O::TIMING == Timing::Predictor && at.more && study.substeps == 1;
-        let (scheme, hold) = (study.plant_scheme, study.noise.hold);
-        match study.noise.draw {
-            Draw::Uniform { low, high } if hold == 1 && together && scheme == EULER => {
-                let draw = Some(Draw::Uniform { low, high });
-                self.pass(study, at, running, block, worst, draw, Some(EULER));
-                Moved::Yes
-            }
-            Draw::None if P::NOISY && together && scheme == MARUYAMA => {
-                self.pass(study, at, running, block, worst, None, Some(MARUYAMA));
-                Moved::Yes
+        match study.plant_scheme {
+            EULER if together => self.pass(study, at, running, block, worst, Some(EULER)),
+            MARUYAMA if together && P::NOISY => {
+                self.pass(study, at, running, block, worst, Some(MARUYAMA));
             }
             _ => {
-                study.draw_lanes(at.k, &mut running.measurement, &mut running.given.0.0);
-                self.pass(study, at, running, block, worst, None, None);
-                Moved::No
+                self.pass(study, at, running, block, worst, None);
+                return Moved::No;
             }
         }
+        Moved::Yes
     }
 
     #[inline(always)]
