@@ -126,17 +126,19 @@ def new_figure(size: tuple[float, float] | None = None) -> Figure:
 def render(draw: Callable[[Figure], None]) -> dict[str, bytes]:
     """Draw on a fresh figure; {"png": ..., "svg": ...}; equal input gives equal bytes."""
     with style():
+        import matplotlib
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.backends.backend_svg import FigureCanvasSVG
         from matplotlib.figure import Figure
 
-        figure = Figure()
+        figure = Figure(dpi=matplotlib.rcParams["savefig.dpi"])
         draw(figure)
-        images = {}
-        for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
-            buffer = io.BytesIO()
-            figure.savefig(buffer, format=kind, metadata=metadata)
-            images[kind] = buffer.getvalue()
-            figure.set_layout_engine("none")  # the next one is laid out as the first
-        return images
+        # by the canvases themselves: savefig draws each figure twice
+        png, svg = io.BytesIO(), io.BytesIO()
+        FigureCanvasAgg(figure).print_png(png, metadata={"Software": None})
+        figure.set_layout_engine("none")  # the next one is laid out as the first
+        FigureCanvasSVG(figure).print_svg(svg, metadata={"Date": None})
+        return {"png": png.getvalue(), "svg": svg.getvalue()}
 
 
 def shade_gaps(ax: Axes, time: np.ndarray, missing: np.ndarray) -> None:
