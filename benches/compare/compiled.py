@@ -7,21 +7,26 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import ContextVar
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 
-from compare.harness import Call, NotInstalled
+from compare.harness import Call, NotInstalled, Size
 
 HERE = Path(__file__).resolve().parent
 FLAGS = (
     *("-std=gnu11", "-O3", "-march=native", "-fopenmp-simd"),
     *("-fno-math-errno", "-fno-trapping-math", "-Wno-psabi"),
 )
+ROUNDED = "-ffp-contract=off"
+"""No product and sum in one rounding, which GCC makes where the processor can. With it two processors
+give two results: the package, whose bits are the same everywhere, cannot."""
+_extra: ContextVar[tuple[str, ...]] = ContextVar("extra", default=())
 COLUMNS = 32
 """A kernel takes whole multiples of so many runs: up to four blocks of the widest registers."""
 PIECES = 8
@@ -44,6 +49,19 @@ def literal(value: float | int | Sequence[float]) -> str:
     return "{" + ", ".join(repr(float(entry)) for entry in value) + "}"
 
 
+def rounded(prepare: Callable[[Size, int], Call]) -> Callable[[Size, int], Call]:
+    """The same kernel with every operation rounded."""
+
+    def prepared(size: Size, threads: int) -> Call:
+        token = _extra.set((ROUNDED,))
+        try:
+            return prepare(size, threads)
+        finally:
+            _extra.reset(token)
+
+    return prepared
+
+
 def library(
     source: str, blocks: int = 1, **constants: float | int | Sequence[float]
 ) -> ctypes.CDLL:
@@ -54,7 +72,8 @@ def library(
     with tempfile.TemporaryDirectory() as folder:
         file, built = Path(folder, "kernel.c"), Path(folder, "kernel.so")
         file.write_text(f'{macros}#include "columns.h"\n{source}', encoding="utf-8")
-        command = [compiler(), *FLAGS, "-shared", "-fPIC", f"-I{HERE}", str(file), "-o", str(built)]
+        flags = [*FLAGS, *_extra.get(), "-shared", "-fPIC", f"-I{HERE}"]
+        command = [compiler(), *flags, str(file), "-o", str(built)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             raise RuntimeError(f"{' '.join(command)}\n{done.stderr}")

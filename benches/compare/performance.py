@@ -65,14 +65,17 @@ draws Numba's own; its means agree within standard errors.)
 | implementation | what it is |
 | --- | --- |
 | ours | `simulate`, `run` or `step` of the package; *AVX2*: held to that instruction set |
-| C | the limit: one kernel for one experiment, see below |
+| C | the limit: one kernel for one experiment; *rounded*: see below |
 | Numba | one compiled loop a run, `fastmath`, no allocation, `prange` over the runs |
 | JAX | `lax.scan` over the steps, `vmap` over the runs, `jit`, double precision |
 | NumPy | the reference `hgo_rs.reference`: arrays over the runs, a Python loop over the steps |
 
 A C kernel has its experiment's constants compiled in and is written in vectors as wide as the
 processor's registers, several blocks of runs interleaved so that no chain of operations is waited
-for; compiled with `-O3 -march=native`. It says what the work costs this processor.
+for; compiled with `-O3 -march=native`. It says what the work costs this processor. There the
+compiler makes a·b + c one operation with one rounding wherever the processor can, so that another
+processor gives other bits. *C, rounded* is the same kernel with every operation rounded, as the
+package computes: the limit of what gives the same bits everywhere.
 
 """
 

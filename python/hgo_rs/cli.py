@@ -197,12 +197,19 @@ def run_command(id: str, backend: str, seed: int, out: Path | None, as_json: boo
     show_default=True,
     help="Papers at a time. The compiled core uses all cores by itself; useful with numpy.",
 )
-def reproduce_command(out: Path, backend: str, seed: int, jobs: int) -> int:
+@click.option(
+    "--figures/--no-figures",
+    default=True,
+    show_default=True,
+    help="Draw the figures, or only compute and compare: about half of the work.",
+)
+def reproduce_command(out: Path, backend: str, seed: int, jobs: int, figures: bool) -> int:
     """Run every scenario; write results.json, all figures and one report.html.
 
     Ctrl-C ends the run cleanly: what is finished is written.
     """
-    plotting.require_matplotlib()
+    if figures:
+        plotting.require_matplotlib()
     folder = OutputFolder(out)
     chosen = list(scenarios.load().values())
     if not chosen:
@@ -213,7 +220,12 @@ def reproduce_command(out: Path, backend: str, seed: int, jobs: int) -> int:
     with _Progress(len(chosen)) as progress:
         try:
             for record in run_scenarios(
-                chosen, backend=backend, seed=seed, jobs=jobs, on_start=progress.started
+                chosen,
+                backend=backend,
+                seed=seed,
+                jobs=jobs,
+                figures=figures,
+                on_start=progress.started,
             ):
                 folder.write_figure(record)
                 records.append(record)

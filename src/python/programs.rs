@@ -975,7 +975,8 @@ impl Programmed {
     /// Step over a block with m entries of memory, at best a number that the compiler knows.
     #[inline(always)]
     fn advance_by(&self, m: usize, memory: &mut [f64], block: Block<'_>) -> f64 {
-        let Block { t, dt, y, u, memory: rows, innovation, status: made } = block;
+        let Block { t, dt, given, y, u, memory: rows, innovation, status: made } = block;
+        y.copy_from_slice(given);
         let Shape { n_y: p, n_u: q, current, .. } = self.tables.shape;
         let told = !innovation.is_empty();
         let place = MEMORY..MEMORY + m;

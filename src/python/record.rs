@@ -51,13 +51,23 @@ impl Clock<'_> {
             }
         }
     }
+
+    /// Whether all steps are positive, and the longest.
+    fn judge(&self, dt: &[f64]) -> (bool, f64) {
+        match self {
+            Self::Period(period) if !dt.is_empty() => (*period > 0.0, *period),
+            _ => (all(dt, |dt| dt > 0.0), largest(dt)),
+        }
+    }
 }
 
 /// Some samples of a record, a row each.
 pub struct Block<'a> {
     pub t: &'a [f64],
     pub dt: &'a [f64],
-    pub y: &'a [f64],
+    pub given: &'a [f64],
+    /// The samples once more: nobody changes these meanwhile or later.
+    pub y: &'a mut [f64],
     pub u: &'a [f64],
     /// The memory at each sample: before its use, or after it if the law filters.
     pub memory: &'a mut [f64],
@@ -73,16 +83,18 @@ where
     O: Observer<f64>,
     O::Input: Memory<f64>,
 {
-    let Block { t, dt, y, u, memory: rows, innovation, status } = block;
+    let Block { t, dt, given, y: kept, u, memory: rows, innovation, status } = block;
     let (p, m) = (O::Measurement::LEN, O::State::LEN);
     let q = u.len().checked_div(t.len()).unwrap_or(0);
     let filters = O::TIMING == Timing::Current;
     let mut z = O::State::read(memory);
     let (mut largest, mut spoilt) = (O::State::zero(), O::State::zero());
-    let samples = t.iter().zip(dt).zip(y.chunks_exact(p));
-    let made = rows.chunks_exact_mut(m).zip(status);
-    for (k, (((t, dt), y), (row, status))) in samples.zip(made).enumerate() {
+    let samples = t.iter().zip(dt).zip(given.chunks_exact(p));
+    let made = rows.chunks_exact_mut(m).zip(status).zip(kept.chunks_exact_mut(p));
+    // (each estimate waits for the one before: what else is done here costs little)
+    for (k, (((t, dt), y), ((row, status), kept))) in samples.zip(made).enumerate() {
         let y = O::Measurement::read(y);
+        y.write(kept);
         let u = O::Input::read(u.get(k * q..).unwrap_or(&[]));
         if filters && let Some(row) = innovation.get_mut(k * p..(k + 1) * p) {
             observer.innovation(*t, &z, &y).write(row);
@@ -96,8 +108,8 @@ where
     }
     z.write(memory);
     if !filters {
-        let given = t.iter().zip(rows.chunks_exact(m)).zip(y.chunks_exact(p));
-        for (innovation, ((t, z), y)) in innovation.chunks_exact_mut(p).zip(given) {
+        let done = t.iter().zip(rows.chunks_exact(m)).zip(kept.chunks_exact(p));
+        for (innovation, ((t, z), y)) in innovation.chunks_exact_mut(p).zip(done) {
             let (z, y) = (O::State::read(z), O::Measurement::read(y));
             observer.innovation(*t, &z, &y).write(innovation);
         }
@@ -115,7 +127,6 @@ struct Pass<'a> {
     given: &'a [f64],
     u: &'a [f64],
     at: &'a mut [f64],
-    /// The samples once more: nobody changes these meanwhile or later.
     y: &'a mut [f64],
     missing: &'a mut [bool],
     memory: &'a mut [f64],
@@ -154,13 +165,35 @@ impl Pass<'_> {
         self.clock.read(rows.start, &mut t[..=steps]);
         self.clock.steps(&t[..=steps], &mut dt[..steps]);
         let u = &self.u[by(q, &rows)];
-        found.unsound |= !all(&dt[..steps], |dt| dt > 0.0) || !all(u, f64::is_finite);
+        let (forward, longest) = self.clock.judge(&dt[..steps]);
+        found.unsound |= !forward || !all(u, f64::is_finite);
+        let before = self.since;
+        self.since = if steps > 0 { dt[steps - 1] } else { before };
+        if steps < len {
+            dt[steps] = self.since; // the last sample of all: as long as the step before it
+        }
 
         let y = &mut self.y[by(p, &rows)];
-        y.copy_from_slice(&self.given[by(p, &rows)]);
-        let missing = &mut self.missing[rows.clone()];
+        let status = &mut self.status[rows.clone()];
+        let innovation = self.innovation.get_mut(by(p, &rows)).unwrap_or_default();
+        let most = self.observer.recursion().advance(
+            self.at,
+            Block {
+                t: &t[..len],
+                dt: &dt[..len],
+                given: &self.given[by(p, &rows)],
+                y,
+                u,
+                memory: &mut self.memory[by(m, &rows)],
+                innovation,
+                status,
+            },
+        );
+        found.largest = if most > found.largest || most.is_nan() { most } else { found.largest };
+
+        let (y, missing) = (&*y, &mut self.missing[rows.clone()]);
         if p == 1 {
-            missing.iter_mut().zip(&*y).for_each(|(missing, y)| *missing = y.is_nan());
+            missing.iter_mut().zip(y).for_each(|(missing, y)| *missing = y.is_nan());
         } else {
             let samples = y.chunks_exact(p);
             missing.iter_mut().zip(samples).for_each(|(none, y)| *none = !all(y, |y| !y.is_nan()));
@@ -168,8 +201,8 @@ impl Pass<'_> {
         found.largest_sample = larger(found.largest_sample, largest(y));
 
         // a step over which nothing is corrected may be of any length; a filter corrects at its end
-        let (before, filters) = (self.since, self.observer.is_current());
-        if larger(before, largest(&dt[..steps])) > found.longest {
+        let filters = self.observer.is_current();
+        if larger(before, longest) > found.longest {
             for (k, missing) in missing.iter().enumerate().take(steps + usize::from(filters)) {
                 let step = if !filters {
                     dt[k]
@@ -184,27 +217,7 @@ impl Pass<'_> {
                 }
             }
         }
-        self.since = if steps > 0 { dt[steps - 1] } else { before };
-        if steps < len {
-            dt[steps] = self.since; // the last sample of all: as long as the step before it
-        }
 
-        let status = &mut self.status[rows.clone()];
-        let innovation = self.innovation.get_mut(by(p, &rows)).unwrap_or_default();
-        let largest = self.observer.recursion().advance(
-            self.at,
-            Block {
-                t: &t[..len],
-                dt: &dt[..len],
-                y,
-                u,
-                memory: &mut self.memory[by(m, &rows)],
-                innovation,
-                status,
-            },
-        );
-        found.largest =
-            if largest > found.largest || largest.is_nan() { largest } else { found.largest };
         let undefined = Status::ModelUndefined as u8;
         if found.undefined.is_none() && status.contains(&undefined) {
             let there = |(status, missing): (&u8, &bool)| *status == undefined && !missing;

@@ -196,6 +196,11 @@ def test_figures_without_matplotlib_are_refused_before_any_work(
     assert not (tmp_path / "out").exists()
     # Without --out there is no figure to draw.
     assert hgo(capsys, "run", "lee-good")[0] == 0
+    # Rows, tables and the report need none.
+    status, out, _ = hgo(capsys, "reproduce", "--no-figures", "--out", tmp_path / "out")
+    assert (status, "3 scenarios, 4 rows" in out) == (1, True)
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == {"report.html", "results.json", "results.md"}
 
 
 # --- reproduce -------------------------------------------------------------------------------

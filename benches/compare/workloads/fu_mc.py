@@ -162,6 +162,7 @@ WORKLOAD = Workload(
         Implementation(OURS, ours),
         Implementation("ours, AVX2", forced(ours, "avx2"), parallel=False),
         Implementation("C", in_c),
+        Implementation("C, rounded", compiled.rounded(in_c), parallel=False),
         Implementation("Numba", in_numba),
         Implementation("Numba, plain", partial(in_numba, own=True), independent=True),
         Implementation("JAX", in_jax, share=0.25),
