@@ -172,11 +172,16 @@ macro_rules! elementary {
             of_any(k * $ln2_high - ((half_square - tail) - f), x)
         }
 
-        /// log₂ x of a normal x > 0, k + 2 artanh s/ln 2, to 3 units in the last place.
+        /// k and s = f/(2 + f) of a normal x = 2ᵏ(1 + f) > 0.
         #[inline(always)]
-        pub(crate) fn log2(x: $t) -> $t {
+        pub(crate) fn log2_parts(x: $t) -> ($t, $t) {
             let (k, f) = parts(x);
-            let s = f / (2.0 + f);
+            (k, f / (2.0 + f))
+        }
+
+        /// log₂ x from these: k + 2 artanh s/ln 2, to 3 units in the last place.
+        #[inline(always)]
+        pub(crate) fn log2_of((k, s): ($t, $t)) -> $t {
             let z = s * s;
             k + s * (polynomial!(z; $($log2),+))
         }
@@ -186,7 +191,7 @@ macro_rules! elementary {
         #[inline(always)]
         pub(crate) fn powf(x: $t, power: $t) -> $t {
             let (normal, lift) = lifted(x);
-            let y = limited(power * of_any(log2(normal) - lift, x), $lowest, $highest);
+            let y = limited(power * of_any(log2_of(log2_parts(normal)) - lift, x), $lowest, $highest);
             let (n, bits) = rounded(y);
             let r = y - n;
             let value = scaled(1.0 + r * (polynomial!(r; $($exp2),+)), bits);

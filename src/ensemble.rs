@@ -18,7 +18,7 @@ use crate::integrate::{Integrator, PlantScheme};
 use crate::lanes::{Aligned, LANES, Lane, LaneMetrics, Shown};
 use crate::memory::Memory;
 use crate::model::{Plant, StochasticIntegrator};
-use crate::noise::{Channel, Draw, Noise, Stream, normal_radius, turned};
+use crate::noise::{Channel, Draw, Noise, Stream, radius_of, radius_parts, turned};
 use crate::observer::{ContinuousLaw, Entries, Measurement, Observer, Status, Timing};
 use crate::program::{Program, REGISTERS, Registers};
 use crate::schedule::Schedule;
@@ -83,14 +83,17 @@ impl Streams {
     /// as all draws: the processor works on more runs at once where the chain of each is short.
     #[inline(always)]
     fn normal_pairs(&mut self, both: bool) -> [Lane<f64>; 2] {
-        let (mut first, mut second) = (Lane([0.0; LANES]), Lane([0.0; LANES]));
+        let [mut first, mut second, mut third] = [Lane([0.0; LANES]); 3];
         for lane in 0..LANES {
             let mut stream = self.load(lane);
             (first.0[lane], second.0[lane]) = (stream.uniform(), stream.uniform());
             self.store(&stream, lane);
         }
         for lane in 0..LANES {
-            first.0[lane] = normal_radius(first.0[lane]);
+            (first.0[lane], third.0[lane]) = radius_parts(first.0[lane]);
+        }
+        for lane in 0..LANES {
+            first.0[lane] = radius_of((first.0[lane], third.0[lane]));
         }
         for lane in 0..LANES {
             let pair = turned(first.0[lane], second.0[lane]);

@@ -4,7 +4,7 @@
 //! chunk or what else runs beside it.
 
 use crate::Scalar;
-use crate::elementary::double::{log2, sin_of_turns};
+use crate::elementary::double::{log2_of, log2_parts, sin_of_turns};
 use core::f64::consts::LN_2;
 
 const GOLDEN: u64 = 0x9E37_79B9_7F4A_7C15;
@@ -87,7 +87,7 @@ impl Stream {
     /// Two independent standard normal values (Box and Muller).
     #[inline(always)]
     pub fn normal_pair(&mut self) -> (f64, f64) {
-        let radius = normal_radius(self.uniform());
+        let radius = radius_of(radius_parts(self.uniform()));
         turned(radius, self.uniform())
     }
 
@@ -98,10 +98,16 @@ impl Stream {
     }
 }
 
-/// The radius √(−2 ln(u + 2⁻⁵³)) of a normal pair, u in [0, 1).
+/// What [`radius_of`] makes the radius √(−2 ln(u + 2⁻⁵³)) of a normal pair of, u in [0, 1).
 #[inline(always)]
-pub(crate) fn normal_radius(u: f64) -> f64 {
-    Scalar::sqrt(-2.0 * LN_2 * log2(u + LOWEST)) // in (0, 1], exact
+pub(crate) fn radius_parts(u: f64) -> (f64, f64) {
+    log2_parts(u + LOWEST) // in (0, 1], exact
+}
+
+/// The radius of a normal pair.
+#[inline(always)]
+pub(crate) fn radius_of(parts: (f64, f64)) -> f64 {
+    Scalar::sqrt(-2.0 * LN_2 * log2_of(parts))
 }
 
 /// r cos 2πu and r sin 2πu, u in [0, 1). The turn is counted from ½ and folded at the quarters, both
