@@ -14,7 +14,7 @@
 #![allow(clippy::needless_range_loop)]
 
 use crate::Scalar;
-use crate::integrate::{Integrator, PlantScheme};
+use crate::integrate::{Integrator, PlantScheme, WienerIncrement};
 use crate::lanes::{Aligned, LANES, Lane, LaneMetrics, Shown};
 use crate::memory::Memory;
 use crate::model::{Plant, StochasticIntegrator};
@@ -770,6 +770,57 @@ where
     ) -> BlockOf<T, P, SVector<T, Z>> {
         (*self).block(&mut programs, first_run, block, metrics, stop)
     }
+}
+
+/// [`coupled_paths`](crate::simulate::coupled_paths) for the runs `first_run` to
+/// `first_run + LANES − 1`: where the coarse and the fine paths end. `stop` is asked before every
+/// 64th fine step or so.
+#[allow(clippy::too_many_arguments)]
+#[inline(always)]
+pub fn coupled_block<T: Scalar, P: Plant<T>>(
+    plant: &P,
+    scheme: StochasticIntegrator,
+    fine_scheme: StochasticIntegrator,
+    x0: Columns<T, P::State>,
+    t_end: T,
+    (coarse, fine): (u32, u32),
+    (seed, first_run): (u64, u64),
+    stop: impl Fn() -> bool,
+) -> [Columns<T, P::State>; 2] {
+    let h_coarse = t_end / T::from_f64(f64::from(coarse));
+    let h = h_coarse / T::from_f64(f64::from(fine));
+    let mut streams = Streams::new(seed, first_run, Channel::Process);
+    let (mut x_coarse, mut x_fine) = (Aligned(x0), Aligned(x0));
+    let mut inputs = Aligned(P::Input::zero().in_columns::<LANES>());
+    for i in 0..coarse {
+        let t = T::from_f64(f64::from(i)) * h_coarse;
+        for lane in 0..LANES {
+            let x = P::State::load(&x_fine.0, lane);
+            plant.control(&x, h_coarse).store(&mut inputs.0, lane);
+        }
+        let [mut dw, mut dz] = [Lane([T::ZERO; LANES]); 2];
+        for j in 0..fine {
+            if u64::from(j).is_multiple_of(SPAN) && stop() {
+                return [x_coarse.0, x_fine.0];
+            }
+            let time = t + T::from_f64(f64::from(j)) * h;
+            let xi = streams.normal_pairs(true);
+            for lane in 0..LANES {
+                let xi = (T::from_f64(xi[0].0[lane]), T::from_f64(xi[1].0[lane]));
+                let w = WienerIncrement::from_normals(xi, h);
+                let (x, u) = (P::State::load(&x_fine.0, lane), P::Input::load(&inputs.0, lane));
+                fine_scheme.step(plant, time, &x, &u, h, w).store(&mut x_fine.0, lane);
+                let sum = WienerIncrement { dw: dw.0[lane], dz: dz.0[lane] }.then(w, h);
+                (dw.0[lane], dz.0[lane]) = (sum.dw, sum.dz);
+            }
+        }
+        for lane in 0..LANES {
+            let w = WienerIncrement { dw: dw.0[lane], dz: dz.0[lane] };
+            let (x, u) = (P::State::load(&x_coarse.0, lane), P::Input::load(&inputs.0, lane));
+            scheme.step(plant, t, &x, &u, h_coarse, w).store(&mut x_coarse.0, lane);
+        }
+    }
+    [x_coarse.0, x_fine.0]
 }
 
 /// Whether all entries of a run are finite and within a bound.

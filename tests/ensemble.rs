@@ -1,6 +1,6 @@
 //! Many runs at once against one run at a time: the same bits, whatever the instructions.
 
-use hgo_rs::ensemble::{Block, Columns};
+use hgo_rs::ensemble::{Block, Columns, coupled_block};
 use hgo_rs::gain::{AdaptiveGain, ConstantGain};
 use hgo_rs::integrate::{Integrator, PlantScheme, StochasticIntegrator};
 use hgo_rs::lanes::{LANES, Lane, LaneMetrics};
@@ -8,13 +8,13 @@ use hgo_rs::memory::Memory;
 use hgo_rs::metrics::{LogHistogram, Moments, SettlingTime, Wanted, Window};
 use hgo_rs::model::{Plant, Unknown};
 use hgo_rs::models::{Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, VanDerPol};
-use hgo_rs::noise::{Draw, Noise};
+use hgo_rs::noise::{Channel, Draw, Noise, Stream};
 use hgo_rs::observer::{ContinuousLaw, Discretised, Euler, Method, Observer};
 use hgo_rs::observers::{
     HardClip, PeakingFreeObserver, ReducedOrderObserver, SampledDataObserver, StandardObserver,
 };
 use hgo_rs::schedule::{FixedStep, Schedule, StochasticApproximation};
-use hgo_rs::simulate::{Experiment, Finish, RunMetrics};
+use hgo_rs::simulate::{Experiment, Finish, RunMetrics, coupled_paths};
 use hgo_rs::vectors::{Task, Vectors};
 use nalgebra::{SVector, Vector2, Vector3};
 
@@ -309,4 +309,61 @@ fn plant_and_law_as_one_equation() {
         |metrics| Joint { experiment: &experiment, law: &law, start, metrics },
         |run, m| experiment.joint(&law, |u| *u, scheme, run, start.0, start.1, m),
     );
+}
+
+struct Coupled {
+    plant: VanDerPol<f64>,
+    schemes: [StochasticIntegrator; 2],
+    starts: [Vector2<f64>; LANES],
+}
+
+const COARSE_AND_FINE: (u32, u32) = (7, 70);
+const T_END: f64 = 0.7;
+const FIRST_RUN: u64 = 5;
+
+impl Task for Coupled {
+    type Output = [Columns<f64, Vector2<f64>>; 2];
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self { plant, schemes: [scheme, fine], starts } = self;
+        let mut x0 = starts[0].in_columns();
+        starts.iter().enumerate().for_each(|(lane, start)| start.store(&mut x0, lane));
+        let of = (1, FIRST_RUN);
+        coupled_block(&plant, scheme, fine, x0, T_END, COARSE_AND_FINE, of, || false)
+    }
+}
+
+#[test]
+fn coupled_paths_of_many_runs() {
+    use StochasticIntegrator::{EulerMaruyama, Milstein, Taylor15};
+    let starts = core::array::from_fn(|lane| Vector2::new(1.0, -0.1 * lane as f64));
+    for (diffusion, schemes) in [
+        (Diffusion::Additive, [EulerMaruyama, Taylor15]),
+        (Diffusion::Additive, [Taylor15, Taylor15]),
+        (Diffusion::Multiplicative, [Milstein, Milstein]),
+    ] {
+        let plant = VanDerPol::new(0.8, 0.5, diffusion, Correction::Derived).unwrap();
+        for vectors in Vectors::ALL.into_iter().filter(|vectors| vectors.are_available()) {
+            let [coarse, fine] = vectors.run(Coupled { plant, schemes, starts }).unwrap();
+            for (lane, start) in starts.iter().enumerate() {
+                let mut stream = Stream::new(1, FIRST_RUN + lane as u64, Channel::Process);
+                let [scheme, finest] = schemes;
+                let steps = COARSE_AND_FINE;
+                let alone = coupled_paths(
+                    &plant,
+                    scheme,
+                    finest,
+                    *start,
+                    T_END,
+                    steps,
+                    &mut stream,
+                    || false,
+                );
+                let together = (Vector2::load(&coarse, lane), Vector2::load(&fine, lane));
+                let bits =
+                    |(a, b): (Vector2<f64>, Vector2<f64>)| [a.x, a.y, b.x, b.y].map(f64::to_bits);
+                assert_eq!(bits(together), bits(alone), "{vectors:?}, {schemes:?}, run {lane}");
+            }
+        }
+    }
 }

@@ -1,21 +1,25 @@
 //! The functions of `hgo_rs._core`.
 
 use super::errors::refused;
-use super::interrupt::interruptible;
+use super::interrupt::{StopFlag, interruptible};
 use super::observers::build;
 use super::program_study;
 use super::spec::{Spec, matrix, numbers};
 use super::study::{Plan, STOCHASTIC_METHODS, stochastic};
 use super::systems::AnyPlant;
 use crate::covariance::ErrorCovariance;
+use crate::ensemble::coupled_block;
 use crate::gain::ConstantGain;
+use crate::lanes::LANES;
 use crate::memory::Memory;
 use crate::metrics::Moments;
 use crate::model::{Plant, StochasticIntegrator, Unknown};
+use crate::models::VanDerPol;
 use crate::noise::{Channel, Draw, Noise, SecondOrderSections, Stream};
 use crate::observer::{Discretised, Euler};
 use crate::observers::StandardObserver;
-use crate::simulate::{Experiment, coupled_paths as couple};
+use crate::simulate::Experiment;
+use crate::vectors::{Task, Vectors};
 use nalgebra::Vector2;
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
@@ -33,6 +37,32 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Bound<'py, PyAny>) -> PyResult<Boun
     let plan = Plan::read(&spec, observer.initial().len(), &[])?;
     let result = interruptible(py, |stop| observer.study(&plan, stop))?;
     result.into_dict(py, &plan)
+}
+
+/// A block of coupled paths.
+struct Coupled<'a> {
+    plant: VanDerPol<f64>,
+    starts: [Vector2<f64>; LANES],
+    t_end: f64,
+    /// The schemes; the numbers of steps; seed and first run.
+    paths: (StochasticIntegrator, StochasticIntegrator, (u32, u32), (u64, u64)),
+    stop: &'a StopFlag,
+}
+
+impl Task for Coupled<'_> {
+    /// Where the coarse and the fine path of each run end.
+    type Output = [(Vector2<f64>, Vector2<f64>); LANES];
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self { plant, starts, t_end, paths: (scheme, finest, steps, of), stop } = self;
+        let mut x0 = <Vector2<f64> as Memory<f64>>::zero().in_columns::<LANES>();
+        for (lane, start) in starts.iter().enumerate() {
+            start.store(&mut x0, lane);
+        }
+        let stop = || stop.is_set();
+        let ends = coupled_block(&plant, scheme, finest, x0, t_end, steps, of, stop);
+        core::array::from_fn(|lane| (Vector2::load(&ends[0], lane), Vector2::load(&ends[1], lane)))
+    }
 }
 
 /// Coarse and fine paths of a stochastic plant on the same Brownian motion.
@@ -68,19 +98,17 @@ pub fn coupled_paths<'py>(
     };
     let (seed, first) = (spec.whole_or("seed", 0)?, spec.whole_or("first_run", 0)?);
     let pairs = interruptible(py, |stop| {
-        Ok((0..runs)
-            .into_par_iter()
-            .map(|run| {
-                let start = Vector2::read(super::study::row(&x0, 2, run));
-                if stop.is_set() {
-                    return (start, start);
-                }
-                let mut stream = Stream::new(seed, first + run as u64, Channel::Process);
-                couple(&plant, scheme, finest, start, t_end, (coarse, fine), &mut stream, || {
-                    stop.is_set()
-                })
-            })
-            .collect::<Vec<(Vector2<f64>, Vector2<f64>)>>())
+        let block = |number: usize| {
+            let starts = core::array::from_fn(|lane| {
+                // the last block is filled up with its last run
+                Vector2::read(super::study::row(&x0, 2, (number * LANES + lane).min(runs - 1)))
+            });
+            let first_run = first.wrapping_add((number * LANES) as u64);
+            let paths = (scheme, finest, (coarse, fine), (seed, first_run));
+            Vectors::widest().run(Coupled { plant, starts, t_end, paths, stop })
+        };
+        let blocks: Vec<_> = (0..runs.div_ceil(LANES)).into_par_iter().filter_map(block).collect();
+        Ok(blocks.into_iter().flatten().take(runs).collect::<Vec<_>>())
     })?;
     let out = PyDict::new(py);
     let coarse_end = pairs.iter().flat_map(|(a, _)| [a.x, a.y]).collect();
