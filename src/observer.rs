@@ -19,6 +19,16 @@ pub enum Timing {
     Current,
 }
 
+impl Timing {
+    /// How many entries a memory has beside its law's, with that many inputs: see [`Current`].
+    pub const fn held(self, inputs: usize) -> usize {
+        match self {
+            Self::Predictor => 0,
+            Self::Current => 2 + inputs,
+        }
+    }
+}
+
 /// What one step made of its sample. The last three come from an [`crate::Estimator`] only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]

@@ -216,9 +216,7 @@ impl AnyObserver for Halved {
     }
     fn initial(&self) -> Vec<f64> {
         let mut memory = self.halves.initial();
-        if self.timing == Timing::Current {
-            memory.resize(self.law_len + 2 + self.n_u, 0.0);
-        }
+        memory.resize(self.law_len + self.timing.held(self.n_u), 0.0);
         memory
     }
     fn recursion(&self) -> &dyn Recursion {
@@ -266,7 +264,7 @@ impl<const N: usize, const CURRENT: bool> Observer<f64> for Watched<'_, N, CURRE
 
     fn step(&self, z: &mut Self::State, y: &f64, u: &Self::Input, t: f64, dt: f64) -> Status {
         let (whole, u) = (self.whole, &u.as_slice()[..self.whole.n_u]);
-        let held = if CURRENT { 2 + whole.n_u } else { 0 };
+        let held = Self::TIMING.held(whole.n_u);
         let memory = &mut z.as_mut_slice()[..whole.law_len + held];
         whole.before(self.halves, memory, t);
         whole.after(self.halves, memory, *y, u, t, dt);

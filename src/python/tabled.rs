@@ -187,8 +187,7 @@ impl LawTables {
 
     /// Entries of an observer's memory.
     pub fn memory(&self, timing: Timing) -> usize {
-        let held = if timing == Timing::Current { 2 + self.n_u } else { 0 };
-        self.len + held
+        self.len + timing.held(self.n_u)
     }
 
     /// One step: (t, dt, z, y, u) → (z⁺, innovation).
