@@ -172,13 +172,14 @@ impl Recursion for Halved {
         if y.is_finite() { Status::Updated } else { Status::Predicted }
     }
 
-    fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64 {
+    fn advance(&self, memory: &mut [f64], mut block: Block<'_>) -> f64 {
         let usual = block.dt.first().and_then(|dt| self.usual(*dt));
         let halves = usual.as_deref().unwrap_or(&*self.halves);
         let (m, current) = (memory.len(), self.timing == Timing::Current);
         let (mut largest, mut spoilt) = (0.0_f64, 0.0);
         for (k, row) in block.memory.chunks_exact_mut(m).enumerate() {
-            let (t, y, u) = (block.t[k], block.y[k], &block.u[k * self.n_u..][..self.n_u]);
+            let (t, u) = (block.t[k], &block.u[k * self.n_u..][..self.n_u]);
+            let y = block.y.take(k, 1)[0];
             self.before(halves, memory, t);
             if let Some(innovation) = block.innovation.get_mut(k) {
                 *innovation = y - memory[0];

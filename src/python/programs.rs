@@ -975,8 +975,7 @@ impl Programmed {
     /// Step over a block with m entries of memory, at best a number that the compiler knows.
     #[inline(always)]
     fn advance_by(&self, m: usize, memory: &mut [f64], block: Block<'_>) -> f64 {
-        let Block { t, dt, given, y, u, memory: rows, innovation, status: made } = block;
-        y.copy_from_slice(given);
+        let Block { t, dt, mut y, u, memory: rows, innovation, status: made } = block;
         let Shape { n_y: p, n_u: q, current, .. } = self.tables.shape;
         let told = !innovation.is_empty();
         let place = MEMORY..MEMORY + m;
@@ -991,7 +990,7 @@ impl Programmed {
             if !current {
                 keep(row, &r, &mut largest);
             }
-            let sample = &y[k * p..(k + 1) * p];
+            let sample = y.take(k, p);
             let present = sample.iter().all(|y| y.is_finite());
             if !one {
                 if let Some(remade) = &self.remade {

@@ -61,13 +61,33 @@ impl Clock<'_> {
     }
 }
 
-/// Some samples of a record, a row each.
+/// Samples that are copied as they are taken, since nobody changes the copies meanwhile or later. (A
+/// step waits for the one before: a copy beside it costs less than one of all at once.)
+pub struct Samples<'a> {
+    given: &'a [f64],
+    kept: &'a mut [f64],
+}
+
+impl Samples<'_> {
+    /// Sample number k of p entries.
+    #[inline(always)]
+    pub fn take(&mut self, k: usize, p: usize) -> &[f64] {
+        let kept = &mut self.kept[k * p..(k + 1) * p];
+        kept.iter_mut().zip(&self.given[k * p..(k + 1) * p]).for_each(|(kept, y)| *kept = *y);
+        kept
+    }
+    /// Those that have been taken, and nothing that means anything.
+    #[inline(always)]
+    fn taken(&self) -> &[f64] {
+        self.kept
+    }
+}
+
+/// Some samples of a record, a row each. Every sample is to be taken.
 pub struct Block<'a> {
     pub t: &'a [f64],
     pub dt: &'a [f64],
-    pub given: &'a [f64],
-    /// The samples once more: nobody changes these meanwhile or later.
-    pub y: &'a mut [f64],
+    pub y: Samples<'a>,
     pub u: &'a [f64],
     /// The memory at each sample: before its use, or after it if the law filters.
     pub memory: &'a mut [f64],
@@ -83,18 +103,15 @@ where
     O: Observer<f64>,
     O::Input: Memory<f64>,
 {
-    let Block { t, dt, given, y: kept, u, memory: rows, innovation, status } = block;
+    let Block { t, dt, y: mut samples, u, memory: rows, innovation, status } = block;
     let (p, m) = (O::Measurement::LEN, O::State::LEN);
     let q = u.len().checked_div(t.len()).unwrap_or(0);
     let filters = O::TIMING == Timing::Current;
     let mut z = O::State::read(memory);
     let (mut largest, mut spoilt) = (O::State::zero(), O::State::zero());
-    let samples = t.iter().zip(dt).zip(given.chunks_exact(p));
-    let made = rows.chunks_exact_mut(m).zip(status).zip(kept.chunks_exact_mut(p));
-    // (each estimate waits for the one before: what else is done here costs little)
-    for (k, (((t, dt), y), ((row, status), kept))) in samples.zip(made).enumerate() {
-        let y = O::Measurement::read(y);
-        y.write(kept);
+    let made = rows.chunks_exact_mut(m).zip(status);
+    for (k, ((t, dt), (row, status))) in t.iter().zip(dt).zip(made).enumerate() {
+        let y = O::Measurement::read(samples.take(k, p));
         let u = O::Input::read(u.get(k * q..).unwrap_or(&[]));
         if filters && let Some(row) = innovation.get_mut(k * p..(k + 1) * p) {
             observer.innovation(*t, &z, &y).write(row);
@@ -108,7 +125,7 @@ where
     }
     z.write(memory);
     if !filters {
-        let done = t.iter().zip(rows.chunks_exact(m)).zip(kept.chunks_exact(p));
+        let done = t.iter().zip(rows.chunks_exact(m)).zip(samples.taken().chunks_exact(p));
         for (innovation, ((t, z), y)) in innovation.chunks_exact_mut(p).zip(done) {
             let (z, y) = (O::State::read(z), O::Measurement::read(y));
             observer.innovation(*t, &z, &y).write(innovation);
@@ -181,8 +198,7 @@ impl Pass<'_> {
             Block {
                 t: &t[..len],
                 dt: &dt[..len],
-                given: &self.given[by(p, &rows)],
-                y,
+                y: Samples { given: &self.given[by(p, &rows)], kept: &mut *y },
                 u,
                 memory: &mut self.memory[by(m, &rows)],
                 innovation,
