@@ -3,9 +3,9 @@
 use super::errors::refused;
 use super::interrupt::{StopFlag, interruptible};
 use super::observers::build;
+use super::plan::{Plan, STOCHASTIC_METHODS, row, stochastic};
 use super::program_study;
 use super::spec::{Spec, matrix, numbers};
-use super::study::{Plan, STOCHASTIC_METHODS, stochastic};
 use super::systems::AnyPlant;
 use crate::covariance::ErrorCovariance;
 use crate::ensemble::coupled_block;
@@ -101,7 +101,7 @@ pub fn coupled_paths<'py>(
         let block = |number: usize| {
             let starts = core::array::from_fn(|lane| {
                 // the last block is filled up with its last run
-                Vector2::read(super::study::row(&x0, 2, (number * LANES + lane).min(runs - 1)))
+                Vector2::read(row(&x0, 2, (number * LANES + lane).min(runs - 1)))
             });
             let first_run = first.wrapping_add((number * LANES) as u64);
             let paths = (scheme, finest, (coarse, fine), (seed, first_run));

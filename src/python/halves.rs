@@ -4,15 +4,20 @@
 //! What is chosen at run time stays so, one law's halves behind one table of functions: there are too
 //! many combinations to compile each as one loop.
 
+use super::choices::{AnyMethod, Manner, NOT_PLACED};
 use super::errors::refused;
 use super::interrupt::StopFlag;
-use super::observers::{AnyObserver, Recursion};
-use super::record::Block;
-use super::study::{self, Plan, StudyResult};
+use super::plan::{NO_PLANT, PREDICTOR_ONLY, Plan, StudyResult};
+use super::recursion::{AnyObserver, Block, Recursion};
+use super::systems::AnyPlant;
 use crate::Scalar;
 use crate::injection::{Injected, Placed};
 use crate::memory::Memory;
-use crate::observer::{ContinuousLaw, Discretised, Observer, Scheme, Status, Timing};
+use crate::model::Plant;
+use crate::observer::{
+    ContinuousLaw, Discretisation, Discretised, Observer, Scheme, Status, Timing,
+};
+use crate::schedule::Schedule;
 use nalgebra::SVector;
 use pyo3::prelude::*;
 use std::sync::{Arc, Mutex};
@@ -225,11 +230,11 @@ impl AnyObserver for Halved {
     }
     fn study(&self, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult> {
         match (self.n, self.timing) {
-            (2, Timing::Predictor) => study::of_halved(&Watched::<2, false>::new(self), plan, stop),
-            (2, Timing::Current) => study::of_halved(&Watched::<2, true>::new(self), plan, stop),
-            (5, Timing::Predictor) => study::of_halved(&Watched::<5, false>::new(self), plan, stop),
-            (5, Timing::Current) => study::of_halved(&Watched::<5, true>::new(self), plan, stop),
-            _ => Err(refused(study::NO_PLANT)),
+            (2, Timing::Predictor) => of_halved(&Watched::<2, false>::new(self), plan, stop),
+            (2, Timing::Current) => of_halved(&Watched::<2, true>::new(self), plan, stop),
+            (5, Timing::Predictor) => of_halved(&Watched::<5, false>::new(self), plan, stop),
+            (5, Timing::Current) => of_halved(&Watched::<5, true>::new(self), plan, stop),
+            _ => Err(refused(NO_PLANT)),
         }
     }
 }
@@ -281,4 +286,79 @@ impl<const N: usize, const CURRENT: bool> Observer<f64> for Watched<'_, N, CURRE
         self.whole.before(self.halves, before.as_mut_slice(), t);
         *y - before[0]
     }
+}
+
+impl Manner {
+    /// The halves of a law whose eigenvalues cannot be placed.
+    pub fn known_halves<L>(
+        self,
+        law: L,
+        free: impl FnOnce(Discretisation) -> Box<dyn Recursion>,
+    ) -> PyResult<Box<dyn Halves>>
+    where
+        L: ContinuousLaw<f64, Input: Memory<f64>> + Send + Sync + 'static,
+    {
+        match self.method {
+            AnyMethod::Known(scheme) => Ok(Box::new(Known { free: free(scheme), law })),
+            AnyMethod::Placed(_) => Err(refused(NOT_PLACED)),
+        }
+    }
+
+    /// The halves of a law whose eigenvalues can be placed.
+    pub fn halves<L>(
+        self,
+        law: L,
+        free: impl FnOnce(Discretisation) -> Box<dyn Recursion>,
+    ) -> PyResult<Box<dyn Halves>>
+    where
+        L: Injected<f64, Input: Memory<f64>> + Send + Sync + 'static,
+        L::Poles: Send + Sync,
+        L::Gains: Send + Sync,
+    {
+        Ok(match self.method {
+            AnyMethod::Known(scheme) => Box::new(Known { free: free(scheme), law }),
+            AnyMethod::Placed(placement) => {
+                Box::new(Discretised { law, scheme: Placed::new(&law, placement)? })
+            }
+        })
+    }
+}
+
+/// Laws whose step is cut in two, with the plants of their order.
+fn of_halved<const N: usize, const CURRENT: bool>(
+    observer: &Watched<'_, N, CURRENT>,
+    plan: &Plan,
+    stop: &StopFlag,
+) -> PyResult<StudyResult> {
+    if plan.is_joint() {
+        return Err(refused(PREDICTOR_ONLY));
+    }
+    let prepared = observer.whole.halves.prepared(plan.schedule.dt(0));
+    let observer = match &prepared {
+        Some(halves) => &observer.with(&**halves),
+        None => observer,
+    };
+    match plan.plant {
+        AnyPlant::Lee(plant) if N == 2 => halved_with(observer, plant, plan, stop),
+        AnyPlant::SanfelicePraly(plant) if N == 2 => halved_with(observer, plant, plan, stop),
+        AnyPlant::VanDerPol(plant) if N == 2 => halved_with(observer, plant, plan, stop),
+        AnyPlant::Crackle(plant) if N == 5 => halved_with(observer, plant, plan, stop),
+        _ => Err(refused(NO_PLANT)),
+    }
+}
+
+fn halved_with<P, const N: usize, const CURRENT: bool>(
+    observer: &Watched<'_, N, CURRENT>,
+    plant: P,
+    plan: &Plan,
+    stop: &StopFlag,
+) -> PyResult<StudyResult>
+where
+    P: Plant<f64, Output = f64, Input = SVector<f64, 0>> + Send + Sync,
+{
+    let tell = |_: &SVector<f64, 0>| SVector::<f64, 1>::new(0.0);
+    let m = observer.whole.law_len; // period and input are no signals
+    plan.execute(plant, m, m, stop, |experiment, run, x0, z0, watch| {
+        experiment.sampled(observer, tell, run, x0, z0, watch)
+    })
 }

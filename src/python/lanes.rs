@@ -4,12 +4,10 @@
 //! that nothing is left to choose in the loop over runs. What is not named runs one run at a time,
 //! with the same bits.
 
-use super::errors::refused;
+use super::choices::{AnySaturation, MovingGain};
 use super::interrupt::StopFlag;
-use super::observers::{AnySaturation, MovingGain};
-use super::study::{AnySchedule, Plan, StudyResult};
+use super::plan::{AnySchedule, BlockOf, Plan, StudyResult};
 use super::systems::{AnyModel, AnyPlant};
-use crate::ensemble::{Block, Columns};
 use crate::gain::ConstantGain;
 use crate::integrate::Integrator;
 use crate::lanes::LaneMetrics;
@@ -20,7 +18,7 @@ use crate::observers::{
     LowPower, NoSaturation, ReducedOrderObserver, SampledDataObserver, StandardObserver,
 };
 use crate::simulate::Experiment;
-use crate::vectors::{Task, Vectors};
+use crate::vectors::Task;
 use nalgebra::SVector;
 use pyo3::prelude::*;
 use std::any::Any;
@@ -29,31 +27,6 @@ use std::any::Any;
 type Studied = Option<PyResult<StudyResult>>;
 
 type NoInput = SVector<f64, 0>;
-
-/// The variable that holds studies to an instruction set.
-const FORCE: &str = "HGO_INSTRUCTION_SET";
-
-/// The instructions of a study that gains from them and asks for nothing that only single runs give:
-/// the widest of this processor, or those that the environment allows. `None`: one run at a time.
-pub fn vectors(plan: &Plan) -> PyResult<Option<Vectors>> {
-    let refuse = |given: &str, allowed: &str| {
-        Err(refused(&format!("{FORCE} = {given:?} is not allowed: {allowed}, or leave it unset")))
-    };
-    let asked = match std::env::var(FORCE).as_deref() {
-        Err(_) => Some(Vectors::widest()),
-        Ok("plain") => None,
-        Ok("baseline") => Some(Vectors::Baseline),
-        Ok("avx2") => Some(Vectors::Avx2),
-        Ok("avx512") => Some(Vectors::Avx512),
-        Ok(other) => return refuse(other, "choose plain, baseline, avx2 or avx512"),
-    };
-    if let Some(vectors) = asked
-        && !vectors.are_available()
-    {
-        return refuse(&format!("{vectors:?}").to_lowercase(), "this processor has it not");
-    }
-    Ok(asked.filter(|_| plan.fits_lanes()))
-}
 
 /// A block of runs with an observer in discrete time.
 struct Sampled<'a, 'b, P, O>
@@ -68,9 +41,6 @@ where
     metrics: &'a mut LaneMetrics<'b, f64>,
     stop: &'a StopFlag,
 }
-
-/// A block of runs in columns.
-pub type BlockOf<X, Z> = Block<Columns<f64, X>, Columns<f64, Z>>;
 
 impl<P, O> Task for Sampled<'_, '_, P, O>
 where

@@ -2,6 +2,7 @@
 //!
 //! Specs (plain dicts) come in, arrays go out; every law that runs here is the core's own.
 
+mod choices;
 mod design;
 mod errors;
 mod functions;
@@ -10,9 +11,11 @@ mod interrupt;
 mod lanes;
 mod observers;
 mod online;
+mod plan;
 mod program_study;
 mod programs;
 mod record;
+mod recursion;
 mod spec;
 mod study;
 mod systems;

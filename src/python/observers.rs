@@ -1,261 +1,32 @@
 //! From a spec to an observer of the core, and the class `Observer` that Python steps and runs.
 
+use super::choices::{AnyGain, AnySaturation, Manner, MovingGain};
 use super::design::order_refused;
 use super::errors::refused;
-use super::halves::{Halved, Halves, Known};
+use super::halves::Halved;
 use super::interrupt::StopFlag;
+use super::plan::{NO_PLANT, Plan, StudyResult};
 use super::programs;
-use super::record::{self, Block, Clock};
+use super::record::{self, Clock};
+use super::recursion::{AnyObserver, Recursion};
 use super::spec::{Spec, contiguous};
-use super::study::{self, Plan, StudyResult};
+use super::study;
 use super::systems::{AnyModel, read_ship, read_van_der_pol};
-use crate::Scalar;
 use crate::dispatch_order;
-use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
-use crate::injection::{Injected, Placed, Placement};
 use crate::memory::Memory;
 use crate::model::Unknown;
 use crate::models::Correction;
 use crate::observer::{
-    ContinuousLaw, Discretisation, Discretised, METHODS, Method, Observer as CoreObserver, Status,
-    Timing,
+    ContinuousLaw, Discretisation, Discretised, METHODS, Method, Observer as CoreObserver, Timing,
 };
 use crate::observers::{
-    HardClip, LowPower, ModifiedObserver, NoSaturation, ReducedOrderObserver, RepelledCollection,
-    SampledDataObserver, Saturation, SmoothSaturation, StandardObserver,
+    LowPower, ModifiedObserver, NoSaturation, ReducedOrderObserver, RepelledCollection,
+    SampledDataObserver, StandardObserver,
 };
 use nalgebra::SVector;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyFloat, PyFloatMethods};
-
-/// The adaptive and the dead-zone law behind one memory r.
-#[derive(Clone, Copy)]
-pub enum MovingGain<T = f64> {
-    Adaptive(AdaptiveGain<T>),
-    DeadZone(DeadZoneGain<T>),
-}
-
-impl<T: Scalar> GainLaw<T> for MovingGain<T> {
-    type Memory = T;
-    #[inline(always)]
-    fn initial(&self) -> T {
-        T::ONE
-    }
-    #[inline(always)]
-    fn fixed(&self) -> T {
-        T::ONE
-    }
-    #[inline(always)]
-    fn moving(&self, r: &T) -> T {
-        *r
-    }
-    #[inline(always)]
-    fn rate<const N: usize>(&self, r: &T, e: T) -> T {
-        match self {
-            Self::Adaptive(law) => law.rate::<N>(r, e),
-            Self::DeadZone(law) => law.rate::<N>(r, e),
-        }
-    }
-    #[inline(always)]
-    fn admissible(&self, r: T) -> T {
-        match self {
-            Self::Adaptive(law) => law.admissible(r),
-            Self::DeadZone(law) => law.admissible(r),
-        }
-    }
-}
-
-pub enum AnyGain<T = f64> {
-    Constant(ConstantGain<T>),
-    Moving(MovingGain<T>),
-}
-
-impl<T: Scalar> AnyGain<T> {
-    pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
-        let law = spec.text("law")?;
-        if law == "constant" {
-            spec.only(&["law", "ell"])?;
-            return Ok(Self::Constant(ConstantGain::new(T::from_f64(spec.f64("ell")?))?));
-        }
-        let moving = ["law", "p1", "p2", "b"];
-        let of = |key| spec.f64(key).map(T::from_f64);
-        match law.as_str() {
-            "adaptive" => {
-                spec.only(&moving)?;
-                let law = AdaptiveGain::new(of("p1")?, of("p2")?, of("b")?)?;
-                Ok(Self::Moving(MovingGain::Adaptive(law)))
-            }
-            "dead-zone" => {
-                spec.only(&moving)?;
-                let law = DeadZoneGain::new(of("p1")?, of("p2")?, of("b")?)?;
-                Ok(Self::Moving(MovingGain::DeadZone(law)))
-            }
-            other => Err(spec.unknown("law", other, &["constant", "adaptive", "dead-zone"])),
-        }
-    }
-}
-
-#[derive(Clone, Copy)]
-pub enum AnySaturation<const N: usize, T = f64> {
-    None,
-    Hard(HardClip<T, N>),
-    Smooth(SmoothSaturation<T, N>),
-}
-
-impl<T: Scalar, const N: usize> Saturation<T> for AnySaturation<N, T> {
-    #[inline(always)]
-    fn apply(&self, i: usize, eta: T) -> T {
-        match self {
-            Self::None => NoSaturation.apply(i, eta),
-            Self::Hard(clip) => clip.apply(i, eta),
-            Self::Smooth(smooth) => smooth.apply(i, eta),
-        }
-    }
-}
-
-impl<T: Scalar, const N: usize> AnySaturation<N, T> {
-    /// The saturation of a low-power (none) or peaking-free observer, whose keys are checked.
-    pub fn read(spec: &Spec<'_>, saturated: bool) -> PyResult<Self> {
-        let mut known = vec!["kind", "n", "alpha", "beta", "gain", "model", "method", "timing"];
-        if !saturated {
-            spec.only(&known)?;
-            return Ok(Self::None);
-        }
-        known.extend(["saturation", "clip"]);
-        spec.only(&known)?;
-        let levels = spec.vector::<N>("saturation", N - 1)?.map(T::from_f64);
-        let clip = spec.text_or("clip", "hard")?;
-        match clip.as_str() {
-            "hard" => Ok(Self::Hard(HardClip::new(levels)?)),
-            "smooth" => Ok(Self::Smooth(SmoothSaturation::new(levels)?)),
-            other => Err(spec.unknown("clip", other, &["hard", "smooth"])),
-        }
-    }
-}
-
-/// What [`METHODS`] are called.
-const METHOD_NAMES: [&str; 7] = [
-    "euler",
-    "staggered-euler",
-    "rk4",
-    "rk4-innovation-held",
-    "bogacki-shampine",
-    "zoh",
-    "bilinear",
-];
-
-pub const NOT_PLACED: &str = "method = 'zoh' or 'bilinear' is not allowed here: it is defined for the \
-    standard, the low-power and the peaking-free law; choose another method";
-
-/// How a continuous law is stepped.
-#[derive(Clone, Copy)]
-pub struct Manner {
-    pub method: AnyMethod,
-    pub timing: Timing,
-}
-
-#[derive(Clone, Copy)]
-pub enum AnyMethod {
-    Known(Discretisation),
-    Placed(Placement),
-}
-
-impl Manner {
-    pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
-        let method = spec.text_or("method", "euler")?;
-        let method = match METHOD_NAMES.iter().position(|name| *name == method) {
-            Some(5) => AnyMethod::Placed(Placement::Exact),
-            Some(6) => AnyMethod::Placed(Placement::Bilinear),
-            Some(k) => AnyMethod::Known(METHODS[k]),
-            None => return Err(spec.unknown("method", &method, &METHOD_NAMES)),
-        };
-        let timing = spec.text_or("timing", "predictor")?;
-        let timing = match timing.as_str() {
-            "predictor" => Timing::Predictor,
-            "current" => Timing::Current,
-            other => return Err(spec.unknown("timing", other, &["predictor", "current"])),
-        };
-        Ok(Self { method, timing })
-    }
-
-    /// The scheme of a law that is compiled as one loop.
-    pub fn whole(self) -> Option<Discretisation> {
-        match self {
-            Self { method: AnyMethod::Known(scheme), timing: Timing::Predictor } => Some(scheme),
-            _ => None,
-        }
-    }
-
-    /// The halves of a law whose eigenvalues cannot be placed.
-    fn known_halves<L>(
-        self,
-        law: L,
-        free: impl FnOnce(Discretisation) -> Box<dyn Recursion>,
-    ) -> PyResult<Box<dyn Halves>>
-    where
-        L: ContinuousLaw<f64, Input: Memory<f64>> + Send + Sync + 'static,
-    {
-        match self.method {
-            AnyMethod::Known(scheme) => Ok(Box::new(Known { free: free(scheme), law })),
-            AnyMethod::Placed(_) => Err(refused(NOT_PLACED)),
-        }
-    }
-
-    /// The halves of a law whose eigenvalues can be placed.
-    fn halves<L>(
-        self,
-        law: L,
-        free: impl FnOnce(Discretisation) -> Box<dyn Recursion>,
-    ) -> PyResult<Box<dyn Halves>>
-    where
-        L: Injected<f64, Input: Memory<f64>> + Send + Sync + 'static,
-        L::Poles: Send + Sync,
-        L::Gains: Send + Sync,
-    {
-        Ok(match self.method {
-            AnyMethod::Known(scheme) => Box::new(Known { free: free(scheme), law }),
-            AnyMethod::Placed(placement) => {
-                Box::new(Discretised { law, scheme: Placed::new(&law, placement)? })
-            }
-        })
-    }
-}
-
-/// A law in discrete time, with its memory as a flat vector.
-pub trait Recursion: Send + Sync {
-    fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status;
-    /// See [`record::advance`].
-    fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64;
-}
-
-impl<O> Recursion for O
-where
-    O: CoreObserver<f64> + Send + Sync,
-    O::Input: Memory<f64>,
-{
-    fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
-        let mut z = O::State::read(memory);
-        let (y, u) = (O::Measurement::read(y), O::Input::read(u));
-        let status = CoreObserver::step(self, &mut z, &y, &u, t, dt);
-        z.write(memory);
-        status
-    }
-    fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64 {
-        record::advance(self, memory, block)
-    }
-}
-
-/// Any observer.
-pub trait AnyObserver: Send + Sync {
-    fn n(&self) -> usize;
-    fn n_y(&self) -> usize;
-    fn n_u(&self) -> usize;
-    fn is_current(&self) -> bool;
-    fn initial(&self) -> Vec<f64>;
-    fn recursion(&self) -> &dyn Recursion;
-    fn study(&self, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult>;
-}
 
 type Study<O> = fn(&O, &Plan, &StopFlag) -> PyResult<StudyResult>;
 
@@ -343,9 +114,7 @@ macro_rules! boxed {
         match $n {
             2 => Ok(continuous($law, scheme, $model, recursion, study::of_order_2)),
             5 => Ok(continuous($law, scheme, $model, recursion, study::of_order_5)),
-            _ => Ok(continuous($law, scheme, $model, recursion, |_, _, _| {
-                Err(refused(study::NO_PLANT))
-            })),
+            _ => Ok(continuous($law, scheme, $model, recursion, |_, _, _| Err(refused(NO_PLANT)))),
         }
     }};
 }

@@ -6,10 +6,9 @@
 
 use super::errors::refused;
 use super::interrupt::{StopFlag, interruptible};
-use super::lanes::{BlockOf, vectors};
+use super::plan::{AnySchedule, BlockOf, Plan, SAMPLED_ONLY, StudyResult, vectors};
 use super::programs::Tables;
 use super::spec::Spec;
-use super::study::{AnySchedule, Plan, StudyResult};
 use super::systems::AnyPlant;
 use super::table::{Compiled, Table};
 use super::trace::{self, Setting, Traced, input, inputs, named, trace};
@@ -389,7 +388,7 @@ impl Study<'_> {
     /// (t, dt, z, x, drawn noise) → (z⁺, x⁺), as one differential equation.
     fn both(&self, integrator: Integrator) -> PyResult<Compiled> {
         let Some((rate, admissible)) = self.observer.law() else {
-            return Err(refused(super::study::SAMPLED_ONLY));
+            return Err(refused(SAMPLED_ONLY));
         };
         trace(DOUBLE, || {
             let (t, dt) = (input("t"), input("dt"));
@@ -568,7 +567,7 @@ impl Study<'_> {
         let step = alone(observer.step(), 2 + memory + 1)?;
         let law = match (integrator, observer.law()) {
             (None, _) => None,
-            (Some(_), None) => return Err(refused(super::study::SAMPLED_ONLY)),
+            (Some(_), None) => return Err(refused(SAMPLED_ONLY)),
             (Some(integrator), Some((rate, admissible))) => {
                 Some((integrator, alone(rate, 1 + memory + 1)?, admissible.compile()?))
             }

@@ -3,18 +3,16 @@
 //! The laws are the core's own. Run over [`Traced`] numbers, with the model's table in the place of a
 //! compiled model, each writes down its step once; the program of that step is what runs.
 
+use super::choices::{AnyGain, AnyMethod, AnySaturation, Manner, MovingGain};
 use super::design::order_refused;
 use super::errors::refused;
 use super::interrupt::StopFlag;
-use super::observers::{
-    AnyGain, AnyMethod, AnyObserver, AnySaturation, Manner, MovingGain, Recursion,
-};
-use super::record::Block;
+use super::plan::{Plan, StudyResult};
+use super::recursion::{AnyObserver, Block, Recursion};
 use super::spec::Spec;
-use super::study::{Plan, StudyResult};
 use super::systems::{AnyModel, read_van_der_pol};
 use super::table::{Compiled, Table};
-use super::tabled::{LawTables, flat};
+use super::tabled::{LawTables, MAX_INPUTS, flat};
 use super::trace::{self, Setting, Traced, call, input, inputs, named, trace};
 use crate::Scalar;
 use crate::dispatch_order;
@@ -33,8 +31,6 @@ use pyo3::types::PyDict;
 use std::cmp::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Known inputs that a model may have.
-pub const MAX_INPUTS: usize = 8;
 /// Outputs that a model of chains may have.
 const CHAINS: usize = 12;
 

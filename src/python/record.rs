@@ -2,10 +2,9 @@
 //!
 //! What is wrong with a record is found here and said in Python, which has the words for it.
 
-use super::observers::AnyObserver;
+use super::recursion::{AnyObserver, Block, Samples, larger};
 use super::spec::empty;
-use crate::memory::Memory;
-use crate::observer::{Observer, Status, Timing};
+use crate::observer::Status;
 use numpy::PyArrayMethods;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -59,82 +58,6 @@ impl Clock<'_> {
             _ => (all(dt, |dt| dt > 0.0), largest(dt)),
         }
     }
-}
-
-/// Samples that are copied as they are taken, since nobody changes the copies meanwhile or later. (A
-/// step waits for the one before: a copy beside it costs less than one of all at once.)
-pub struct Samples<'a> {
-    given: &'a [f64],
-    kept: &'a mut [f64],
-}
-
-impl Samples<'_> {
-    /// Sample number k of p entries.
-    #[inline(always)]
-    pub fn take(&mut self, k: usize, p: usize) -> &[f64] {
-        let kept = &mut self.kept[k * p..(k + 1) * p];
-        kept.iter_mut().zip(&self.given[k * p..(k + 1) * p]).for_each(|(kept, y)| *kept = *y);
-        kept
-    }
-    /// Those that have been taken, and nothing that means anything.
-    #[inline(always)]
-    fn taken(&self) -> &[f64] {
-        self.kept
-    }
-}
-
-/// Some samples of a record, a row each. Every sample is to be taken.
-pub struct Block<'a> {
-    pub t: &'a [f64],
-    pub dt: &'a [f64],
-    pub y: Samples<'a>,
-    pub u: &'a [f64],
-    /// The memory at each sample: before its use, or after it if the law filters.
-    pub memory: &'a mut [f64],
-    /// Empty where it is not asked for.
-    pub innovation: &'a mut [f64],
-    pub status: &'a mut [u8],
-}
-
-/// Step over a block; gives the largest magnitude of a memory's entry, NaN where one is not finite.
-#[inline(always)]
-pub fn advance<O>(observer: &O, memory: &mut [f64], block: Block<'_>) -> f64
-where
-    O: Observer<f64>,
-    O::Input: Memory<f64>,
-{
-    let Block { t, dt, y: mut samples, u, memory: rows, innovation, status } = block;
-    let (p, m) = (O::Measurement::LEN, O::State::LEN);
-    let q = u.len().checked_div(t.len()).unwrap_or(0);
-    let filters = O::TIMING == Timing::Current;
-    let mut z = O::State::read(memory);
-    let (mut largest, mut spoilt) = (O::State::zero(), O::State::zero());
-    let made = rows.chunks_exact_mut(m).zip(status);
-    for (k, ((t, dt), (row, status))) in t.iter().zip(dt).zip(made).enumerate() {
-        let y = O::Measurement::read(samples.take(k, p));
-        let u = O::Input::read(u.get(k * q..).unwrap_or(&[]));
-        if filters && let Some(row) = innovation.get_mut(k * p..(k + 1) * p) {
-            observer.innovation(*t, &z, &y).write(row);
-        }
-        let before = z;
-        *status = observer.step(&mut z, &y, &u, *t, *dt) as u8;
-        let shown = if filters { z } else { before };
-        shown.write(row);
-        largest = largest.zip(&shown, larger);
-        spoilt = spoilt.zip(&shown, |sum, z| sum + 0.0 * z); // NaN once z is not finite
-    }
-    z.write(memory);
-    if !filters {
-        let done = t.iter().zip(rows.chunks_exact(m)).zip(samples.taken().chunks_exact(p));
-        for (innovation, ((t, z), y)) in innovation.chunks_exact_mut(p).zip(done) {
-            let (z, y) = (O::State::read(z), O::Measurement::read(y));
-            observer.innovation(*t, &z, &y).write(innovation);
-        }
-    }
-    let mut most = 0.0;
-    largest.visit(&mut |z| most = larger(most, z));
-    spoilt.visit(&mut |sum| most += sum);
-    most
 }
 
 /// A record on its way: what is given and what is written, a row a sample.
@@ -198,7 +121,7 @@ impl Pass<'_> {
             Block {
                 t: &t[..len],
                 dt: &dt[..len],
-                y: Samples { given: &self.given[by(p, &rows)], kept: &mut *y },
+                y: Samples::new(&self.given[by(p, &rows)], &mut *y),
                 u,
                 memory: &mut self.memory[by(m, &rows)],
                 innovation,
@@ -269,12 +192,6 @@ fn largest(values: &[f64]) -> f64 {
         }
     }
     lanes.iter().chain(rest).fold(0.0, |largest, value| larger(largest, *value))
-}
-
-/// The larger magnitude; NaN is passed over in `value`.
-#[inline(always)]
-fn larger(largest: f64, value: f64) -> f64 {
-    if value.abs() > largest { value.abs() } else { largest }
 }
 
 /// Run over a record from `memory` on, which is moved. The innovation is written if asked for.

@@ -1,8 +1,8 @@
 //! Continuous laws as tables: each function of a law is traced once, and the schemes of the core run
 //! over the tables. (Laws times schemes, each pair compiled, would be many times as much code.)
 
+use super::choices::{AnyMethod, Manner, NOT_PLACED};
 use super::errors::refused;
-use super::observers::{AnyMethod, Manner, NOT_PLACED};
 use super::table::Table;
 use super::trace::{Setting, Traced, inline, input, inputs, named, trace};
 use crate::Scalar;
@@ -12,10 +12,13 @@ use crate::observer::{ContinuousLaw, Current, Discretised, Observer, Scheme, Tim
 use nalgebra::SVector;
 use pyo3::PyResult;
 
+/// Known inputs that a model may have.
+pub const MAX_INPUTS: usize = 8;
+
 /// Room for a law's memory, its innovations and its inputs.
 const Z: usize = 40;
 const E: usize = 6;
-const U: usize = super::programs::MAX_INPUTS;
+const U: usize = MAX_INPUTS;
 
 type State = SVector<Traced, Z>;
 type Innovations = SVector<Traced, E>;

@@ -1,0 +1,128 @@
+//! Observers whose types are chosen at run time, and their steps over a block of samples.
+
+use super::interrupt::StopFlag;
+use super::plan::{Plan, StudyResult};
+use crate::memory::Memory;
+use crate::observer::{Observer as CoreObserver, Status, Timing};
+use pyo3::prelude::*;
+
+/// A law in discrete time, with its memory as a flat vector.
+pub trait Recursion: Send + Sync {
+    fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status;
+    /// See [`advance`].
+    fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64;
+}
+
+impl<O> Recursion for O
+where
+    O: CoreObserver<f64> + Send + Sync,
+    O::Input: Memory<f64>,
+{
+    fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
+        let mut z = O::State::read(memory);
+        let (y, u) = (O::Measurement::read(y), O::Input::read(u));
+        let status = CoreObserver::step(self, &mut z, &y, &u, t, dt);
+        z.write(memory);
+        status
+    }
+    fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64 {
+        advance(self, memory, block)
+    }
+}
+
+/// Any observer.
+pub trait AnyObserver: Send + Sync {
+    fn n(&self) -> usize;
+    fn n_y(&self) -> usize;
+    fn n_u(&self) -> usize;
+    fn is_current(&self) -> bool;
+    fn initial(&self) -> Vec<f64>;
+    fn recursion(&self) -> &dyn Recursion;
+    fn study(&self, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult>;
+}
+
+/// Samples that are copied as they are taken, since nobody changes the copies meanwhile or later. (A
+/// step waits for the one before: a copy beside it costs less than one of all at once.)
+pub struct Samples<'a> {
+    given: &'a [f64],
+    kept: &'a mut [f64],
+}
+
+impl<'a> Samples<'a> {
+    /// As many of both.
+    pub fn new(given: &'a [f64], kept: &'a mut [f64]) -> Self {
+        Self { given, kept }
+    }
+    /// Sample number k of p entries.
+    #[inline(always)]
+    pub fn take(&mut self, k: usize, p: usize) -> &[f64] {
+        let kept = &mut self.kept[k * p..(k + 1) * p];
+        kept.iter_mut().zip(&self.given[k * p..(k + 1) * p]).for_each(|(kept, y)| *kept = *y);
+        kept
+    }
+    /// Those that have been taken, and nothing that means anything.
+    #[inline(always)]
+    fn taken(&self) -> &[f64] {
+        self.kept
+    }
+}
+
+/// Some samples of a record, a row each. Every sample is to be taken.
+pub struct Block<'a> {
+    pub t: &'a [f64],
+    pub dt: &'a [f64],
+    pub y: Samples<'a>,
+    pub u: &'a [f64],
+    /// The memory at each sample: before its use, or after it if the law filters.
+    pub memory: &'a mut [f64],
+    /// Empty where it is not asked for.
+    pub innovation: &'a mut [f64],
+    pub status: &'a mut [u8],
+}
+
+/// Step over a block; gives the largest magnitude of a memory's entry, NaN where one is not finite.
+#[inline(always)]
+pub fn advance<O>(observer: &O, memory: &mut [f64], block: Block<'_>) -> f64
+where
+    O: CoreObserver<f64>,
+    O::Input: Memory<f64>,
+{
+    let Block { t, dt, y: mut samples, u, memory: rows, innovation, status } = block;
+    let (p, m) = (O::Measurement::LEN, O::State::LEN);
+    let q = u.len().checked_div(t.len()).unwrap_or(0);
+    let filters = O::TIMING == Timing::Current;
+    let mut z = O::State::read(memory);
+    let (mut largest, mut spoilt) = (O::State::zero(), O::State::zero());
+    let made = rows.chunks_exact_mut(m).zip(status);
+    for (k, ((t, dt), (row, status))) in t.iter().zip(dt).zip(made).enumerate() {
+        let y = O::Measurement::read(samples.take(k, p));
+        let u = O::Input::read(u.get(k * q..).unwrap_or(&[]));
+        if filters && let Some(row) = innovation.get_mut(k * p..(k + 1) * p) {
+            observer.innovation(*t, &z, &y).write(row);
+        }
+        let before = z;
+        *status = observer.step(&mut z, &y, &u, *t, *dt) as u8;
+        let shown = if filters { z } else { before };
+        shown.write(row);
+        largest = largest.zip(&shown, larger);
+        spoilt = spoilt.zip(&shown, |sum, z| sum + 0.0 * z); // NaN once z is not finite
+    }
+    z.write(memory);
+    if !filters {
+        let done = t.iter().zip(rows.chunks_exact(m)).zip(samples.taken().chunks_exact(p));
+        for (innovation, ((t, z), y)) in innovation.chunks_exact_mut(p).zip(done) {
+            let (z, y) = (O::State::read(z), O::Measurement::read(y));
+            observer.innovation(*t, &z, &y).write(innovation);
+        }
+    }
+    let mut most = 0.0;
+    largest.visit(&mut |z| most = larger(most, z));
+    spoilt.visit(&mut |sum| most += sum);
+    most
+}
+
+/// The larger magnitude; NaN is passed over in `value`.
+#[inline(always)]
+pub fn larger(largest: f64, value: f64) -> f64 {
+    if value.abs() > largest { value.abs() } else { largest }
+}
