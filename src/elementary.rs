@@ -181,7 +181,7 @@ macro_rules! elementary {
 
         /// log₂ x from these: k + 2 artanh s/ln 2, to 3 units in the last place.
         #[inline(always)]
-        pub(crate) fn log2_of((k, s): ($t, $t)) -> $t {
+        pub(crate) fn log2_of(k: $t, s: $t) -> $t {
             let z = s * s;
             k + s * (polynomial!(z; $($log2),+))
         }
@@ -191,7 +191,8 @@ macro_rules! elementary {
         #[inline(always)]
         pub(crate) fn powf(x: $t, power: $t) -> $t {
             let (normal, lift) = lifted(x);
-            let y = limited(power * of_any(log2_of(log2_parts(normal)) - lift, x), $lowest, $highest);
+            let (k, s) = log2_parts(normal);
+            let y = limited(power * of_any(log2_of(k, s) - lift, x), $lowest, $highest);
             let (n, bits) = rounded(y);
             let r = y - n;
             let value = scaled(1.0 + r * (polynomial!(r; $($exp2),+)), bits);

@@ -106,8 +106,8 @@ pub(crate) fn radius_parts(u: f64) -> (f64, f64) {
 
 /// The radius of a normal pair.
 #[inline(always)]
-pub(crate) fn radius_of(parts: (f64, f64)) -> f64 {
-    Scalar::sqrt(-2.0 * LN_2 * log2_of(parts))
+pub(crate) fn radius_of((k, s): (f64, f64)) -> f64 {
+    Scalar::sqrt(-2.0 * LN_2 * log2_of(k, s))
 }
 
 /// r cos 2πu and r sin 2πu, u in [0, 1). The turn is counted from ½ and folded at the quarters, both
