@@ -4,6 +4,7 @@
 //! noise) goes through the loop of compiled plants and laws, with the tables behind their traits: the
 //! same operations, and so the same bits.
 
+use super::compile::Compiled;
 use super::errors::refused;
 use super::interrupt::{StopFlag, interruptible};
 use super::lanes::{BlockOf, vectors};
@@ -11,7 +12,7 @@ use super::programs::Tables;
 use super::spec::Spec;
 use super::study::{AnySchedule, Plan, StudyResult};
 use super::systems::AnyPlant;
-use super::table::{Compiled, Table};
+use super::table::Table;
 use super::trace::{self, Setting, Traced, input, inputs, named, trace};
 use crate::Scalar;
 use crate::ensemble::Programs;

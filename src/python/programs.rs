@@ -3,6 +3,7 @@
 //! The laws are the core's own. Run over [`Traced`] numbers, with the model's table in the place of a
 //! compiled model, each writes down its step once; the program of that step is what runs.
 
+use super::compile::Compiled;
 use super::design::order_refused;
 use super::errors::refused;
 use super::interrupt::StopFlag;
@@ -13,7 +14,7 @@ use super::record::Block;
 use super::spec::Spec;
 use super::study::{Plan, StudyResult};
 use super::systems::{AnyModel, read_van_der_pol};
-use super::table::{Compiled, Table};
+use super::table::Table;
 use super::tabled::{LawTables, flat};
 use super::trace::{self, Setting, Traced, call, input, inputs, named, trace};
 use crate::Scalar;
@@ -759,8 +760,8 @@ impl Tables {
 struct Step {
     compiled: Compiled,
     at_rest: Registers<f64>,
-    /// Whether an entry of the memory is an input as it was given, which must be read before the
-    /// memory's place is written.
+    /// Whether an entry of the memory is handed on to a later one: it must be read before its place is
+    /// written.
     hands_on: bool,
 }
 
@@ -864,8 +865,8 @@ impl Tables {
     /// The program of a step.
     fn program(&self, table: &Table) -> PyResult<Step> {
         let compiled = table.compile()?;
-        let given = self.given();
-        let hands_on = compiled.outputs.iter().any(|output| usize::from(*output) < given);
+        let next = (MEMORY..).zip(compiled.outputs.iter().take(self.shape.memory));
+        let hands_on = { next }.any(|(place, of)| (MEMORY..place).contains(&usize::from(*of)));
         Ok(Step { at_rest: self.at_rest(&compiled), compiled, hands_on })
     }
 
@@ -945,10 +946,16 @@ impl Programmed {
     fn lengths(&self, memory: &[f64], dt: f64) -> Lengths {
         let mut lengths = [0; CHAINS];
         for (length, place) in lengths.iter_mut().zip(&self.tables.elapsed) {
-            let elapsed = place.and_then(|place| memory.get(place)).copied();
-            *length = elapsed.unwrap_or(dt).or(dt).to_bits();
+            *length = length_of(*place, memory, dt);
         }
         lengths
+    }
+
+    /// Whether these are they.
+    #[inline(always)]
+    fn are_lengths(&self, known: &Lengths, memory: &[f64], dt: f64) -> bool {
+        let mut chains = known.iter().zip(&self.tables.elapsed);
+        chains.all(|(known, place)| *known == length_of(*place, memory, dt))
     }
 
     /// The step for times of these lengths, of a law that has one for each.
@@ -994,8 +1001,10 @@ impl Programmed {
             let present = sample.iter().all(|y| y.is_finite());
             if !one {
                 if let Some(remade) = &self.remade {
-                    let lengths = self.lengths(&r.0[place.clone()], dt[k]);
-                    if of_lengths.as_ref().is_none_or(|(known, _)| *known != lengths) {
+                    let memory = &r.0[place.clone()];
+                    let same = |(known, _): &(Lengths, _)| self.are_lengths(known, memory, dt[k]);
+                    if !of_lengths.as_ref().is_some_and(same) {
+                        let lengths = self.lengths(memory, dt[k]);
                         let step = self.of_lengths(remade, lengths, told);
                         of_lengths = step.ok().map(|step| (lengths, step));
                     }
@@ -1024,6 +1033,13 @@ impl Programmed {
         memory.copy_from_slice(&r.0[place]);
         largest.iter().fold(0.0, |most: f64, value| most.max(*value))
     }
+}
+
+/// The time that a correction is for, in bits; `place` is where it stands in the memory.
+#[inline(always)]
+fn length_of(place: Option<usize>, memory: &[f64], dt: f64) -> u64 {
+    let elapsed = place.and_then(|place| memory.get(place)).copied();
+    elapsed.unwrap_or(dt).or(dt).to_bits()
 }
 
 /// The memory into a row, and its entries' largest magnitudes so far.
@@ -1067,6 +1083,8 @@ impl Recursion for Programmed {
             4 => self.advance_by(4, memory, block),
             5 => self.advance_by(5, memory, block),
             6 => self.advance_by(6, memory, block),
+            7 => self.advance_by(7, memory, block),
+            8 => self.advance_by(8, memory, block),
             m => self.advance_by(m, memory, block),
         }
     }
