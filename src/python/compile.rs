@@ -1,14 +1,15 @@
 //! Tables of operations translated to programs of the core.
 //!
-//! Their order stays, but for two things that let one instruction do what several would: a product and
-//! the sum that alone uses it become one, and operations that are alike and have their operands in
-//! registers one after the other, as those that move a state have, become one for a row.
+//! One instruction does what several would: a product and the sum that alone uses it become one, and
+//! operations that are alike and have their operands in registers one after the other, as those that
+//! move a state have, become one for a row. Then instructions that wait for one another are put apart.
 
 use super::errors::refused;
 use super::table::{Table, Value, operands};
 use crate::Scalar;
 use crate::program::{Instruction, Operation, Program, ROW, Registers};
 use pyo3::prelude::*;
+use std::cmp::Reverse;
 
 /// An operation with the values that it takes.
 type Step = (Operation, [Value; 3]);
@@ -146,7 +147,7 @@ impl<'a> Compiler<'a> {
         }
         let outputs = self.table.outputs.iter().map(|value| self.place[*value]);
         let outputs = outputs.collect::<Option<_>>()?;
-        let (instructions, constants) = (self.instructions, self.constants);
+        let (instructions, constants) = (apart(&self.instructions), self.constants);
         Some(Compiled { instructions, outputs, constants })
     }
 
@@ -224,6 +225,75 @@ impl<'a> Compiler<'a> {
     fn push(&mut self, operation: Operation, result: u8, [a, b, c]: [u8; 3]) {
         self.instructions.push(Instruction { operation, result, a, b, c });
     }
+}
+
+/// Instructions after which a result is there at once; until then what waits for it waits.
+const FAR: usize = 4;
+
+/// How far an instruction may be put forward.
+const FORWARD: usize = 32;
+
+/// The same in an order in which an instruction stands apart from those that it waits for, as far as
+/// others can be put between: first those on which most depends.
+fn apart(instructions: &[Instruction]) -> Vec<Instruction> {
+    let waits = waits(instructions);
+    // how long what follows from an instruction takes
+    let mut depth = vec![0; instructions.len()];
+    for (index, waits) in waits.iter().enumerate().rev() {
+        for (before, delay) in waits {
+            depth[*before] = depth[*before].max(depth[index] + delay);
+        }
+    }
+    let mut done = vec![None; instructions.len()];
+    let mut left: Vec<usize> = (0..instructions.len()).collect();
+    let mut order = Vec::new();
+    while !left.is_empty() {
+        let now = order.len();
+        // how long an instruction would wait here; `None` where it must not come yet
+        let wait = |index: usize| {
+            waits[index].iter().try_fold(0, |longest: usize, (before, delay)| {
+                let done: usize = done[*before]?;
+                Some(longest.max((done + delay).saturating_sub(now)))
+            })
+        };
+        let ready = left.iter().take(FORWARD).enumerate();
+        let ready =
+            ready.filter_map(|(at, index)| Some((wait(*index)?, Reverse(depth[*index]), at)));
+        let (.., next) = ready.min().unwrap_or((0, Reverse(0), 0)); // the first of all is always ready
+        let next = left.remove(next);
+        done[next] = Some(now);
+        order.push(instructions[next]);
+    }
+    order
+}
+
+/// For each instruction those that must come before it, and how long before: it reads their result, or
+/// writes to a register that they use.
+fn waits(instructions: &[Instruction]) -> Vec<Vec<(usize, usize)>> {
+    let mut written = [None; REGISTERS + ROW];
+    let mut read = vec![Vec::new(); REGISTERS + ROW];
+    let mut waits = Vec::new();
+    for (index, instruction) in instructions.iter().enumerate() {
+        let Instruction { operation, result, a, b, c } = *instruction;
+        let row = ROWS.iter().find(|(_, row, _)| *row == operation);
+        let (single, entries, goes) =
+            row.map_or((operation, 1, [0; 3]), |(single, _, goes)| (*single, ROW, *goes));
+        let mut of_one = Vec::new();
+        for (first, goes) in [a, b, c].into_iter().zip(goes).take(operands(single)) {
+            for register in (0..entries).map(|i| usize::from(first) + usize::from(goes) * i) {
+                of_one.extend(written[register].map(|before| (before, FAR)));
+                read[register].push(index);
+            }
+        }
+        for register in usize::from(result)..usize::from(result) + entries {
+            of_one.extend(written[register].map(|before| (before, 0)));
+            let readers = read[register].drain(..).filter(|reader| *reader != index);
+            of_one.extend(readers.map(|before| (before, 0)));
+            written[register] = Some(index);
+        }
+        waits.push(of_one);
+    }
+    waits
 }
 
 /// Which registers are taken.
