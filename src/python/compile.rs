@@ -227,14 +227,14 @@ impl<'a> Compiler<'a> {
     }
 }
 
-/// Instructions after which a result is there at once; until then what waits for it waits.
+/// So many instructions later a result is there: what reads it need not wait for it.
 const FAR: usize = 4;
 
 /// How far an instruction may be put forward.
 const FORWARD: usize = 32;
 
-/// The same in an order in which an instruction stands apart from those that it waits for, as far as
-/// others can be put between: first those on which most depends.
+/// The same in an order in which an instruction stands apart from those that it waits for, where others
+/// can be put between: of those that need not wait, first the one on which most depends.
 fn apart(instructions: &[Instruction]) -> Vec<Instruction> {
     let waits = waits(instructions);
     // how long what follows from an instruction takes
