@@ -4,7 +4,8 @@
 //! then what is computed. It has no branch and no jump, so it ends, never panics, needs no heap, and
 //! evaluates a block of runs side by side as well as one. Every instruction is one operation of
 //! [`Scalar`] (a product and a sum in two roundings count as one), in the order in which they stand:
-//! a program gives the bits of compiled code that does the same.
+//! a program gives the bits of compiled code that does the same. What takes time is the way to an
+//! instruction, more than the instruction: those that move a state do so for a row of registers.
 
 // The form that a compiler makes vector code of: an index, and no branch between two truths.
 #![allow(clippy::needless_range_loop)]
@@ -12,8 +13,12 @@
 use crate::Scalar;
 use crate::lanes::{LANES, Lane};
 
-/// Registers of a program: as many as a `u8` tells apart, so that no index needs a check.
-pub const REGISTERS: usize = 256;
+/// Registers of a row, one after the other.
+pub const ROW: usize = 4;
+
+/// Registers of a program: as many as a `u8` tells apart, and the rest of a row that begins in the
+/// last of them, so that no index needs a check.
+pub const REGISTERS: usize = 256 + ROW - 1;
 
 /// An operation by its name: the one place that says what each computes.
 macro_rules! operation {
@@ -101,6 +106,21 @@ macro_rules! operation {
     (SubtractProduct, $a:expr, $b:expr, $c:expr) => {
         $c - $a * $b
     };
+    (Clip, $a:expr, $b:expr, $c:expr) => {
+        $a.max($b).min($c)
+    };
+    (AddRows, $a:expr, $b:expr) => {
+        $a + $b
+    };
+    (ShiftRow, $a:expr, $b:expr) => {
+        $a + $b
+    };
+    (ScaleRow, $a:expr, $b:expr) => {
+        $a * $b
+    };
+    (ScaleAddRow, $a:expr, $b:expr, $c:expr) => {
+        $a * $b + $c
+    };
 }
 
 /// An operation that is known at run time.
@@ -135,6 +155,11 @@ macro_rules! compute {
             Operation::MultiplyAdd => operation!(MultiplyAdd, $a, $b, $c),
             Operation::MultiplySubtract => operation!(MultiplySubtract, $a, $b, $c),
             Operation::SubtractProduct => operation!(SubtractProduct, $a, $b, $c),
+            Operation::Clip => operation!(Clip, $a, $b, $c),
+            Operation::AddRows => operation!(AddRows, $a, $b),
+            Operation::ShiftRow => operation!(ShiftRow, $a, $b),
+            Operation::ScaleRow => operation!(ScaleRow, $a, $b),
+            Operation::ScaleAddRow => operation!(ScaleAddRow, $a, $b, $c),
         }
     };
 }
@@ -214,17 +239,28 @@ pub enum Operation {
     MultiplySubtract,
     /// c − a·b, in two roundings.
     SubtractProduct,
+    /// The smaller of c and the larger of a and b.
+    Clip,
+    /// a + b for a row: entry i is aᵢ + bᵢ, i < [`ROW`], one after the other.
+    AddRows,
+    /// a + bᵢ.
+    ShiftRow,
+    /// a·bᵢ.
+    ScaleRow,
+    /// a·bᵢ + cᵢ, in two roundings.
+    ScaleAddRow,
 }
 
 impl Operation {
-    /// Apply it to numbers.
+    /// Apply it to numbers; an operation for a row to one entry of it.
     #[inline]
     pub fn apply<T: Scalar>(self, a: T, b: T, c: T) -> T {
         compute!(self, a, b, c)
     }
 }
 
-/// One instruction: registers of its operands (those it does not need: any) and of its result.
+/// One instruction: registers of its operands (those it does not need: any) and of its result; of a
+/// row, the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -277,9 +313,30 @@ impl Program<'_> {
     pub fn run<T: Scalar>(&self, r: &mut Registers<T>) {
         let r = &mut r.0;
         for Instruction { operation, result, a, b, c } in self.instructions {
-            let value =
-                compute!(*operation, r[usize::from(*a)], r[usize::from(*b)], r[usize::from(*c)]);
-            r[usize::from(*result)] = value;
+            let [result, a, b, c] = [*result, *a, *b, *c].map(usize::from);
+            match operation {
+                Operation::AddRows => {
+                    for i in 0..ROW {
+                        r[result + i] = operation!(AddRows, r[a + i], r[b + i]);
+                    }
+                }
+                Operation::ShiftRow => {
+                    for i in 0..ROW {
+                        r[result + i] = operation!(ShiftRow, r[a], r[b + i]);
+                    }
+                }
+                Operation::ScaleRow => {
+                    for i in 0..ROW {
+                        r[result + i] = operation!(ScaleRow, r[a], r[b + i]);
+                    }
+                }
+                Operation::ScaleAddRow => {
+                    for i in 0..ROW {
+                        r[result + i] = operation!(ScaleAddRow, r[a], r[b + i], r[c + i]);
+                    }
+                }
+                one => r[result] = compute!(*one, r[a], r[b], r[c]),
+            }
         }
     }
 
@@ -296,26 +353,45 @@ impl Program<'_> {
 #[inline(always)]
 fn step_lanes<T: Scalar>(r: &mut [Lane<T>; REGISTERS], instruction: Instruction) {
     let Instruction { operation, result, a, b, c } = instruction;
-    // the choice outside of the loop; all is read before the result is written: registers may be equal
+    let [result, a, b, c] = [result, a, b, c].map(usize::from);
+    // one result; all is read before it is written: registers may be equal
     macro_rules! lanes {
-        ($($name:ident($($operand:ident),+);)+) => {
+        ($name:ident, $result:expr, $($operand:ident = $from:expr),+) => {{
+            let mut out = [T::ZERO; LANES];
+            $(let $operand = &r[$from].0;)+
+            for lane in 0..LANES {
+                $(let $operand = $operand[lane];)+
+                out[lane] = operation!($name, $($operand),+);
+            }
+            r[$result].0 = out;
+        }};
+    }
+    // the choice outside of the loops; of an operand for a row, how far it goes from entry to entry
+    macro_rules! choice {
+        ({ $($name:ident($($operand:ident),+);)+ } rows { $($row:ident($($of:ident $step:literal),+);)+ }) => {
             match operation {
-                $(Operation::$name => {
-                    let mut out = [T::ZERO; LANES];
-                    $(let $operand = &r[usize::from($operand)].0;)+
-                    for lane in 0..LANES {
-                        $(let $operand = $operand[lane];)+
-                        out[lane] = operation!($name, $($operand),+);
+                $(Operation::$name => lanes!($name, result, $($operand = $operand),+),)+
+                $(Operation::$row => {
+                    for i in 0..ROW {
+                        lanes!($row, result + i, $($of = $of + $step * i),+);
                     }
-                    r[usize::from(result)].0 = out;
                 })+
             }
         };
     }
-    lanes! {
-        Negate(a); Abs(a); Sign(a); Sqrt(a); Sin(a); Cos(a); Tan(a); Atan(a); Exp(a); Ln(a); Tanh(a);
-        Add(a, b); Subtract(a, b); Multiply(a, b); Divide(a, b); Min(a, b); Max(a, b); Power(a, b);
-        Atan2(a, b); CopySign(a, b); Less(a, b); LessEqual(a, b); Equal(a, b); Innovation(a, b);
-        Select(a, b, c); MultiplyAdd(a, b, c); MultiplySubtract(a, b, c); SubtractProduct(a, b, c);
+    choice! {
+        {
+            Negate(a); Abs(a); Sign(a); Sqrt(a); Sin(a); Cos(a); Tan(a); Atan(a); Exp(a); Ln(a);
+            Tanh(a); Add(a, b); Subtract(a, b); Multiply(a, b); Divide(a, b); Min(a, b); Max(a, b);
+            Power(a, b); Atan2(a, b); CopySign(a, b); Less(a, b); LessEqual(a, b); Equal(a, b);
+            Innovation(a, b); Select(a, b, c); MultiplyAdd(a, b, c); MultiplySubtract(a, b, c);
+            SubtractProduct(a, b, c); Clip(a, b, c);
+        }
+        rows {
+            AddRows(a 1, b 1);
+            ShiftRow(a 0, b 1);
+            ScaleRow(a 0, b 1);
+            ScaleAddRow(a 0, b 1, c 1);
+        }
     }
 }

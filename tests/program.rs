@@ -1,11 +1,11 @@
 //! Programs: the same as the operations they are made of, alone and in a block of runs.
 
 use hgo_rs::lanes::{LANES, Lane};
-use hgo_rs::program::{Instruction, Operation, Program, REGISTERS, Registers};
+use hgo_rs::program::{Instruction, Operation, Program, REGISTERS, ROW, Registers};
 use hgo_rs::vectors::{Task, Vectors};
 use proptest::prelude::*;
 
-const OPERATIONS: [Operation; 28] = [
+const OPERATIONS: [Operation; 33] = [
     Operation::Negate,
     Operation::Abs,
     Operation::Sign,
@@ -34,7 +34,22 @@ const OPERATIONS: [Operation; 28] = [
     Operation::MultiplyAdd,
     Operation::MultiplySubtract,
     Operation::SubtractProduct,
+    Operation::Clip,
+    Operation::AddRows,
+    Operation::ShiftRow,
+    Operation::ScaleRow,
+    Operation::ScaleAddRow,
 ];
+
+/// Entries of an operation's result, and how far each operand goes from entry to entry.
+fn entries(operation: Operation) -> (usize, [usize; 3]) {
+    match operation {
+        Operation::AddRows => (ROW, [1, 1, 0]),
+        Operation::ShiftRow | Operation::ScaleRow => (ROW, [0, 1, 0]),
+        Operation::ScaleAddRow => (ROW, [0, 1, 1]),
+        _ => (1, [0; 3]),
+    }
+}
 
 fn instruction() -> impl Strategy<Value = Instruction> {
     (0..OPERATIONS.len(), any::<u8>(), any::<u8>(), any::<u8>(), any::<u8>()).prop_map(
@@ -83,6 +98,13 @@ fn expected(operation: Operation, a: f64, b: f64, c: f64) -> Option<f64> {
         Operation::MultiplyAdd => a * b + c,
         Operation::MultiplySubtract => a * b - c,
         Operation::SubtractProduct => c - a * b,
+        Operation::AddRows | Operation::ShiftRow => a + b,
+        Operation::ScaleRow => a * b,
+        Operation::ScaleAddRow => a * b + c,
+        Operation::Clip => {
+            let above = if b > a { b } else { a };
+            if c < above { c } else { above }
+        }
         Operation::Min if b < a => b,
         Operation::Max if b > a => b,
         Operation::Min | Operation::Max => a,
@@ -115,8 +137,11 @@ proptest! {
         let mut by_hand = registers;
         program.run(&mut registers);
         for Instruction { operation, result, a, b, c } in &instructions {
-            let [a, b, c] = [a, b, c].map(|register| by_hand.0[usize::from(*register)]);
-            by_hand.0[usize::from(*result)] = operation.apply(a, b, c);
+            let (entries, goes) = entries(*operation);
+            for i in 0..entries {
+                let of = |k: usize| by_hand.0[usize::from([*a, *b, *c][k]) + goes[k] * i];
+                by_hand.0[usize::from(*result) + i] = operation.apply(of(0), of(1), of(2));
+            }
         }
         for register in 0..REGISTERS {
             prop_assert_eq!(bits(registers.0[register]), bits(by_hand.0[register]));

@@ -3,6 +3,7 @@
 //! Specs (plain dicts) come in, arrays go out; every law that runs here is the core's own.
 
 mod choices;
+mod compile;
 mod design;
 mod errors;
 mod functions;

@@ -4,13 +4,14 @@
 //! noise) goes through the loop of compiled plants and laws, with the tables behind their traits: the
 //! same operations, and so the same bits.
 
+use super::compile::Compiled;
 use super::errors::refused;
 use super::interrupt::{StopFlag, interruptible};
 use super::plan::{AnySchedule, BlockOf, Plan, SAMPLED_ONLY, StudyResult, vectors};
 use super::programs::Tables;
 use super::spec::Spec;
 use super::systems::AnyPlant;
-use super::table::{Compiled, Table};
+use super::table::Table;
 use super::trace::{self, Setting, Traced, input, inputs, named, trace};
 use crate::Scalar;
 use crate::ensemble::Programs;

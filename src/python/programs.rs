@@ -4,6 +4,7 @@
 //! compiled model, each writes down its step once; the program of that step is what runs.
 
 use super::choices::{AnyGain, AnyMethod, AnySaturation, Manner, MovingGain};
+use super::compile::Compiled;
 use super::design::order_refused;
 use super::errors::refused;
 use super::interrupt::StopFlag;
@@ -11,7 +12,7 @@ use super::plan::{Plan, StudyResult};
 use super::recursion::{AnyObserver, Block, Recursion};
 use super::spec::Spec;
 use super::systems::{AnyModel, read_van_der_pol};
-use super::table::{Compiled, Table};
+use super::table::Table;
 use super::tabled::{LawTables, MAX_INPUTS, flat};
 use super::trace::{self, Setting, Traced, call, input, inputs, named, trace};
 use crate::Scalar;
@@ -755,8 +756,8 @@ impl Tables {
 struct Step {
     compiled: Compiled,
     at_rest: Registers<f64>,
-    /// Whether an entry of the memory is an input as it was given, which must be read before the
-    /// memory's place is written.
+    /// Whether an entry of the memory is handed on to a later one: it must be read before its place is
+    /// written.
     hands_on: bool,
 }
 
@@ -860,8 +861,8 @@ impl Tables {
     /// The program of a step.
     fn program(&self, table: &Table) -> PyResult<Step> {
         let compiled = table.compile()?;
-        let given = self.given();
-        let hands_on = compiled.outputs.iter().any(|output| usize::from(*output) < given);
+        let next = (MEMORY..).zip(compiled.outputs.iter().take(self.shape.memory));
+        let hands_on = { next }.any(|(place, of)| (MEMORY..place).contains(&usize::from(*of)));
         Ok(Step { at_rest: self.at_rest(&compiled), compiled, hands_on })
     }
 
@@ -885,7 +886,7 @@ const MEMORY: usize = 2;
 
 impl Step {
     /// Evaluate for a sample; the memory stands in the registers and is moved there, unless it would
-    /// not be finite any more.
+    /// not be finite any more. It is shown in a row, as in [`keep`].
     #[inline(always)]
     fn advance(
         &self,
@@ -893,6 +894,7 @@ impl Step {
         memory: usize,
         (t, dt): (f64, f64),
         (y, u): (&[f64], &[f64]),
+        (row, largest): (&mut [f64], &mut [f64]),
     ) -> bool {
         (r.0[0], r.0[1]) = (t, dt);
         let given = r.0.get_mut(MEMORY + memory..).unwrap_or_default();
@@ -905,21 +907,24 @@ impl Step {
         for output in next {
             spoilt += 0.0 * r.0[usize::from(*output)];
         }
-        if spoilt.is_nan() {
-            return false;
+        let moved = !spoilt.is_nan();
+        if moved && !self.hands_on {
+            // at once: a number that was just written is soon read again as it was written, by itself
+            for (i, output) in next.iter().enumerate() {
+                let value = r.0[usize::from(*output)];
+                if let Some(place) = r.0.get_mut(MEMORY + i) {
+                    *place = value;
+                }
+                keep(value, row.get_mut(i), largest.get_mut(i));
+            }
+            return true;
         }
-        if self.hands_on {
+        if moved {
             let next: Vec<f64> = next.iter().map(|output| r.0[usize::from(*output)]).collect();
             r.0[MEMORY..MEMORY + memory].copy_from_slice(&next);
-        } else {
-            for (place, output) in (MEMORY..).zip(next) {
-                let value = r.0[usize::from(*output)];
-                if let Some(slot) = r.0.get_mut(place) {
-                    *slot = value;
-                }
-            }
         }
-        true
+        show(r, row, largest);
+        moved
     }
 }
 
@@ -941,10 +946,16 @@ impl Programmed {
     fn lengths(&self, memory: &[f64], dt: f64) -> Lengths {
         let mut lengths = [0; CHAINS];
         for (length, place) in lengths.iter_mut().zip(&self.tables.elapsed) {
-            let elapsed = place.and_then(|place| memory.get(place)).copied();
-            *length = elapsed.unwrap_or(dt).or(dt).to_bits();
+            *length = length_of(*place, memory, dt);
         }
         lengths
+    }
+
+    /// Whether these are they.
+    #[inline(always)]
+    fn are_lengths(&self, known: &Lengths, memory: &[f64], dt: f64) -> bool {
+        let mut chains = known.iter().zip(&self.tables.elapsed);
+        chains.all(|(known, place)| *known == length_of(*place, memory, dt))
     }
 
     /// The step for times of these lengths, of a law that has one for each.
@@ -971,8 +982,23 @@ impl Programmed {
     /// Step over a block with m entries of memory, at best a number that the compiler knows.
     #[inline(always)]
     fn advance_by(&self, m: usize, memory: &mut [f64], block: Block<'_>) -> f64 {
+        match self.tables.shape {
+            Shape { n_y: 1, n_u: 0, .. } => self.advance_with(m, (1, 0), memory, block),
+            Shape { n_y, n_u, .. } => self.advance_with(m, (n_y, n_u), memory, block),
+        }
+    }
+
+    /// The same with p entries of a sample and q inputs.
+    #[inline(always)]
+    fn advance_with(
+        &self,
+        m: usize,
+        (p, q): (usize, usize),
+        memory: &mut [f64],
+        block: Block<'_>,
+    ) -> f64 {
         let Block { t, dt, mut y, u, memory: rows, innovation, status: made } = block;
-        let Shape { n_y: p, n_u: q, current, .. } = self.tables.shape;
+        let current = self.tables.shape.current;
         let told = !innovation.is_empty();
         let place = MEMORY..MEMORY + m;
         let one = self.remade.is_none() && self.missing.is_none() && self.unstarted.is_none();
@@ -981,17 +1007,20 @@ impl Programmed {
         let mut r = step.at_rest;
         r.0[place.clone()].copy_from_slice(memory);
         let mut largest = [0.0_f64; REGISTERS];
+        if !current {
+            show(&r, rows.get_mut(..m).unwrap_or_default(), &mut largest);
+        }
         for (k, made) in made.iter_mut().enumerate() {
-            let row = &mut rows[k * m..(k + 1) * m];
-            if !current {
-                keep(row, &r, &mut largest);
-            }
+            let shown = k + usize::from(!current); // before the next sample, or after this one
+            let row = rows.get_mut(shown * m..(shown + 1) * m).unwrap_or_default();
             let sample = y.take(k, p);
             let present = sample.iter().all(|y| y.is_finite());
             if !one {
                 if let Some(remade) = &self.remade {
-                    let lengths = self.lengths(&r.0[place.clone()], dt[k]);
-                    if of_lengths.as_ref().is_none_or(|(known, _)| *known != lengths) {
+                    let memory = &r.0[place.clone()];
+                    let same = |(known, _): &(Lengths, _)| self.are_lengths(known, memory, dt[k]);
+                    if !of_lengths.as_ref().is_some_and(same) {
+                        let lengths = self.lengths(memory, dt[k]);
                         let step = self.of_lengths(remade, lengths, told);
                         of_lengths = step.ok().map(|step| (lengths, step));
                     }
@@ -1006,15 +1035,13 @@ impl Programmed {
                     (step, r) = (wanted.clone(), fresh);
                 }
             }
-            let moved = step.advance(&mut r, m, (t[k], dt[k]), (sample, &u[k * q..(k + 1) * q]));
+            let given = (sample, &u[k * q..(k + 1) * q]);
+            let moved = step.advance(&mut r, m, (t[k], dt[k]), given, (row, &mut largest));
             *made = status(moved, present) as u8;
             if let Some(slots) = innovation.get_mut(k * p..(k + 1) * p) {
                 for (slot, output) in slots.iter_mut().zip(&step.compiled.outputs[m..]) {
                     *slot = r.0[usize::from(*output)];
                 }
-            }
-            if current {
-                keep(row, &r, &mut largest);
             }
         }
         memory.copy_from_slice(&r.0[place]);
@@ -1022,13 +1049,28 @@ impl Programmed {
     }
 }
 
-/// The memory into a row, and its entries' largest magnitudes so far.
+/// The time that a correction is for, in bits; `place` is where it stands in the memory.
 #[inline(always)]
-fn keep(row: &mut [f64], r: &Registers<f64>, largest: &mut [f64; REGISTERS]) {
-    let memory = r.0.iter().skip(MEMORY).zip(largest);
-    for (slot, (value, largest)) in row.iter_mut().zip(memory) {
-        *slot = *value;
+fn length_of(place: Option<usize>, memory: &[f64], dt: f64) -> u64 {
+    let elapsed = place.and_then(|place| memory.get(place)).copied();
+    elapsed.unwrap_or(dt).or(dt).to_bits()
+}
+
+/// An entry of the memory into its place in a row, if there is one, and its largest magnitude so far.
+#[inline(always)]
+fn keep(value: f64, slot: Option<&mut f64>, largest: Option<&mut f64>) {
+    let Some(slot) = slot else { return };
+    *slot = value;
+    if let Some(largest) = largest {
         *largest = if value.abs() > *largest { value.abs() } else { *largest };
+    }
+}
+
+/// The memory into a row.
+#[inline(always)]
+fn show(r: &Registers<f64>, row: &mut [f64], largest: &mut [f64]) {
+    for (i, value) in r.0.iter().skip(MEMORY).take(row.len()).enumerate() {
+        keep(*value, row.get_mut(i), largest.get_mut(i));
     }
 }
 
@@ -1048,10 +1090,9 @@ impl Recursion for Programmed {
             None => Ok(self.choose(memory, present, false).clone()),
         };
         let Ok(step) = step else { return Status::ModelUndefined };
-        let (mut r, place) = (step.at_rest, MEMORY..MEMORY + memory.len());
-        r.0[place.clone()].copy_from_slice(memory);
-        let moved = step.advance(&mut r, memory.len(), (t, dt), (y, u));
-        memory.copy_from_slice(&r.0[place]);
+        let mut r = step.at_rest;
+        r.0[MEMORY..MEMORY + memory.len()].copy_from_slice(memory);
+        let moved = step.advance(&mut r, memory.len(), (t, dt), (y, u), (memory, &mut []));
         status(moved, present)
     }
 
@@ -1063,6 +1104,8 @@ impl Recursion for Programmed {
             4 => self.advance_by(4, memory, block),
             5 => self.advance_by(5, memory, block),
             6 => self.advance_by(6, memory, block),
+            7 => self.advance_by(7, memory, block),
+            8 => self.advance_by(8, memory, block),
             m => self.advance_by(m, memory, block),
         }
     }

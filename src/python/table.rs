@@ -1,10 +1,8 @@
-//! Straight-line programs in the making: tables of operations, each value computed once, and their
-//! translation to the core's [`Program`].
+//! Straight-line programs in the making: tables of operations, each value computed once.
 
 use super::errors::refused;
 use super::spec::Spec;
-use crate::Scalar;
-use crate::program::{Instruction, Operation, Program, REGISTERS, Registers};
+use crate::program::Operation;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 
@@ -167,155 +165,8 @@ impl Table {
         Self { inputs, constants, operations, outputs, output_names }
     }
 
-    /// The value before the first result.
-    fn base(&self) -> usize {
+    /// The first result.
+    pub fn base(&self) -> usize {
         self.inputs.len() + self.constants.len()
-    }
-
-    /// Operations with a product and the sum that alone uses it made one.
-    fn fused(&self) -> Vec<Option<(Operation, [Value; 3])>> {
-        let base = self.base();
-        let mut uses = vec![0_usize; base + self.operations.len()];
-        for (operation, values) in &self.operations {
-            values.iter().take(operands(*operation)).for_each(|value| uses[*value] += 1);
-        }
-        self.outputs.iter().for_each(|value| uses[*value] += 1);
-        let mut fused: Vec<_> = self.operations.iter().copied().map(Some).collect();
-        for index in 0..fused.len() {
-            let Some((operation, [a, b, _])) = fused[index] else { continue };
-            let product = |value: Value| match value.checked_sub(base).map(|i| fused[i]) {
-                Some(Some((Operation::Multiply, [x, y, _]))) if uses[value] == 1 => Some((x, y)),
-                _ => None,
-            };
-            let (made, gone) = match (operation, product(a), product(b)) {
-                (Operation::Add, Some((x, y)), _) => (Some((Operation::MultiplyAdd, [x, y, b])), a),
-                (Operation::Add, None, Some((x, y))) => {
-                    (Some((Operation::MultiplyAdd, [x, y, a])), b)
-                }
-                (Operation::Subtract, Some((x, y)), _) => {
-                    (Some((Operation::MultiplySubtract, [x, y, b])), a)
-                }
-                (Operation::Subtract, None, Some((x, y))) => {
-                    (Some((Operation::SubtractProduct, [x, y, a])), b)
-                }
-                _ => continue,
-            };
-            fused[index] = made;
-            fused[gone - base] = None;
-        }
-        fused
-    }
-
-    /// As a program of the core.
-    pub fn compile(&self) -> PyResult<Compiled> {
-        let (base, length) = (self.base(), self.base() + self.operations.len());
-        let mut operations = self.fused();
-        // what no output needs is not computed
-        let mut last_use = vec![None; length];
-        self.outputs.iter().for_each(|value| last_use[*value] = Some(usize::MAX));
-        for index in (0..operations.len()).rev() {
-            if last_use[base + index].is_none() {
-                operations[index] = None;
-            }
-            if let Some((operation, values)) = operations[index] {
-                for value in values.iter().take(operands(operation)) {
-                    last_use[*value] = last_use[*value].or(Some(index));
-                }
-            }
-        }
-        let mut registers = Allocation::default();
-        let mut place = vec![0_u8; length];
-        for slot in place.iter_mut().take(self.inputs.len()) {
-            *slot = registers.take()?;
-        }
-        let mut constants = Vec::new();
-        for (i, constant) in self.constants.iter().enumerate() {
-            let value = self.inputs.len() + i;
-            if last_use[value].is_some() {
-                place[value] = registers.take()?;
-                constants.push((place[value], *constant));
-            }
-        }
-        let mut instructions = Vec::new();
-        for (index, operation) in operations.iter().enumerate() {
-            let Some((operation, values)) = operation else { continue };
-            let mut at = [0_u8; 3];
-            for (register, value) in at.iter_mut().zip(values).take(operands(*operation)) {
-                *register = place[*value];
-            }
-            // inputs and constants keep their places; results make room when they are used up
-            let mut ends: Vec<Value> = values.iter().take(operands(*operation)).copied().collect();
-            ends.sort_unstable();
-            ends.dedup();
-            for value in ends {
-                if value >= base && last_use[value] == Some(index) {
-                    registers.free(place[value]);
-                }
-            }
-            let result = registers.take()?;
-            place[base + index] = result;
-            let [a, b, c] = at;
-            instructions.push(Instruction { operation: *operation, result, a, b, c });
-        }
-        let outputs = self.outputs.iter().map(|value| place[*value]).collect();
-        Ok(Compiled { instructions, outputs, constants })
-    }
-}
-
-/// Which registers are taken.
-#[derive(Default)]
-struct Allocation {
-    taken: usize,
-    free: Vec<u8>,
-}
-
-impl Allocation {
-    fn take(&mut self) -> PyResult<u8> {
-        if let Some(register) = self.free.pop() {
-            return Ok(register);
-        }
-        let register = u8::try_from(self.taken).map_err(|_| {
-            refused(&format!(
-                "the program needs more than {REGISTERS} registers: simplify the expressions, or \
-                 lower the order"
-            ))
-        })?;
-        self.taken += 1;
-        Ok(register)
-    }
-
-    fn free(&mut self, register: u8) {
-        self.free.push(register);
-    }
-}
-
-/// A program of the core that is kept here. Its inputs stand in the first registers.
-#[derive(Clone, Debug)]
-pub struct Compiled {
-    instructions: Vec<Instruction>,
-    pub outputs: Vec<u8>,
-    constants: Vec<(u8, f64)>,
-}
-
-impl Compiled {
-    pub fn program(&self) -> Program<'_> {
-        Program { instructions: &self.instructions, outputs: &self.outputs }
-    }
-
-    /// Registers with the constants in their places.
-    pub fn registers<T: Scalar>(&self) -> Registers<T> {
-        let mut registers = Registers::zero();
-        for (register, constant) in &self.constants {
-            registers.0[usize::from(*register)] = T::from_f64(*constant);
-        }
-        registers
-    }
-
-    /// Evaluate for some inputs.
-    pub fn evaluate<T: Scalar>(&self, inputs: &[T]) -> Vec<T> {
-        let mut registers = self.registers();
-        registers.0.iter_mut().zip(inputs).for_each(|(register, input)| *register = *input);
-        self.program().run(&mut registers);
-        self.outputs.iter().map(|output| registers.0[usize::from(*output)]).collect()
     }
 }

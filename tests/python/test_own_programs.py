@@ -195,6 +195,39 @@ def test_a_traced_step_is_a_table_with_the_bits_of_the_step() -> None:
         assert np.array_equal(made[:m], moved), (kind, method, timing)
 
 
+@pytest.mark.parametrize("size", [40, 300])
+def test_a_table_becomes_a_program_with_its_bits(size: int) -> None:
+    """Rows, products with sums and both bounds are one instruction each, in another order; of 300
+    results, of which many are alive at once, too."""
+    rng = np.random.default_rng(size)
+    evaluate = {
+        "add": lambda a, b: a + b,
+        "sub": lambda a, b: a - b,
+        "mul": lambda a, b: a * b,
+        "min": lambda a, b: b if b < a else a,
+        "max": lambda a, b: b if b > a else a,
+    }
+    for _ in range(50):
+        given, known = [float(value) for value in rng.normal(size=6)], 8
+        ops: list[tuple[str, int, int]] = []
+        while len(ops) < size:
+            name, count = rng.choice(list(evaluate)), int(rng.integers(1, 8))
+            a, b = (int(value) for value in rng.integers(max(0, known - 40), known, 2))
+            goes = int(rng.integers(0, 2))
+            for i in range(count):  # like what moves a state
+                ops.append((str(name), min(a + goes * i, known - 1), min(b + i, known - 1)))
+                known += 1
+        values = [*given, 0.5, -0.25]
+        for name, a, b in ops:
+            values.append(evaluate[name](values[a], values[b]))
+        outputs = [int(value) for value in rng.integers(0, known, size // 4)]
+        names = [f"v{i}" for i in range(6)]
+        table = {"inputs": names, "constants": values[6:8], "ops": ops, "outputs": outputs}
+        made = _core.evaluate_table(table, [given])[0]
+        want = [values[output] for output in outputs]
+        assert np.array_equal(made, want, equal_nan=True)
+
+
 def two_links() -> hgo.Model:
     return hgo.Model(
         states=["q1", "v1", "q2", "v2"],

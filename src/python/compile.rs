@@ -1,0 +1,376 @@
+//! Tables of operations translated to programs of the core.
+//!
+//! One instruction does what several would: a product and the sum that alone uses it become one, and
+//! operations that are alike and have their operands in registers one after the other, as those that
+//! move a state have, become one for a row. Then instructions that wait for one another are put apart.
+
+use super::errors::refused;
+use super::table::{Table, Value, operands};
+use crate::Scalar;
+use crate::program::{Instruction, Operation, Program, ROW, Registers};
+use pyo3::prelude::*;
+use std::cmp::Reverse;
+
+/// An operation with the values that it takes.
+type Step = (Operation, [Value; 3]);
+
+/// Operations that there are for rows too, and how far each operand goes from entry to entry.
+const ROWS: [(Operation, Operation, [u8; 3]); 4] = [
+    (Operation::MultiplyAdd, Operation::ScaleAddRow, [0, 1, 1]),
+    (Operation::Multiply, Operation::ScaleRow, [0, 1, 0]),
+    (Operation::Add, Operation::AddRows, [1, 1, 0]),
+    (Operation::Add, Operation::ShiftRow, [0, 1, 0]),
+];
+
+/// How far behind an operation the others of its row may stand.
+const AHEAD: usize = 64;
+
+impl Table {
+    /// As a program of the core.
+    pub fn compile(&self) -> PyResult<Compiled> {
+        // rows need results earlier, and so more registers
+        let compiled = Compiler::new(self, true).and_then(Compiler::compile);
+        let compiled = compiled.or_else(|| Compiler::new(self, false)?.compile());
+        compiled.ok_or_else(|| {
+            refused(&format!(
+                "the program needs more than {REGISTERS} registers: simplify the expressions, or \
+                 lower the order"
+            ))
+        })
+    }
+
+    /// Operations with those made one that no other shares the result of: a product and a sum, a
+    /// lower and an upper bound.
+    fn fused(&self) -> Vec<Option<Step>> {
+        let base = self.base();
+        let mut uses = vec![0_usize; base + self.operations.len()];
+        for (operation, values) in &self.operations {
+            values.iter().take(operands(*operation)).for_each(|value| uses[*value] += 1);
+        }
+        self.outputs.iter().for_each(|value| uses[*value] += 1);
+        let mut fused: Vec<_> = self.operations.iter().copied().map(Some).collect();
+        for index in 0..fused.len() {
+            let Some((operation, [a, b, _])) = fused[index] else { continue };
+            let made_by = |value: Value, wanted: Operation| {
+                let made = fused[value.checked_sub(base)?]?;
+                (made.0 == wanted && uses[value] == 1).then_some((made.1[0], made.1[1]))
+            };
+            let product = |value| made_by(value, Operation::Multiply);
+            let (made, gone) = match (operation, product(a), product(b)) {
+                (Operation::Add, Some((x, y)), _) => ((Operation::MultiplyAdd, [x, y, b]), a),
+                (Operation::Add, None, Some((x, y))) => ((Operation::MultiplyAdd, [x, y, a]), b),
+                (Operation::Subtract, Some((x, y)), _) => {
+                    ((Operation::MultiplySubtract, [x, y, b]), a)
+                }
+                (Operation::Subtract, None, Some((x, y))) => {
+                    ((Operation::SubtractProduct, [x, y, a]), b)
+                }
+                (Operation::Min, ..) => match made_by(a, Operation::Max) {
+                    Some((x, low)) => ((Operation::Clip, [x, low, b]), a),
+                    None => continue,
+                },
+                _ => continue,
+            };
+            fused[index] = Some(made);
+            fused[gone - base] = None;
+        }
+        fused
+    }
+}
+
+/// A table that is being translated.
+struct Compiler<'a> {
+    table: &'a Table,
+    /// What is left to do, in order.
+    steps: Vec<Option<Step>>,
+    /// How often each value is still needed.
+    uses: Vec<usize>,
+    /// Where each value stands that is there.
+    place: Vec<Option<u8>>,
+    registers: Allocation,
+    constants: Vec<(u8, f64)>,
+    instructions: Vec<Instruction>,
+    /// What was done last, once or for a row.
+    last: Option<Operation>,
+    /// Whether instructions for rows are made.
+    rows: bool,
+}
+
+impl<'a> Compiler<'a> {
+    /// With inputs and constants in their places; `None` where they have no room.
+    fn new(table: &'a Table, rows: bool) -> Option<Self> {
+        let (base, length) = (table.base(), table.base() + table.operations.len());
+        let mut steps = table.fused();
+        let mut uses = vec![0; length];
+        table.outputs.iter().for_each(|value| uses[*value] += 1);
+        for index in (0..steps.len()).rev() {
+            if uses[base + index] == 0 {
+                steps[index] = None; // no output needs it
+            }
+            if let Some((operation, values)) = steps[index] {
+                values.iter().take(operands(operation)).for_each(|value| uses[*value] += 1);
+            }
+        }
+        let (mut registers, mut place) = (Allocation::new(), vec![None; length]);
+        for place in place.iter_mut().take(table.inputs.len()) {
+            *place = Some(registers.single()?);
+        }
+        let mut constants = Vec::new();
+        for (value, constant) in (table.inputs.len()..).zip(&table.constants) {
+            if uses[value] > 0 {
+                let register = registers.single()?;
+                place[value] = Some(register);
+                constants.push((register, *constant));
+            }
+        }
+        let instructions = Vec::new();
+        let last = None;
+        Some(Self { table, steps, uses, place, registers, constants, instructions, last, rows })
+    }
+
+    /// `None` where there are too few registers.
+    fn compile(mut self) -> Option<Compiled> {
+        for index in 0..self.steps.len() {
+            let Some((operation, values)) = self.steps[index] else { continue };
+            if self.rows && self.row(index).is_some() {
+                continue;
+            }
+            let at = self.places(index)?;
+            self.used_up(operation, values);
+            // alike, and so perhaps the operands of a row
+            let alike = self.rows && self.last == Some(operation);
+            let behind = if alike { self.registers.behind() } else { None };
+            let result = behind.or_else(|| self.registers.single())?;
+            self.last = Some(operation);
+            self.made(index, result);
+            self.push(operation, result, at);
+        }
+        let outputs = self.table.outputs.iter().map(|value| self.place[*value]);
+        let outputs = outputs.collect::<Option<_>>()?;
+        let (instructions, constants) = (apart(&self.instructions), self.constants);
+        Some(Compiled { instructions, outputs, constants })
+    }
+
+    /// One instruction for an operation and others like it; `None` where there are none, or no room.
+    fn row(&mut self, index: usize) -> Option<()> {
+        let (operation, _) = self.steps[index]?;
+        let [x, y, z] = self.places(index)?;
+        for (_, row, goes) in ROWS.iter().filter(|(single, ..)| *single == operation) {
+            for at in [[x, y, z], [y, x, z]] {
+                let Some(entries) = self.entries(index, at, *goes) else { continue };
+                // the operands stay until all is there
+                let result = self.registers.row()?;
+                for (i, entry) in (0..).zip(entries) {
+                    self.made(entry, result + i);
+                }
+                for entry in entries {
+                    if let Some((operation, values)) = self.steps[entry].take() {
+                        self.used_up(operation, values);
+                    }
+                }
+                self.last = Some(operation);
+                self.push(*row, result, at);
+                return Some(());
+            }
+        }
+        None
+    }
+
+    /// The operations of a row that begins with one whose operands stand at these places.
+    fn entries(&self, first: usize, at: [u8; 3], goes: [u8; 3]) -> Option<[usize; ROW]> {
+        let (operation, _) = self.steps[first]?;
+        let ahead = first + 1..self.steps.len().min(first + AHEAD);
+        let mut entries = [first; ROW];
+        for (i, entry) in (0..).zip(&mut entries).skip(1) {
+            let [x, y, z] = std::array::from_fn(|k| usize::from(at[k]) + usize::from(goes[k]) * i);
+            *entry = ahead.clone().find(|index| {
+                self.steps[*index].is_some_and(|(of, _)| of == operation)
+                    && self.places(*index).is_some_and(|places| {
+                        let places = places.map(usize::from);
+                        places == [x, y, z] || places == [y, x, z]
+                    })
+            })?;
+        }
+        Some(entries)
+    }
+
+    /// Where the operands of an operation stand; `None` where one is not there yet.
+    fn places(&self, index: usize) -> Option<[u8; 3]> {
+        let (operation, values) = self.steps[index]?;
+        let mut at = [0; 3];
+        for (register, value) in at.iter_mut().zip(values).take(operands(operation)) {
+            *register = self.place[value]?;
+        }
+        Some(at)
+    }
+
+    /// Operands were read: inputs and constants keep their places, results that nothing needs any more
+    /// make room.
+    fn used_up(&mut self, operation: Operation, values: [Value; 3]) {
+        for value in values.into_iter().take(operands(operation)) {
+            self.uses[value] -= 1;
+            if let (0, true, Some(register)) =
+                (self.uses[value], value >= self.table.base(), self.place[value])
+            {
+                self.registers.give_back(register);
+            }
+        }
+    }
+
+    /// The result of an operation stands there from now on.
+    fn made(&mut self, index: usize, register: u8) {
+        self.place[self.table.base() + index] = Some(register);
+    }
+
+    fn push(&mut self, operation: Operation, result: u8, [a, b, c]: [u8; 3]) {
+        self.instructions.push(Instruction { operation, result, a, b, c });
+    }
+}
+
+/// So many instructions later a result is there: what reads it need not wait for it.
+const FAR: usize = 4;
+
+/// How far an instruction may be put forward.
+const FORWARD: usize = 32;
+
+/// The same in an order in which an instruction stands apart from those that it waits for, where others
+/// can be put between: of those that need not wait, first the one on which most depends.
+fn apart(instructions: &[Instruction]) -> Vec<Instruction> {
+    let waits = waits(instructions);
+    // how long what follows from an instruction takes
+    let mut depth = vec![0; instructions.len()];
+    for (index, waits) in waits.iter().enumerate().rev() {
+        for (before, delay) in waits {
+            depth[*before] = depth[*before].max(depth[index] + delay);
+        }
+    }
+    let mut done = vec![None; instructions.len()];
+    let mut left: Vec<usize> = (0..instructions.len()).collect();
+    let mut order = Vec::new();
+    while !left.is_empty() {
+        let now = order.len();
+        // how long an instruction would wait here; `None` where it must not come yet
+        let wait = |index: usize| {
+            waits[index].iter().try_fold(0, |longest: usize, (before, delay)| {
+                let done: usize = done[*before]?;
+                Some(longest.max((done + delay).saturating_sub(now)))
+            })
+        };
+        let ready = left.iter().take(FORWARD).enumerate();
+        let ready =
+            ready.filter_map(|(at, index)| Some((wait(*index)?, Reverse(depth[*index]), at)));
+        let (.., next) = ready.min().unwrap_or((0, Reverse(0), 0)); // the first of all is always ready
+        let next = left.remove(next);
+        done[next] = Some(now);
+        order.push(instructions[next]);
+    }
+    order
+}
+
+/// For each instruction those that must come before it, and how long before: it reads their result, or
+/// writes to a register that they use.
+fn waits(instructions: &[Instruction]) -> Vec<Vec<(usize, usize)>> {
+    let mut written = [None; REGISTERS + ROW];
+    let mut read = vec![Vec::new(); REGISTERS + ROW];
+    let mut waits = Vec::new();
+    for (index, instruction) in instructions.iter().enumerate() {
+        let Instruction { operation, result, a, b, c } = *instruction;
+        let row = ROWS.iter().find(|(_, row, _)| *row == operation);
+        let (single, entries, goes) =
+            row.map_or((operation, 1, [0; 3]), |(single, _, goes)| (*single, ROW, *goes));
+        let mut of_one = Vec::new();
+        for (first, goes) in [a, b, c].into_iter().zip(goes).take(operands(single)) {
+            for register in (0..entries).map(|i| usize::from(first) + usize::from(goes) * i) {
+                of_one.extend(written[register].map(|before| (before, FAR)));
+                read[register].push(index);
+            }
+        }
+        for register in usize::from(result)..usize::from(result) + entries {
+            of_one.extend(written[register].map(|before| (before, 0)));
+            let readers = read[register].drain(..).filter(|reader| *reader != index);
+            of_one.extend(readers.map(|before| (before, 0)));
+            written[register] = Some(index);
+        }
+        waits.push(of_one);
+    }
+    waits
+}
+
+/// Which registers are taken.
+struct Allocation {
+    taken: [bool; REGISTERS],
+    /// The one behind the last that was taken.
+    next: usize,
+}
+
+/// Registers that an instruction can name.
+const REGISTERS: usize = u8::MAX as usize + 1;
+
+impl Allocation {
+    fn new() -> Self {
+        Self { taken: [false; REGISTERS], next: 0 }
+    }
+
+    /// So many in a row, the first of them at `first`.
+    fn take(&mut self, first: usize, count: usize) -> Option<u8> {
+        self.taken.get_mut(first..first + count)?.fill(true);
+        self.next = first + count;
+        u8::try_from(first).ok()
+    }
+
+    fn is_free(&self, first: usize, count: usize) -> bool {
+        self.taken.get(first..first + count).is_some_and(|taken| !taken.contains(&true))
+    }
+
+    /// The first free one.
+    fn single(&mut self) -> Option<u8> {
+        self.take((0..REGISTERS).find(|first| self.is_free(*first, 1))?, 1)
+    }
+
+    /// The one behind the last that was taken, if it is free.
+    fn behind(&mut self) -> Option<u8> {
+        self.is_free(self.next, 1).then(|| self.take(self.next, 1))?
+    }
+
+    /// The first of a row, at best of one that can go on.
+    fn row(&mut self) -> Option<u8> {
+        let gap = |count| (0..REGISTERS).find(|first| self.is_free(*first, count));
+        let first = gap(2 * ROW).or_else(|| gap(ROW))?;
+        self.take(first, ROW)
+    }
+
+    fn give_back(&mut self, register: u8) {
+        self.taken[usize::from(register)] = false;
+    }
+}
+
+/// A program of the core that is kept here. Its inputs stand in the first registers.
+#[derive(Clone, Debug)]
+pub struct Compiled {
+    instructions: Vec<Instruction>,
+    pub outputs: Vec<u8>,
+    constants: Vec<(u8, f64)>,
+}
+
+impl Compiled {
+    pub fn program(&self) -> Program<'_> {
+        Program { instructions: &self.instructions, outputs: &self.outputs }
+    }
+
+    /// Registers with the constants in their places.
+    pub fn registers<T: Scalar>(&self) -> Registers<T> {
+        let mut registers = Registers::zero();
+        for (register, constant) in &self.constants {
+            registers.0[usize::from(*register)] = T::from_f64(*constant);
+        }
+        registers
+    }
+
+    /// Evaluate for some inputs.
+    pub fn evaluate<T: Scalar>(&self, inputs: &[T]) -> Vec<T> {
+        let mut registers = self.registers();
+        registers.0.iter_mut().zip(inputs).for_each(|(register, input)| *register = *input);
+        self.program().run(&mut registers);
+        self.outputs.iter().map(|output| registers.0[usize::from(*output)]).collect()
+    }
+}
