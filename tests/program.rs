@@ -79,9 +79,9 @@ fn expected(operation: Operation, a: f64, b: f64, c: f64) -> Option<f64> {
         Operation::Negate => -a,
         Operation::Abs => a.abs(),
         Operation::Sqrt => a.sqrt(),
-        Operation::Add => a + b,
+        Operation::Add | Operation::AddRows | Operation::ShiftRow => a + b,
         Operation::Subtract => a - b,
-        Operation::Multiply => a * b,
+        Operation::Multiply | Operation::ScaleRow => a * b,
         Operation::Divide => a / b,
         Operation::CopySign => a.copysign(b),
         Operation::Less => truth(a < b),
@@ -95,12 +95,9 @@ fn expected(operation: Operation, a: f64, b: f64, c: f64) -> Option<f64> {
         Operation::Innovation => 0.0,
         Operation::Select if a == 0.0 => c,
         Operation::Select => b,
-        Operation::MultiplyAdd => a * b + c,
+        Operation::MultiplyAdd | Operation::ScaleAddRow => a * b + c,
         Operation::MultiplySubtract => a * b - c,
         Operation::SubtractProduct => c - a * b,
-        Operation::AddRows | Operation::ShiftRow => a + b,
-        Operation::ScaleRow => a * b,
-        Operation::ScaleAddRow => a * b + c,
         Operation::Clip => {
             let above = if b > a { b } else { a };
             if c < above { c } else { above }
