@@ -560,6 +560,7 @@ def test_metadata_is_plain_json(tmp_path):
 
 CHILD = """
 import sys
+import pandas, pyarrow.parquet  # what the study loads, before the clock runs
 import hgo_rs as hgo
 
 def build(ell):
@@ -569,6 +570,7 @@ def build(ell):
 def told(progress):
     print("piece", flush=True)
 
+print("ready", flush=True)
 try:
     hgo.study(build, grid=dict(ell=[20.0, 50.0]), runs={runs}, rng=3, save={path!r}, progress=told)
 except KeyboardInterrupt as stop:
@@ -584,6 +586,7 @@ def test_ctrl_c_ends_soon_and_keeps_what_is_finished(tmp_path, steps, pieces):
     code = CHILD.format(steps=steps, runs=10**6, path=str(path))
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     try:
+        assert process.stdout.readline() == "ready\n"
         for _ in range(pieces):
             assert process.stdout.readline() == "piece\n"
         if not pieces:
