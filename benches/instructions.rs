@@ -63,6 +63,9 @@ impl<T: Scalar> Visitor<T> for Stepper {
     }
 }
 
+/// On a stack of its own: paths and environment stand at the foot of the first one, and how long they
+/// are moves what is above, and with it the instructions of a long copy.
 fn main() -> Result<(), DesignError> {
-    visit_all::<f64>(&mut Stepper)
+    let counting = std::thread::spawn(|| visit_all::<f64>(&mut Stepper));
+    counting.join().expect("a step panicked")
 }

@@ -24,8 +24,8 @@ FLAGS = (
     *("-fno-math-errno", "-fno-trapping-math", "-Wno-psabi"),
 )
 ROUNDED = "-ffp-contract=off"
-"""No product and sum in one rounding, which GCC makes where the processor can. With it two processors
-give two results: the package, whose bits are the same everywhere, cannot."""
+"""No product and sum in one rounding, which GCC makes where the processor can. With it two
+processors give two results: the package, whose bits are the same everywhere, cannot."""
 _extra: ContextVar[tuple[str, ...]] = ContextVar("extra", default=())
 COLUMNS = 32
 """A kernel takes whole multiples of so many runs: up to four blocks of the widest registers."""

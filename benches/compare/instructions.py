@@ -49,12 +49,8 @@ class Counts:
         return cls(str(stored["compiler"]), tuple(Count(**count) for count in counts))
 
 
-def _run(
-    command: Sequence[str], folder: Path = ROOT, environment: dict[str, str] | None = None
-) -> str:
-    done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, check=False
-    )
+def _run(command: Sequence[str]) -> str:
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"{' '.join(command)}\nended with {done.returncode}:\n{done.stderr}")
     return done.stdout
@@ -95,10 +91,8 @@ def count() -> Counts:
     with tempfile.TemporaryDirectory() as folder:
         options = ["--collect-atstart=no", "--toggle-collect=*::counted"]
         options += ["--dump-after=*::counted_one", f"--callgrind-out-file={folder}/counts"]
-        # Environment and path stand at the foot of the stack: their lengths move what is above, and
-        # with it the instructions of a long copy. So every run has the same ones.
         valgrind = [shutil.which("valgrind") or "valgrind", "--quiet", "--tool=callgrind"]
-        said = _run([*valgrind, *options, f"./{program.name}"], program.parent, {})
+        said = _run([*valgrind, *options, str(program)])
         counts = []
         for place, line in enumerate(said.splitlines(), 1):
             law, scheme, steps = line.removeprefix("row ").split("|")
