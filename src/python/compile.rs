@@ -227,73 +227,60 @@ impl<'a> Compiler<'a> {
     }
 }
 
-/// So many instructions later a result is there: what reads it need not wait for it.
-const FAR: usize = 4;
-
 /// How far an instruction may be put forward.
 const FORWARD: usize = 32;
 
-/// The same in an order in which an instruction stands apart from those that it waits for, where others
-/// can be put between: of those that need not wait, first the one on which most depends.
+/// The same in an order in which few wait for the one just before them: of those that may come next,
+/// the one that begins the longest chain of instructions that wait for one another.
 fn apart(instructions: &[Instruction]) -> Vec<Instruction> {
-    let waits = waits(instructions);
-    // how long what follows from an instruction takes
-    let mut depth = vec![0; instructions.len()];
-    for (index, waits) in waits.iter().enumerate().rev() {
-        for (before, delay) in waits {
-            depth[*before] = depth[*before].max(depth[index] + delay);
+    let before = before(instructions);
+    let mut chain = vec![0; instructions.len()];
+    for (index, before) in before.iter().enumerate().rev() {
+        for (earlier, reads) in before {
+            chain[*earlier] = chain[*earlier].max(chain[index] + usize::from(*reads));
         }
     }
-    let mut done = vec![None; instructions.len()];
+    let mut done = vec![false; instructions.len()];
     let mut left: Vec<usize> = (0..instructions.len()).collect();
     let mut order = Vec::new();
     while !left.is_empty() {
-        let now = order.len();
-        // how long an instruction would wait here; `None` where it must not come yet
-        let wait = |index: usize| {
-            waits[index].iter().try_fold(0, |longest: usize, (before, delay)| {
-                let done: usize = done[*before]?;
-                Some(longest.max((done + delay).saturating_sub(now)))
-            })
-        };
-        let ready = left.iter().take(FORWARD).enumerate();
-        let ready =
-            ready.filter_map(|(at, index)| Some((wait(*index)?, Reverse(depth[*index]), at)));
-        let (.., next) = ready.min().unwrap_or((0, Reverse(0), 0)); // the first of all is always ready
-        let next = left.remove(next);
-        done[next] = Some(now);
-        order.push(instructions[next]);
+        let may_come = |index: usize| before[index].iter().all(|(earlier, _)| done[*earlier]);
+        let next = left.iter().take(FORWARD).enumerate().filter(|(_, index)| may_come(**index));
+        let next = next.min_by_key(|(_, index)| Reverse(chain[**index]));
+        let index = left.remove(next.map_or(0, |(at, _)| at)); // the first that is left may always come
+        done[index] = true;
+        order.push(instructions[index]);
     }
     order
 }
 
-/// For each instruction those that must come before it, and how long before: it reads their result, or
-/// writes to a register that they use.
-fn waits(instructions: &[Instruction]) -> Vec<Vec<(usize, usize)>> {
+/// For each instruction those that must come before it, and whether because it reads their results: or
+/// else it writes to registers that they use.
+fn before(instructions: &[Instruction]) -> Vec<Vec<(usize, bool)>> {
     let mut written = [None; REGISTERS + ROW];
     let mut read = vec![Vec::new(); REGISTERS + ROW];
-    let mut waits = Vec::new();
+    let mut all = Vec::new();
     for (index, instruction) in instructions.iter().enumerate() {
         let Instruction { operation, result, a, b, c } = *instruction;
         let row = ROWS.iter().find(|(_, row, _)| *row == operation);
         let (single, entries, goes) =
             row.map_or((operation, 1, [0; 3]), |(single, _, goes)| (*single, ROW, *goes));
-        let mut of_one = Vec::new();
+        let mut before = Vec::new();
         for (first, goes) in [a, b, c].into_iter().zip(goes).take(operands(single)) {
             for register in (0..entries).map(|i| usize::from(first) + usize::from(goes) * i) {
-                of_one.extend(written[register].map(|before| (before, FAR)));
+                before.extend(written[register].map(|writer| (writer, true)));
                 read[register].push(index);
             }
         }
         for register in usize::from(result)..usize::from(result) + entries {
-            of_one.extend(written[register].map(|before| (before, 0)));
+            before.extend(written[register].map(|writer| (writer, false)));
             let readers = read[register].drain(..).filter(|reader| *reader != index);
-            of_one.extend(readers.map(|before| (before, 0)));
+            before.extend(readers.map(|reader| (reader, false)));
             written[register] = Some(index);
         }
-        waits.push(of_one);
+        all.push(before);
     }
-    waits
+    all
 }
 
 /// Which registers are taken.
