@@ -73,6 +73,32 @@ impl<T: Scalar> GainLaw<T> for ConstantGain<T> {
     fn admissible(&self, (): ()) {}
 }
 
+/// What every law whose gain r moves in [1, ∞) says the same way, inside its `impl GainLaw`: r is the
+/// whole gain and the memory, and begins at 1.
+macro_rules! moves_in_one_to_infinity {
+    () => {
+        type Memory = T;
+        #[inline(always)]
+        fn initial(&self) -> T {
+            T::ONE
+        }
+        #[inline(always)]
+        fn fixed(&self) -> T {
+            T::ONE
+        }
+        #[inline(always)]
+        fn moving(&self, r: &T) -> T {
+            *r
+        }
+        #[inline(always)]
+        fn admissible(&self, r: T) -> T {
+            r.max(T::ONE)
+        }
+    };
+}
+#[cfg(feature = "python")]
+pub(crate) use moves_in_one_to_infinity;
+
 /// What the two adaptive laws of Sanfelice and Praly share: speed p₁, threshold p₂, exponent b.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -132,27 +158,11 @@ impl<T: Scalar> AdaptiveGain<T> {
 }
 
 impl<T: Scalar> GainLaw<T> for AdaptiveGain<T> {
-    type Memory = T;
-    #[inline(always)]
-    fn initial(&self) -> T {
-        T::ONE
-    }
-    #[inline(always)]
-    fn fixed(&self) -> T {
-        T::ONE
-    }
-    #[inline(always)]
-    fn moving(&self, r: &T) -> T {
-        *r
-    }
+    moves_in_one_to_infinity!();
     #[inline(always)]
     fn rate<const N: usize>(&self, r: &T, e: T) -> T {
         let Adaptation { p1, p2, .. } = self.law;
         p1 * ((e * e - p2) * self.law.growth(*r) + p2 / r.powi(2 * N)) // (6)
-    }
-    #[inline(always)]
-    fn admissible(&self, r: T) -> T {
-        r.max(T::ONE)
     }
 }
 
@@ -182,26 +192,10 @@ impl<T: Scalar> DeadZoneGain<T> {
 }
 
 impl<T: Scalar> GainLaw<T> for DeadZoneGain<T> {
-    type Memory = T;
-    #[inline(always)]
-    fn initial(&self) -> T {
-        T::ONE
-    }
-    #[inline(always)]
-    fn fixed(&self) -> T {
-        T::ONE
-    }
-    #[inline(always)]
-    fn moving(&self, r: &T) -> T {
-        *r
-    }
+    moves_in_one_to_infinity!();
     #[inline(always)]
     fn rate<const N: usize>(&self, r: &T, e: T) -> T {
         let Adaptation { p1, p2, .. } = self.law;
         p1 * (e * e - p2).max(T::ZERO) * self.law.growth(*r) // (4)
-    }
-    #[inline(always)]
-    fn admissible(&self, r: T) -> T {
-        r.max(T::ONE)
     }
 }

@@ -109,18 +109,6 @@ macro_rules! operation {
     (Clip, $a:expr, $b:expr, $c:expr) => {
         $a.max($b).min($c)
     };
-    (AddRows, $a:expr, $b:expr) => {
-        $a + $b
-    };
-    (ShiftRow, $a:expr, $b:expr) => {
-        $a + $b
-    };
-    (ScaleRow, $a:expr, $b:expr) => {
-        $a * $b
-    };
-    (ScaleAddRow, $a:expr, $b:expr, $c:expr) => {
-        $a * $b + $c
-    };
 }
 
 /// An operation that is known at run time.
@@ -156,10 +144,9 @@ macro_rules! compute {
             Operation::MultiplySubtract => operation!(MultiplySubtract, $a, $b, $c),
             Operation::SubtractProduct => operation!(SubtractProduct, $a, $b, $c),
             Operation::Clip => operation!(Clip, $a, $b, $c),
-            Operation::AddRows => operation!(AddRows, $a, $b),
-            Operation::ShiftRow => operation!(ShiftRow, $a, $b),
-            Operation::ScaleRow => operation!(ScaleRow, $a, $b),
-            Operation::ScaleAddRow => operation!(ScaleAddRow, $a, $b, $c),
+            Operation::AddRows | Operation::ShiftRow => operation!(Add, $a, $b),
+            Operation::ScaleRow => operation!(Multiply, $a, $b),
+            Operation::ScaleAddRow => operation!(MultiplyAdd, $a, $b, $c),
         }
     };
 }
@@ -252,6 +239,14 @@ pub enum Operation {
 }
 
 impl Operation {
+    /// Those for rows: of which operation each is, and how far each operand goes from entry to entry.
+    pub const ROWS: [(Self, Self, [u8; 3]); 4] = [
+        (Self::ScaleAddRow, Self::MultiplyAdd, [0, 1, 1]),
+        (Self::ScaleRow, Self::Multiply, [0, 1, 0]),
+        (Self::AddRows, Self::Add, [1, 1, 0]),
+        (Self::ShiftRow, Self::Add, [0, 1, 0]),
+    ];
+
     /// Apply it to numbers; an operation for a row to one entry of it.
     #[inline]
     pub fn apply<T: Scalar>(self, a: T, b: T, c: T) -> T {
@@ -317,22 +312,22 @@ impl Program<'_> {
             match operation {
                 Operation::AddRows => {
                     for i in 0..ROW {
-                        r[result + i] = operation!(AddRows, r[a + i], r[b + i]);
+                        r[result + i] = operation!(Add, r[a + i], r[b + i]);
                     }
                 }
                 Operation::ShiftRow => {
                     for i in 0..ROW {
-                        r[result + i] = operation!(ShiftRow, r[a], r[b + i]);
+                        r[result + i] = operation!(Add, r[a], r[b + i]);
                     }
                 }
                 Operation::ScaleRow => {
                     for i in 0..ROW {
-                        r[result + i] = operation!(ScaleRow, r[a], r[b + i]);
+                        r[result + i] = operation!(Multiply, r[a], r[b + i]);
                     }
                 }
                 Operation::ScaleAddRow => {
                     for i in 0..ROW {
-                        r[result + i] = operation!(ScaleAddRow, r[a], r[b + i], r[c + i]);
+                        r[result + i] = operation!(MultiplyAdd, r[a], r[b + i], r[c + i]);
                     }
                 }
                 one => r[result] = compute!(*one, r[a], r[b], r[c]),
@@ -368,12 +363,12 @@ fn step_lanes<T: Scalar>(r: &mut [Lane<T>; REGISTERS], instruction: Instruction)
     }
     // the choice outside of the loops; of an operand for a row, how far it goes from entry to entry
     macro_rules! choice {
-        ({ $($name:ident($($operand:ident),+);)+ } rows { $($row:ident($($of:ident $step:literal),+);)+ }) => {
+        ({ $($name:ident($($operand:ident),+);)+ } rows { $($row:ident: $single:ident($($of:ident $step:literal),+);)+ }) => {
             match operation {
                 $(Operation::$name => lanes!($name, result, $($operand = $operand),+),)+
                 $(Operation::$row => {
                     for i in 0..ROW {
-                        lanes!($row, result + i, $($of = $of + $step * i),+);
+                        lanes!($single, result + i, $($of = $of + $step * i),+);
                     }
                 })+
             }
@@ -388,10 +383,10 @@ fn step_lanes<T: Scalar>(r: &mut [Lane<T>; REGISTERS], instruction: Instruction)
             SubtractProduct(a, b, c); Clip(a, b, c);
         }
         rows {
-            AddRows(a 1, b 1);
-            ShiftRow(a 0, b 1);
-            ScaleRow(a 0, b 1);
-            ScaleAddRow(a 0, b 1, c 1);
+            AddRows: Add(a 1, b 1);
+            ShiftRow: Add(a 0, b 1);
+            ScaleRow: Multiply(a 0, b 1);
+            ScaleAddRow: MultiplyAdd(a 0, b 1, c 1);
         }
     }
 }

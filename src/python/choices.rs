@@ -16,31 +16,12 @@ pub enum MovingGain<T = f64> {
 }
 
 impl<T: Scalar> GainLaw<T> for MovingGain<T> {
-    type Memory = T;
-    #[inline(always)]
-    fn initial(&self) -> T {
-        T::ONE
-    }
-    #[inline(always)]
-    fn fixed(&self) -> T {
-        T::ONE
-    }
-    #[inline(always)]
-    fn moving(&self, r: &T) -> T {
-        *r
-    }
+    crate::gain::moves_in_one_to_infinity!();
     #[inline(always)]
     fn rate<const N: usize>(&self, r: &T, e: T) -> T {
         match self {
             Self::Adaptive(law) => law.rate::<N>(r, e),
             Self::DeadZone(law) => law.rate::<N>(r, e),
-        }
-    }
-    #[inline(always)]
-    fn admissible(&self, r: T) -> T {
-        match self {
-            Self::Adaptive(law) => law.admissible(r),
-            Self::DeadZone(law) => law.admissible(r),
         }
     }
 }

@@ -7,20 +7,12 @@
 use super::errors::refused;
 use super::table::{Table, Value, operands};
 use crate::Scalar;
-use crate::program::{Instruction, Operation, Program, ROW, Registers};
+use crate::program::{Instruction, Operation, Program, REGISTERS, ROW, Registers};
 use pyo3::prelude::*;
 use std::cmp::Reverse;
 
 /// An operation with the values that it takes.
 type Step = (Operation, [Value; 3]);
-
-/// Operations that there are for rows too, and how far each operand goes from entry to entry.
-const ROWS: [(Operation, Operation, [u8; 3]); 4] = [
-    (Operation::MultiplyAdd, Operation::ScaleAddRow, [0, 1, 1]),
-    (Operation::Multiply, Operation::ScaleRow, [0, 1, 0]),
-    (Operation::Add, Operation::AddRows, [1, 1, 0]),
-    (Operation::Add, Operation::ShiftRow, [0, 1, 0]),
-];
 
 /// How far behind an operation the others of its row may stand.
 const AHEAD: usize = 64;
@@ -33,7 +25,7 @@ impl Table {
         let compiled = compiled.or_else(|| Compiler::new(self, false)?.compile());
         compiled.ok_or_else(|| {
             refused(&format!(
-                "the program needs more than {REGISTERS} registers: simplify the expressions, or \
+                "the program needs more than {NAMED} registers: simplify the expressions, or \
                  lower the order"
             ))
         })
@@ -155,7 +147,7 @@ impl<'a> Compiler<'a> {
     fn row(&mut self, index: usize) -> Option<()> {
         let (operation, _) = self.steps[index]?;
         let [x, y, z] = self.places(index)?;
-        for (_, row, goes) in ROWS.iter().filter(|(single, ..)| *single == operation) {
+        for (row, _, goes) in Operation::ROWS.iter().filter(|(_, single, _)| *single == operation) {
             for at in [[x, y, z], [y, x, z]] {
                 let Some(entries) = self.entries(index, at, *goes) else { continue };
                 // the operands stay until all is there
@@ -257,14 +249,14 @@ fn apart(instructions: &[Instruction]) -> Vec<Instruction> {
 /// For each instruction those that must come before it, and whether because it reads their results: or
 /// else it writes to registers that they use.
 fn before(instructions: &[Instruction]) -> Vec<Vec<(usize, bool)>> {
-    let mut written = [None; REGISTERS + ROW];
-    let mut read = vec![Vec::new(); REGISTERS + ROW];
+    let mut written = [None; REGISTERS];
+    let mut read = vec![Vec::new(); REGISTERS];
     let mut all = Vec::new();
     for (index, instruction) in instructions.iter().enumerate() {
         let Instruction { operation, result, a, b, c } = *instruction;
-        let row = ROWS.iter().find(|(_, row, _)| *row == operation);
+        let row = Operation::ROWS.iter().find(|(row, ..)| *row == operation);
         let (single, entries, goes) =
-            row.map_or((operation, 1, [0; 3]), |(single, _, goes)| (*single, ROW, *goes));
+            row.map_or((operation, 1, [0; 3]), |(_, single, goes)| (*single, ROW, *goes));
         let mut before = Vec::new();
         for (first, goes) in [a, b, c].into_iter().zip(goes).take(operands(single)) {
             for register in (0..entries).map(|i| usize::from(first) + usize::from(goes) * i) {
@@ -283,19 +275,19 @@ fn before(instructions: &[Instruction]) -> Vec<Vec<(usize, bool)>> {
     all
 }
 
+/// Registers that an instruction can name.
+const NAMED: usize = u8::MAX as usize + 1;
+
 /// Which registers are taken.
 struct Allocation {
-    taken: [bool; REGISTERS],
+    taken: [bool; NAMED],
     /// The one behind the last that was taken.
     next: usize,
 }
 
-/// Registers that an instruction can name.
-const REGISTERS: usize = u8::MAX as usize + 1;
-
 impl Allocation {
     fn new() -> Self {
-        Self { taken: [false; REGISTERS], next: 0 }
+        Self { taken: [false; NAMED], next: 0 }
     }
 
     /// So many in a row, the first of them at `first`.
@@ -311,7 +303,7 @@ impl Allocation {
 
     /// The first free one.
     fn single(&mut self) -> Option<u8> {
-        self.take((0..REGISTERS).find(|first| self.is_free(*first, 1))?, 1)
+        self.take((0..NAMED).find(|first| self.is_free(*first, 1))?, 1)
     }
 
     /// The one behind the last that was taken, if it is free.
@@ -321,7 +313,7 @@ impl Allocation {
 
     /// The first of a row, at best of one that can go on.
     fn row(&mut self) -> Option<u8> {
-        let gap = |count| (0..REGISTERS).find(|first| self.is_free(*first, count));
+        let gap = |count| (0..NAMED).find(|first| self.is_free(*first, count));
         let first = gap(2 * ROW).or_else(|| gap(ROW))?;
         self.take(first, ROW)
     }

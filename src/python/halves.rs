@@ -13,7 +13,6 @@ use super::systems::AnyPlant;
 use crate::Scalar;
 use crate::injection::{Injected, Placed};
 use crate::memory::Memory;
-use crate::model::Plant;
 use crate::observer::{
     ContinuousLaw, Discretisation, Discretised, Observer, Scheme, Status, Timing,
 };
@@ -315,12 +314,12 @@ impl Manner {
         L::Poles: Send + Sync,
         L::Gains: Send + Sync,
     {
-        Ok(match self.method {
-            AnyMethod::Known(scheme) => Box::new(Known { free: free(scheme), law }),
+        match self.method {
+            AnyMethod::Known(_) => self.known_halves(law, free),
             AnyMethod::Placed(placement) => {
-                Box::new(Discretised { law, scheme: Placed::new(&law, placement)? })
+                Ok(Box::new(Discretised { law, scheme: Placed::new(&law, placement)? }))
             }
-        })
+        }
     }
 }
 
@@ -338,27 +337,12 @@ fn of_halved<const N: usize, const CURRENT: bool>(
         Some(halves) => &observer.with(&**halves),
         None => observer,
     };
+    let kept = observer.whole.law_len; // period and input are no signals
     match plan.plant {
-        AnyPlant::Lee(plant) if N == 2 => halved_with(observer, plant, plan, stop),
-        AnyPlant::SanfelicePraly(plant) if N == 2 => halved_with(observer, plant, plan, stop),
-        AnyPlant::VanDerPol(plant) if N == 2 => halved_with(observer, plant, plan, stop),
-        AnyPlant::Crackle(plant) if N == 5 => halved_with(observer, plant, plan, stop),
+        AnyPlant::Lee(plant) if N == 2 => plan.sampled(observer, plant, kept, stop),
+        AnyPlant::SanfelicePraly(plant) if N == 2 => plan.sampled(observer, plant, kept, stop),
+        AnyPlant::VanDerPol(plant) if N == 2 => plan.sampled(observer, plant, kept, stop),
+        AnyPlant::Crackle(plant) if N == 5 => plan.sampled(observer, plant, kept, stop),
         _ => Err(refused(NO_PLANT)),
     }
-}
-
-fn halved_with<P, const N: usize, const CURRENT: bool>(
-    observer: &Watched<'_, N, CURRENT>,
-    plant: P,
-    plan: &Plan,
-    stop: &StopFlag,
-) -> PyResult<StudyResult>
-where
-    P: Plant<f64, Output = f64, Input = SVector<f64, 0>> + Send + Sync,
-{
-    let tell = |_: &SVector<f64, 0>| SVector::<f64, 1>::new(0.0);
-    let m = observer.whole.law_len; // period and input are no signals
-    plan.execute(plant, m, m, stop, |experiment, run, x0, z0, watch| {
-        experiment.sampled(observer, tell, run, x0, z0, watch)
-    })
 }

@@ -12,10 +12,11 @@ use crate::memory::Memory;
 use crate::metrics::{LogHistogram, Moments, SettlingTime, Wanted, Window};
 use crate::model::{Plant, StochasticIntegrator};
 use crate::noise::{Draw, Noise, Sine};
-use crate::observer::{Discretisation, Hold, Measurement, RungeKutta};
+use crate::observer::{Discretisation, Hold, Measurement, Observer, RungeKutta};
 use crate::schedule::{FixedStep, Schedule, StochasticApproximation};
 use crate::simulate::{Experiment, Finish, Probe, RunMetrics, Sample};
 use crate::vectors::Vectors;
+use nalgebra::SVector;
 use numpy::{IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -501,12 +502,30 @@ impl Plan {
         }
     }
 
-    /// All runs of the experiment with `plant`; `go` performs one.
+    /// All runs with an observer in discrete time beside a plant without input; `kept` entries of its
+    /// memory are signals.
+    pub fn sampled<P, O>(
+        &self,
+        observer: &O,
+        plant: P,
+        kept: usize,
+        stop: &StopFlag,
+    ) -> PyResult<StudyResult>
+    where
+        P: Plant<f64, Output = f64, Input = SVector<f64, 0>> + Send + Sync,
+        O: Observer<f64, Measurement = f64, Input = SVector<f64, 1>> + Sync,
+    {
+        self.execute(plant, kept, stop, |experiment, run, x0, z0, watch| {
+            experiment.sampled(observer, told_nothing, run, x0, z0, watch)
+        })
+    }
+
+    /// All runs of the experiment with `plant`; `go` performs one. `kept` entries of the observer's
+    /// memory are signals.
     pub fn execute<P, Z>(
         &self,
         plant: P,
-        signals: usize,
-        peaks: usize,
+        kept: usize,
         stop: &StopFlag,
         go: impl Fn(
             &Experiment<'_, f64, P, AnySchedule>,
@@ -526,13 +545,13 @@ impl Plan {
         let bins = if self.histogram.is_some() { LogHistogram::BINS } else { 0 };
         let pooled: Vec<AtomicU64> = (0..bins).map(|_| AtomicU64::new(0)).collect();
         let one = |(run, frames): (usize, FramesOfRun<'_>)| -> RunResult {
-            let mut moments = vec![Moments::default(); self.windows.len() * signals];
-            let mut peak = vec![0.0; peaks];
+            let mut moments = vec![Moments::default(); self.windows.len() * kept];
+            let mut peak = vec![0.0; kept];
             let mut counts = vec![0; bins];
             let mut watch = Watch {
                 metrics: RunMetrics {
                     windows: &self.windows,
-                    signals,
+                    signals: kept,
                     moments: &mut moments,
                     peak: &mut peak,
                     settling: self.settle.map(SettlingTime::new),
@@ -574,8 +593,14 @@ impl Plan {
             frames.of_runs(self.runs).into_par_iter().enumerate().map(one).collect();
         frames.close(self, runs.iter().map(|run| run.missing).min().unwrap_or(0));
         let counts = pooled.into_iter().map(AtomicU64::into_inner).collect();
-        Ok(StudyResult { runs, signals, counts, frames })
+        Ok(StudyResult { runs, signals: kept, counts, frames })
     }
+}
+
+/// What an observer that may have an input is told of a plant that has none.
+#[allow(clippy::trivially_copy_pass_by_ref)] // the observers' drivers hand the state by reference
+pub fn told_nothing(_: &SVector<f64, 0>) -> SVector<f64, 1> {
+    SVector::<f64, 1>::new(0.0)
 }
 
 /// Row `run` of a table that has one row for all runs or one a run.

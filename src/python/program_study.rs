@@ -578,24 +578,18 @@ impl Study<'_> {
             let tell = |u: &NoInput<f64>| *u;
             if let Some((integrator, rate, admissible)) = &law {
                 let law = Evolution { rate, admissible, n, memory };
-                return plan.execute(
-                    plant,
-                    memory,
-                    memory,
-                    stop,
-                    |experiment, run, x, z, watch| {
-                        experiment.joint(&law, tell, *integrator, run, x, z, watch)
-                    },
-                );
+                return plan.execute(plant, memory, stop, |experiment, run, x, z, watch| {
+                    experiment.joint(&law, tell, *integrator, run, x, z, watch)
+                });
             }
             if observer.is_current() {
                 let observer = Recursion::<true> { step: &step, n, memory };
-                plan.execute(plant, memory, memory, stop, |experiment, run, x, z, watch| {
+                plan.execute(plant, memory, stop, |experiment, run, x, z, watch| {
                     experiment.sampled(&observer, tell, run, x, z, watch)
                 })
             } else {
                 let observer = Recursion::<false> { step: &step, n, memory };
-                plan.execute(plant, memory, memory, stop, |experiment, run, x, z, watch| {
+                plan.execute(plant, memory, stop, |experiment, run, x, z, watch| {
                     experiment.sampled(&observer, tell, run, x, z, watch)
                 })
             }

@@ -3,7 +3,7 @@
 use super::errors::refused;
 use super::interrupt::StopFlag;
 use super::lanes;
-use super::plan::{NO_PLANT, Plan, SAMPLED_ONLY, StudyResult, joint_integrator};
+use super::plan::{NO_PLANT, Plan, SAMPLED_ONLY, StudyResult, joint_integrator, told_nothing};
 use super::systems::AnyPlant;
 use crate::model::Plant;
 use crate::models::{Ship, VanDerPol};
@@ -25,16 +25,13 @@ where
     P: Plant<f64, Output = f64, Input = SVector<f64, 0>> + Send + Sync,
     L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync,
 {
-    let tell = |_: &SVector<f64, 0>| SVector::<f64, 1>::new(0.0);
-    let m = plan.memory_len();
+    let kept = plan.memory_len();
     if !plan.is_joint() {
-        return plan.execute(plant, m, m, stop, |experiment, run, x0, z0, watch| {
-            experiment.sampled(observer, tell, run, x0, z0, watch)
-        });
+        return plan.sampled(observer, plant, kept, stop);
     }
     let integrator = joint_integrator(observer.scheme)?;
-    plan.execute(plant, m, m, stop, |experiment, run, x0, z0, watch| {
-        experiment.joint(&observer.law, tell, integrator, run, x0, z0, watch)
+    plan.execute(plant, kept, stop, |experiment, run, x0, z0, watch| {
+        experiment.joint(&observer.law, told_nothing, integrator, run, x0, z0, watch)
     })
 }
 
@@ -91,7 +88,7 @@ pub fn of_sampled_data(
     if let Some(studied) = lanes::sampled_data(observer, plant, plan, stop) {
         return studied;
     }
-    plan.execute(plant, 2, 2, stop, |experiment, run, x0, z0, watch| {
+    plan.execute(plant, 2, stop, |experiment, run, x0, z0, watch| {
         experiment.sampled(observer, |u| *u, run, x0, z0, watch)
     })
 }
@@ -108,7 +105,7 @@ pub fn of_reduced_order(
     if let Some(studied) = lanes::reduced_order(observer, plant, plan, stop) {
         return studied;
     }
-    plan.execute(plant, 3, 3, stop, |experiment, run, x0, z0, watch| {
+    plan.execute(plant, 3, stop, |experiment, run, x0, z0, watch| {
         experiment.sampled(observer, |u: &Vector2<f64>| *u, run, x0, z0, watch)
     })
 }
