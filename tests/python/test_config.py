@@ -255,9 +255,6 @@ def test_the_tables_of_keys_are_those_of_the_classes():
             assert set(inspect.signature(getattr(hgo_rs, name)).parameters) == set(keys)
 
 
-@pytest.mark.skipif(
-    "states" not in inspect.signature(hgo_rs.Model).parameters, reason="no own models yet"
-)
 def test_own_model(tmp_path):
     text = HEAD + (
         "gain = 200.0\n[model]\n"
@@ -295,7 +292,6 @@ phi = ["-a + 0.1*vb", "-sin(b)"]
 """
 
 
-@pytest.mark.skipif(not hasattr(hgo_rs, "MultiOutputObserver"), reason="no chains yet")
 def test_several_chains(tmp_path):
     config = Config.from_toml(CHAINS)
     law = config.observer()

@@ -437,7 +437,6 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
 def test_the_command_writes_what_the_file_says(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("hgo_rs.config")
     from hgo_rs.cli import main
 
     config = tmp_path / "my-axis.toml"

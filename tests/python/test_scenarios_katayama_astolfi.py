@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
+from hgo_rs import _core as core
 from hgo_rs import reference
 from hgo_rs.scenarios import astolfi, base, katayama
-
-core = pytest.importorskip("hgo_rs._core")
 
 IDS = [
     id for id, known in base.REGISTRY.items() if known.paper in ("katayama", "astolfi")
