@@ -128,18 +128,23 @@ type BlockOf<T, P, Z> = Block<Columns<T, <P as Plant<T>>::State>, Columns<T, Z>>
 
 /// What moves beside the states.
 #[derive(Clone, Copy)]
-struct Running<T, G> {
+struct Running<T, G, X> {
     measurement: Streams,
     process: Streams,
     given: Aligned<G>,
+    /// Where plants that have moved stand, until their sample has been shown.
+    next: Aligned<X>,
     t: T,
     plant_t: T,
 }
 
+/// What moves beside the states of such plants.
+type RunningOf<T, P> = Running<T, Given<T, P>, Columns<T, <P as Plant<T>>::State>>;
+
 /// Two zeros for every run.
 const NOTHING: [Lane<f64>; 2] = [Lane([0.0; LANES]); 2];
 
-impl<T, G> Running<T, G> {
+impl<T, G, X> Running<T, G, X> {
     /// The normal values that the scheme takes for a substep of every plant.
     #[inline(always)]
     fn normals(&mut self, scheme: PlantScheme) -> [Lane<f64>; 2] {
@@ -167,7 +172,7 @@ trait Mover<T: Scalar, P: Plant<T>, S: Schedule<T>> {
         &mut self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
-        running: &mut Running<T, Given<T, P>>,
+        running: &mut RunningOf<T, P>,
         block: &mut BlockOf<T, P, Self::Memory>,
         worst: &mut Lane<T>,
     ) -> Moved;
@@ -177,15 +182,17 @@ trait Mover<T: Scalar, P: Plant<T>, S: Schedule<T>> {
         &mut self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
-        running: &mut Running<T, Given<T, P>>,
+        running: &mut RunningOf<T, P>,
         block: &mut BlockOf<T, P, Self::Memory>,
     );
 }
 
 /// Whether the plants have moved already.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 enum Moved {
     Yes,
+    /// To `Running::next`, so that the sample can be shown.
+    Aside,
     No,
 }
 
@@ -203,7 +210,7 @@ impl<O> Sampled<'_, O> {
         &self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
-        running: &mut Running<T, Given<T, P>>,
+        running: &mut RunningOf<T, P>,
         block: &mut BlockOf<T, P, O::State>,
         worst: &mut Lane<T>,
         scheme: Option<PlantScheme>,
@@ -227,9 +234,12 @@ impl<O> Sampled<'_, O> {
             z.store(&mut block.z.0, lane);
             if let Some(scheme) = scheme {
                 let xi = (xi[0].0[lane], xi[1].0[lane]);
-                study
-                    .substep(scheme, xi, running.plant_t, &x, &u, at.plant_dt)
-                    .store(&mut block.x.0, lane);
+                let next = study.substep(scheme, xi, running.plant_t, &x, &u, at.plant_dt);
+                if O::TIMING == Timing::Current {
+                    next.store(&mut running.next.0, lane); // the sample is shown first
+                } else {
+                    next.store(&mut block.x.0, lane);
+                }
             } else {
                 u.store(&mut running.given.0.1, lane);
             }
@@ -261,26 +271,32 @@ where
         &mut self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
-        running: &mut Running<T, Given<T, P>>,
+        running: &mut RunningOf<T, P>,
         block: &mut BlockOf<T, P, O::State>,
         worst: &mut Lane<T>,
     ) -> Moved {
         const EULER: PlantScheme = PlantScheme::Deterministic(Integrator::Euler);
         const MARUYAMA: PlantScheme = PlantScheme::Stochastic(StochasticIntegrator::EulerMaruyama);
+        const RK4: PlantScheme = PlantScheme::Deterministic(Integrator::Rk4);
         study.draw_lanes(at.k, &mut running.measurement, &mut running.given.0.0);
-        // short steps go together: what both load is loaded once
-        let together = O::TIMING == Timing::Predictor && at.more && study.substeps == 1;
+        // short steps go together: what both load is loaded once; and those of plants with a control:
+        // what it computes of the state, the first stage does too
+        let single = at.more && study.substeps == 1;
+        let short = single && O::TIMING == Timing::Predictor;
         match study.plant_scheme {
-            EULER if together => self.pass(study, at, running, block, worst, Some(EULER)),
-            MARUYAMA if together && P::NOISY => {
+            EULER if short => self.pass(study, at, running, block, worst, Some(EULER)),
+            MARUYAMA if short && P::NOISY => {
                 self.pass(study, at, running, block, worst, Some(MARUYAMA));
+            }
+            RK4 if single && P::Input::LEN > 0 => {
+                self.pass(study, at, running, block, worst, Some(RK4));
             }
             _ => {
                 self.pass(study, at, running, block, worst, None);
                 return Moved::No;
             }
         }
-        Moved::Yes
+        if O::TIMING == Timing::Current { Moved::Aside } else { Moved::Yes }
     }
 
     #[inline(always)]
@@ -288,7 +304,7 @@ where
         &mut self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
-        running: &mut Running<T, Given<T, P>>,
+        running: &mut RunningOf<T, P>,
         block: &mut BlockOf<T, P, O::State>,
     ) {
         // each scheme by its name, as above
@@ -343,7 +359,7 @@ where
         &mut self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
-        running: &mut Running<T, Given<T, P>>,
+        running: &mut RunningOf<T, P>,
         block: &mut BlockOf<T, P, L::State>,
         worst: &mut Lane<T>,
     ) -> Moved {
@@ -361,7 +377,7 @@ where
         &mut self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
-        running: &mut Running<T, Given<T, P>>,
+        running: &mut RunningOf<T, P>,
         block: &mut BlockOf<T, P, L::State>,
     ) {
         let frozen = study.plant_scheme == PlantScheme::Held;
@@ -447,7 +463,7 @@ where
         &mut self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
-        running: &mut Running<T, Given<T, P>>,
+        running: &mut RunningOf<T, P>,
         block: &mut BlockOf<T, P, SVector<T, Z>>,
         worst: &mut Lane<T>,
     ) -> Moved {
@@ -484,7 +500,7 @@ where
         &mut self,
         study: &Experiment<'_, T, P, S>,
         at: &Instant<T>,
-        running: &mut Running<T, Given<T, P>>,
+        running: &mut RunningOf<T, P>,
         block: &mut BlockOf<T, P, SVector<T, Z>>,
     ) {
         let (Some(program), (n_x, _)) = (self.plants, self.entries) else { return };
@@ -585,7 +601,7 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         &self,
         scheme: PlantScheme,
         dt: T,
-        running: &mut Running<T, Given<T, P>>,
+        running: &mut RunningOf<T, P>,
         x: &mut Columns<T, P::State>,
     ) {
         let h = dt / T::from_f64(f64::from(self.substeps));
@@ -607,7 +623,7 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         &self,
         mover: &mut M,
         (from, to): (u64, u64),
-        running: &mut Running<T, Given<T, P>>,
+        running: &mut RunningOf<T, P>,
         block: &mut BlockOf<T, P, M::Memory>,
         metrics: &mut LaneMetrics<'_, T>,
         dead: &Lane<bool>,
@@ -633,8 +649,10 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
                 metrics.sample::<P::State, M::Memory>(t, &shown, dead);
             }
             if more {
-                if moved == Moved::No {
-                    mover.advance(self, &at, running, block);
+                match moved {
+                    Moved::No => mover.advance(self, &at, running, block),
+                    Moved::Aside => block.x = running.next,
+                    Moved::Yes => {}
                 }
                 running.plant_t = plants.next_time(running.plant_t, k, plant_dt);
                 running.t = self.schedule.next_time(t, k, dt);
@@ -661,6 +679,7 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
                 P::Output::zero().in_columns::<LANES>(),
                 P::Input::zero().in_columns::<LANES>(),
             )),
+            next: block.x,
             t: T::ZERO,
             plant_t: T::ZERO,
         };
