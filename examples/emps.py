@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -339,6 +340,8 @@ def main() -> None:
         cells = [cell for results in table.values() for cell in results[i][1:]]
         shown = [f"{c:.2e}" if np.isfinite(c) else "" if c != c else "diverges" for c in cells]
         print(f"| {name} | " + " | ".join(shown) + " |")
+    if find_spec("filterpy") is None:
+        print("left out: the extended Kalman filter, which needs filterpy (pip install filterpy)")
     slow = mean_input(settings(given.record)[1])
     name = "standard n = 2, model"
     least = best(lambda ell: slow.error(run(OURS[name], slow)(ell)), 10.0, 1e3)
