@@ -490,8 +490,28 @@ where
         }
         program.run_lanes(r);
         let (of_z, of_x) = program.outputs.split_at(n_z.min(program.outputs.len()));
+        let mut spoilt = Lane([T::ZERO; LANES]); // NaN where an entry is not finite
+        for output in of_z {
+            let column = r.0[usize::from(*output)].0;
+            for lane in 0..LANES {
+                spoilt.0[lane] += T::ZERO * column[lane];
+            }
+        }
+        let stood = block.z;
         take(&r.0, of_z, &mut block.z.0);
         take(&r.0, of_x, &mut block.x.0);
+        if !spoilt.0.iter().fold(true, |sound, spoilt| sound & spoilt.is_finite()) {
+            // the model has no value there: the memory is held
+            let bound = T::from_f64(DIVERGED);
+            for lane in 0..LANES {
+                let held = SVector::<T, Z>::load(&stood.0, lane);
+                let sound = held.within(bound) && P::State::load(&block.x.0, lane).within(bound);
+                if !spoilt.0[lane].is_finite() && sound {
+                    held.store(&mut block.z.0, lane);
+                    block.undefined_at.0[lane] = block.undefined_at.0[lane].min(at.k);
+                }
+            }
+        }
         if self.joint { Moved::Yes } else { Moved::No }
     }
 

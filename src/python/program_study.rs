@@ -42,6 +42,8 @@ pub struct OwnPlant {
     /// (t, x, parameters) → (drift, diffusion if there is noise, output).
     table: Table,
     parameters: Vec<f64>,
+    /// State i of a simulation is this one of the plant: those that the observer estimates come first.
+    order: Vec<usize>,
 }
 
 impl OwnPlant {
@@ -64,13 +66,34 @@ impl OwnPlant {
                 table.outputs.len()
             )));
         }
-        Ok(Self { n, noisy, table, parameters })
+        Ok(Self { n, noisy, table, parameters, order: (0..n).collect() })
     }
 
-    /// Its outputs within a trace.
-    fn call(&self, given: &[Traced]) -> Vec<Traced> {
-        let parameters = self.parameters.iter().map(|value| Traced::from_f64(*value));
-        trace::inline(&self.table, &given.iter().copied().chain(parameters).collect::<Vec<_>>())
+    /// With the states first that an observer estimates.
+    fn estimated(mut self, truth: &[usize]) -> PyResult<Self> {
+        let twice = (1..truth.len()).any(|i| truth[..i].contains(&truth[i]));
+        if twice || truth.iter().any(|i| *i >= self.n) {
+            return Err(refused(&format!(
+                "truth = {truth:?} is not allowed: it must name some of the plant's {} states, each \
+                 once",
+                self.n
+            )));
+        }
+        let rest = (0..self.n).filter(|i| !truth.contains(i));
+        self.order = truth.iter().copied().chain(rest).collect();
+        Ok(self)
+    }
+
+    /// Drift, diffusion if there is noise, output: within a trace.
+    fn call(&self, t: Traced, x: &[Traced]) -> Vec<Traced> {
+        let mut given = vec![t; 1 + self.n];
+        self.order.iter().zip(x).for_each(|(place, x)| given[1 + place] = *x);
+        given.extend(self.parameters.iter().map(|value| Traced::from_f64(*value)));
+        let made = trace::inline(&self.table, &given);
+        let (rates, output) = made.split_at(made.len() - 1);
+        let rows = rates.chunks_exact(self.n);
+        let ordered = rows.flat_map(|row| self.order.iter().map(|place| row[*place]));
+        ordered.chain(output.iter().copied()).collect()
     }
 }
 
@@ -83,7 +106,7 @@ struct Tabled<'a>(&'a OwnPlant);
 
 impl Tabled<'_> {
     fn outputs(self, t: Traced, x: &PlantState<Traced>) -> Vec<Traced> {
-        self.0.call(&[&[t], &x.as_slice()[..self.0.n]].concat())
+        self.0.call(t, &x.as_slice()[..self.0.n])
     }
     fn state(values: &[Traced]) -> PlantState<Traced> {
         PlantState::from_fn(|i, _| values.get(i).copied().unwrap_or(Traced::ZERO))
@@ -218,7 +241,11 @@ impl<const CURRENT: bool> Observer<f64> for Recursion<'_, CURRENT> {
         let mut given = vec![t, dt];
         given.extend_from_slice(&z.as_slice()[..self.memory]);
         given.push(*y);
-        *z = Self::State::read(&self.step.evaluate(&given)[..self.memory]);
+        let next = Self::State::read(&self.step.evaluate(&given)[..self.memory]);
+        if given.iter().all(|value| value.is_finite()) && !next.within(f64::MAX) {
+            return Status::ModelUndefined;
+        }
+        *z = next;
         Status::Updated
     }
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [f64] {
@@ -361,6 +388,8 @@ where
 struct Study<'a> {
     plan: &'a Plan,
     observer: &'a Tables,
+    /// (t, dt, z, y, u, parameters) → (z⁺, innovation).
+    step: Table,
     plant: PlantTables,
 }
 
@@ -380,7 +409,7 @@ impl Study<'_> {
             let (noise, sines) = (input("noise"), input("sines"));
             let y = trace::inline(&self.plant.parts.output, &x)[0] + noise + sines;
             let given = [&[t, dt], z.as_slice(), &[y], &self.told()].concat();
-            let mut made = trace::inline(self.observer.step(), &given);
+            let mut made = trace::inline(&self.step, &given);
             made.truncate(z.len());
             Ok(named("z", &made))
         })?
@@ -467,16 +496,27 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
         PlacedGains::Computed
     };
     let observer = Tables::read(&of_observer, Setting { gains, ..DOUBLE })?;
-    let plan = Plan::read(spec, observer.memory_len(), &[])?;
+    let mut plan = Plan::read(spec, observer.memory_len(), &["truth"])?;
     if observer.n_y() != 1 || plan.memory_len() > Z {
         return Err(refused("an own plant or model is simulated with one output"));
     }
     let plant_spec = spec.sub("plant")?;
     let (n, scheme) = (plan.plant.len(), plan.plant_scheme);
-    let own = match plan.plant {
-        AnyPlant::Own { .. } => Some(OwnPlant::read(&plant_spec)?),
-        _ => None,
+    let truth: Option<Vec<usize>> = spec.get("truth")?.map(|truth| truth.extract()).transpose()?;
+    let own = match (&plan.plant, truth) {
+        (AnyPlant::Own { .. }, None) => Some(OwnPlant::read(&plant_spec)?),
+        (AnyPlant::Own { .. }, Some(truth)) => {
+            Some(OwnPlant::read(&plant_spec)?.estimated(&truth)?)
+        }
+        (_, None) => None,
+        (_, Some(_)) => return Err(refused("truth names states of an own plant")),
     };
+    if let Some(own) = &own {
+        for row in plan.x0.chunks_exact_mut(n) {
+            let given = row.to_vec();
+            row.iter_mut().zip(&own.order).for_each(|(x, place)| *x = given[*place]);
+        }
+    }
     macro_rules! paper {
         ($variant:ident) => {
             plant_tables(n, scheme, || match AnyPlant::<Traced>::read(&plant_spec)? {
@@ -498,7 +538,7 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
             None => return Err(refused("another plant")),
         },
     };
-    let study = Study { plan: &plan, observer: &observer, plant };
+    let study = Study { plan: &plan, observer: &observer, step: observer.step()?, plant };
     if n < observer.n() {
         return Err(refused(&format!(
             "the observer estimates {} states; the plant has {n}",
@@ -507,11 +547,14 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
     }
     let integrator = plan.joint_integrator(&spec.sub("observer")?)?;
     let alone = integrator.is_some() && !plan.has_no_sines();
-    let result = if !alone && vectors(&plan)?.is_some() {
+    let mut result = if !alone && vectors(&plan)?.is_some() {
         study.in_blocks(py, integrator)?
     } else {
         study.one_by_one(py, integrator)?
     };
+    if let Some(own) = &own {
+        result.reorder_states(&own.order);
+    }
     result.into_dict(py, &plan)
 }
 
@@ -570,7 +613,7 @@ impl Study<'_> {
             })?
             .compile()
         };
-        let step = alone(observer.step(), 2 + memory + 1)?;
+        let step = alone(&self.step, 2 + memory + 1)?;
         let law = match (integrator, observer.law()) {
             (None, _) => None,
             (Some(_), None) => return Err(refused(SAMPLED_ONLY)),

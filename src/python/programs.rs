@@ -853,8 +853,18 @@ impl Tables {
     pub fn is_current(&self) -> bool {
         self.shape.current
     }
-    pub fn step(&self) -> &Table {
-        &self.step
+    /// The step as one table, whether the law has started or not.
+    pub fn step(&self) -> PyResult<Table> {
+        let Some((index, [unstarted, _])) = &self.unstarted else { return Ok(self.step.clone()) };
+        trace(Setting::usual(false), || {
+            let given: Vec<Traced> = self.step.inputs.iter().map(|name| input(name)).collect();
+            let made = trace::inline(&self.step, &given);
+            let first = trace::inline(unstarted, &given);
+            let started = given[MEMORY + index];
+            let chosen = made.iter().zip(&first);
+            let chosen: Vec<Traced> = chosen.map(|(a, b)| trace::select(started, *a, *b)).collect();
+            Ok(self.step.output_names.iter().cloned().zip(chosen).collect())
+        })
     }
     /// Rate and admissible set of a continuous law.
     pub fn law(&self) -> Option<&(Table, Table)> {

@@ -258,6 +258,11 @@ fn apply<const K: usize>(operation: Operation, operands: [Traced; K]) -> Traced 
     Traced(with(|trace| trace.apply(operation, indices, K)))
 }
 
+/// `a` where the condition holds (is not 0), else `b`.
+pub fn select(condition: Traced, a: Traced, b: Traced) -> Traced {
+    apply(Operation::Select, [condition, a, b])
+}
+
 /// A question about values: its answer if they are constants.
 fn decide(a: Traced, b: Traced) -> Option<Ordering> {
     with(|trace| {
