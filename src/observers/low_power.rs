@@ -270,8 +270,8 @@ where
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BlockGains<T, const N: usize> {
-    a: SVector<T, N>,
-    b: SVector<T, N>,
+    pub(crate) a: SVector<T, N>,
+    pub(crate) b: SVector<T, N>,
 }
 
 crate::error::through_constructor! {

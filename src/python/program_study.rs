@@ -12,7 +12,7 @@ use super::programs::Tables;
 use super::spec::Spec;
 use super::systems::AnyPlant;
 use super::table::Table;
-use super::trace::{self, Setting, Traced, input, inputs, named, trace};
+use super::trace::{self, PlacedGains, Setting, Traced, input, inputs, named, trace};
 use crate::Scalar;
 use crate::ensemble::Programs;
 use crate::integrate::{Integrator, PlantScheme, WienerIncrement, plant_step};
@@ -74,7 +74,8 @@ impl OwnPlant {
     }
 }
 
-const DOUBLE: Setting = Setting { single: false, present: true, answer: None, dt: None };
+const DOUBLE: Setting =
+    Setting { single: false, present: true, answer: None, gains: PlacedGains::Computed };
 
 /// An own plant behind the trait of all plants: over traced numbers, its table is taken in.
 #[derive(Clone, Copy)]
@@ -460,8 +461,12 @@ pub fn is_programmed(spec: &Spec<'_>) -> PyResult<bool> {
 pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, PyDict>> {
     let of_observer = spec.sub("observer")?;
     let schedule = spec.sub("schedule")?;
-    let dt = if schedule.text("kind")? == "fixed" { Some(schedule.f64("dt")?) } else { None };
-    let observer = Tables::read(&of_observer, false, dt)?;
+    let gains = if schedule.text("kind")? == "fixed" {
+        PlacedGains::For(schedule.f64("dt")?)
+    } else {
+        PlacedGains::Computed
+    };
+    let observer = Tables::read(&of_observer, Setting { gains, ..DOUBLE })?;
     let plan = Plan::read(spec, observer.memory_len(), &[])?;
     if observer.n_y() != 1 || plan.memory_len() > Z {
         return Err(refused("an own plant or model is simulated with one output"));

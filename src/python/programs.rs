@@ -13,10 +13,11 @@ use super::recursion::{AnyObserver, Block, Recursion};
 use super::spec::Spec;
 use super::systems::{AnyModel, read_van_der_pol};
 use super::table::Table;
-use super::tabled::{LawTables, MAX_INPUTS, flat};
-use super::trace::{self, Setting, Traced, call, input, inputs, named, trace};
+use super::tabled::{Gains, LawTables, MAX_INPUTS, flat};
+use super::trace::{self, PlacedGains, Setting, Traced, call, input, inputs, named, trace};
 use crate::Scalar;
 use crate::dispatch_order;
+use crate::gain::ConstantGain;
 use crate::memory::Memory;
 use crate::model::{Model, PhaseVariable, SampledModel, StrictFeedback, last};
 use crate::models::Correction;
@@ -30,7 +31,7 @@ use nalgebra::{SMatrix, SVector};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::cmp::Ordering;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// Outputs that a model of chains may have.
 const CHAINS: usize = 12;
@@ -252,19 +253,26 @@ struct Shape {
 /// An observer as tables.
 pub struct Tables {
     shape: Shape,
-    /// (t, dt, z, y, u, parameters) → (z⁺, innovation).
+    /// (t, dt, z, y, u, parameters, gains) → (z⁺, innovation).
     step: Table,
     /// The same where the sample is missing, if that is another law.
     missing: Option<Table>,
     /// The same with and without a sample, for a law that has not started: the entry of its memory of
     /// this index is 0.
     unstarted: Option<(usize, [Table; 2])>,
-    /// For each chain, where the time stands in the memory that a correction is for: of laws with
-    /// current timing whose eigenvalues are placed.
-    elapsed: Vec<Option<usize>>,
+    /// For each chain whose eigenvalues are placed by gains that are inputs, these gains, in order.
+    placed: Vec<PlacedChain>,
     /// A continuous law: (t, z, y, u, parameters) → ż, and z → z within the set that it lives in.
     law: Option<(Table, Table)>,
     parameters: Vec<f64>,
+}
+
+/// A chain whose corrections are placed.
+struct PlacedChain {
+    /// Where the time stands in the memory that a correction is for, with current timing; else it is the
+    /// step's length.
+    elapsed: Option<usize>,
+    gains: Arc<Gains>,
 }
 
 /// What an observer knows, as its spec says it.
@@ -384,7 +392,9 @@ impl Tables {
             step: law.step(setting, manner)?,
             missing: None,
             unstarted: None,
-            elapsed: vec![(current && placed).then_some(law.len)],
+            placed: law.gains().map_or_else(Vec::new, |gains| {
+                vec![PlacedChain { elapsed: current.then_some(law.len), gains: gains.clone() }]
+            }),
             law: if together { Some(law.together(setting)?) } else { None },
             parameters: given.parameters().to_vec(),
         })
@@ -406,6 +416,14 @@ where
     Ok(Shape { n, n_y, n_u, memory, current, initial })
 }
 
+/// A gain that does not move.
+fn constant(spec: &Spec<'_>) -> PyResult<ConstantGain<f64>> {
+    match AnyGain::read(spec)? {
+        AnyGain::Constant(gain) => Ok(gain),
+        AnyGain::Moving(_) => Err(refused("a gain that moves has no gains for a length alone")),
+    }
+}
+
 fn standard<const N: usize>(
     spec: &Spec<'_>,
     given: &Given<'_, '_>,
@@ -416,12 +434,26 @@ fn standard<const N: usize>(
     let gain = spec.sub("gain")?;
     macro_rules! law {
         ($gain:pat => $made:expr) => {
-            LawTables::any(setting, manner, given.n_u()?, || {
-                let model = given.install(N)?;
-                let $gain = AnyGain::read(&gain)? else { return Err(refused("another gain law")) };
-                let k = k.map(Traced::from_f64);
-                Ok(StandardObserver::<Traced, _, _, N, MAX_INPUTS>::new(k, $made, model)?)
-            })
+            LawTables::any(
+                setting,
+                manner,
+                given.n_u()?,
+                || {
+                    let model = given.install(N)?;
+                    let $gain = AnyGain::read(&gain)? else {
+                        return Err(refused("another gain law"));
+                    };
+                    let k = k.map(Traced::from_f64);
+                    Ok(StandardObserver::<Traced, _, _, N, MAX_INPUTS>::new(k, $made, model)?)
+                },
+                |at| {
+                    let gain = constant(&gain)?;
+                    Gains::new(
+                        StandardObserver::<f64, _, _, N, 1>::new(k, gain, AnyModel::Unknown)?,
+                        at,
+                    )
+                },
+            )
         };
     }
     let law = if gain.text("law")? == "constant" {
@@ -457,15 +489,29 @@ fn low_power<const N: usize>(
     let gain = spec.sub("gain")?;
     macro_rules! law {
         ($gain:pat => $made:expr) => {
-            LawTables::any(setting, manner, given.n_u()?, || {
-                let model = given.install(N)?;
-                let saturation = AnySaturation::<N, Traced>::read(spec, saturated)?;
-                let $gain = AnyGain::read(&gain)? else { return Err(refused("another gain law")) };
-                let [alpha, beta] = [alpha, beta].map(|k| k.map(Traced::from_f64));
-                Ok(LowPower::<Traced, _, _, _, N, MAX_INPUTS>::new(
-                    alpha, beta, $made, model, saturation,
-                )?)
-            })
+            LawTables::any(
+                setting,
+                manner,
+                given.n_u()?,
+                || {
+                    let model = given.install(N)?;
+                    let saturation = AnySaturation::<N, Traced>::read(spec, saturated)?;
+                    let $gain = AnyGain::read(&gain)? else {
+                        return Err(refused("another gain law"));
+                    };
+                    let [alpha, beta] = [alpha, beta].map(|k| k.map(Traced::from_f64));
+                    Ok(LowPower::<Traced, _, _, _, N, MAX_INPUTS>::new(
+                        alpha, beta, $made, model, saturation,
+                    )?)
+                },
+                |at| {
+                    let saturation = AnySaturation::<N>::read(spec, saturated)?;
+                    let (gain, model) = (constant(&gain)?, AnyModel::Unknown);
+                    let law =
+                        LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
+                    Gains::new(law, at)
+                },
+            )
         };
     }
     let law = if gain.text("law")? == "constant" {
@@ -523,7 +569,7 @@ where
         step: step(true)?,
         missing: Some(step(false)?),
         unstarted: None,
-        elapsed: Vec::new(),
+        placed: Vec::new(),
         law: None,
         parameters: given.parameters().to_vec(),
     })
@@ -574,35 +620,24 @@ fn reduced_order<const NX: usize, const NZ: usize>(
         step: step(true, true)?,
         missing: Some(step(true, false)?),
         unstarted: Some((NZ + NX + MAX_INPUTS, [step(false, true)?, step(false, false)?])),
-        elapsed: Vec::new(),
+        placed: Vec::new(),
         law: None,
         parameters: given.parameters().to_vec(),
     })
 }
 
 impl Tables {
-    /// Of the observer that a spec describes; with `single` in single precision.
-    ///
-    /// With `dt`, corrections that are placed are right for times of this length only.
-    pub fn read(spec: &Spec<'_>, single: bool, dt: Option<f64>) -> PyResult<Self> {
-        Self::of_lengths(spec, single, dt.map(|dt| [dt.to_bits(); CHAINS]))
-    }
-
-    /// The same, with a length for each chain.
-    fn of_lengths(spec: &Spec<'_>, single: bool, lengths: Option<Lengths>) -> PyResult<Self> {
-        let setting = |chain: usize| {
-            let dt = lengths.map(|lengths| f64::from_bits(lengths[chain.min(CHAINS - 1)]));
-            Setting { dt, ..Setting::usual(single) }
-        };
+    /// Of the observer that a spec describes.
+    pub fn read(spec: &Spec<'_>, setting: Setting) -> PyResult<Self> {
         if spec.text("kind")? == "chains" {
             return Self::of_chains(spec, setting);
         }
-        Self::of(spec, &Given::read(spec)?, setting(0))
+        Self::of(spec, &Given::read(spec)?, setting)
     }
 
     /// Of an observer of several outputs: one observer for each chain, which takes the states of the
     /// other chains as they stand at the beginning of a step.
-    fn of_chains(spec: &Spec<'_>, setting: impl Fn(usize) -> Setting) -> PyResult<Self> {
+    fn of_chains(spec: &Spec<'_>, setting: Setting) -> PyResult<Self> {
         spec.only(&["kind", "observers", "model"])?;
         let own = OwnModel::read(&spec.sub("model")?)?;
         if own.form != "chains" {
@@ -625,7 +660,7 @@ impl Tables {
         let chains: Vec<Self> = specs
             .iter()
             .enumerate()
-            .map(|(chain, spec)| Self::of(spec, &Given::Chain(&own, chain), setting(chain)))
+            .map(|(chain, spec)| Self::of(spec, &Given::Chain(&own, chain), setting))
             .collect::<PyResult<_>>()?;
         if chains.iter().any(|of| of.shape.current != chains[0].shape.current) {
             return Err(refused("the observers of a model of chains must have the same timing"));
@@ -642,17 +677,25 @@ impl Tables {
         for (of, place) in chains.iter().zip(&place) {
             place.iter().zip(&of.shape.initial).for_each(|(place, value)| initial[*place] = *value);
         }
-        let elapsed = chains.iter().zip(&place);
-        let elapsed = elapsed.map(|(of, place)| Some(place[(*of.elapsed.first()?)?])).collect();
-        let step = trace(setting(0), || {
+        let placed = chains.iter().zip(&place).flat_map(|(of, place)| {
+            of.placed.iter().map(|PlacedChain { elapsed, gains }| PlacedChain {
+                elapsed: elapsed.map(|elapsed| place[elapsed]),
+                gains: gains.clone(),
+            })
+        });
+        let placed = placed.collect();
+        let step = trace(setting, || {
             let (t, dt) = (input("t"), input("dt"));
             let (z, y) = (inputs("z", rest), inputs("y", chains.len()));
             let u = inputs("u", own.n_u);
             let parameters: Vec<Traced> = own.names().iter().map(|name| input(name)).collect();
             let (mut moved, mut innovation) = (z.clone(), Vec::new());
-            for ((of, place), y) in chains.iter().zip(&place).zip(&y) {
+            for (chain, ((of, place), y)) in chains.iter().zip(&place).zip(&y).enumerate() {
                 let memory: Vec<Traced> = place.iter().map(|place| z[*place]).collect();
-                let given = [&[t, dt], memory.as_slice(), &[*y], &u, &z[..own.n], &parameters];
+                let count = of.placed.first().map_or(0, |placed| placed.gains.count);
+                let gains = inputs(&format!("gains{chain}"), count);
+                let (memory, shared) = (memory.as_slice(), &z[..own.n]);
+                let given = [&[t, dt], memory, &[*y], &u, shared, &parameters, &gains];
                 let made = trace::inline(&of.step, &given.concat());
                 place.iter().zip(&made).for_each(|(place, value)| moved[*place] = *value);
                 innovation.extend_from_slice(&made[memory.len()..]);
@@ -667,7 +710,7 @@ impl Tables {
             step,
             missing: None,
             unstarted: None,
-            elapsed,
+            placed,
             law: None,
             parameters: own.parameters,
         })
@@ -770,46 +813,15 @@ pub struct Programmed {
     missing: Option<Arc<Step>>,
     /// The same for a law that has not started.
     unstarted: Option<(usize, [Arc<Step>; 2])>,
-    /// For a law whose step is another table for each length of a period.
-    remade: Option<Remade>,
-}
-
-/// How to make the steps for a length, and those that were made.
-struct Remade {
-    spec: Py<PyAny>,
-    /// Whether there is no step for any length.
-    only: bool,
-    made: Mutex<Vec<(Lengths, Pair)>>,
 }
 
 /// A step, and the same step that tells the innovation too.
 type Pair = [Arc<Step>; 2];
 
-/// Lengths that are remembered.
-const REMEMBERED: usize = 64;
-
-/// Laws of a spec whose eigenvalues are placed: any; and any whose gains are found by decisions on the
-/// length of a period, so that there is no table for all of them.
-fn placed(spec: &Spec<'_>) -> PyResult<(bool, bool)> {
-    let kind = spec.text("kind")?;
-    if kind == "chains" {
-        return spec.list("observers")?.iter().try_fold((false, false), |(any, deciding), spec| {
-            let (of_one, decides) = placed(spec)?;
-            Ok((any || of_one, deciding || decides))
-        });
-    }
-    let blocks = kind == "low-power" || kind == "peaking-free";
-    let continuous = blocks || kind == "standard";
-    let any = continuous && matches!(Manner::read(spec)?.method, AnyMethod::Placed(_));
-    Ok((any, any && blocks))
-}
-
 /// An observer with a model of the user's own.
 pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
-    let (placed, deciding) = placed(spec)?;
-    let made = Mutex::default();
-    let remade = placed.then(|| Remade { spec: spec.to_any(), only: deciding, made });
-    let tables = Tables::read(spec, false, deciding.then_some(1.0))?;
+    let setting = Setting { gains: PlacedGains::Given, ..Setting::usual(false) };
+    let tables = Tables::read(spec, setting)?;
     let steps = tables.steps()?;
     let missing = match &tables.missing {
         None => None,
@@ -822,7 +834,7 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
             Some((*index, [Arc::new(with), Arc::new(without)]))
         }
     };
-    Ok(Box::new(Programmed { tables, steps, missing, unstarted, remade }))
+    Ok(Box::new(Programmed { tables, steps, missing, unstarted }))
 }
 
 impl Tables {
@@ -945,8 +957,8 @@ impl Programmed {
     /// The times that a sample's corrections are for.
     fn lengths(&self, memory: &[f64], dt: f64) -> Lengths {
         let mut lengths = [0; CHAINS];
-        for (length, place) in lengths.iter_mut().zip(&self.tables.elapsed) {
-            *length = length_of(*place, memory, dt);
+        for (length, placed) in lengths.iter_mut().zip(&self.tables.placed) {
+            *length = length_of(placed.elapsed, memory, dt);
         }
         lengths
     }
@@ -954,29 +966,19 @@ impl Programmed {
     /// Whether these are they.
     #[inline(always)]
     fn are_lengths(&self, known: &Lengths, memory: &[f64], dt: f64) -> bool {
-        let mut chains = known.iter().zip(&self.tables.elapsed);
-        chains.all(|(known, place)| *known == length_of(*place, memory, dt))
+        let mut chains = known.iter().zip(&self.tables.placed);
+        chains.all(|(known, placed)| *known == length_of(placed.elapsed, memory, dt))
     }
 
-    /// The step for times of these lengths, of a law that has one for each.
-    fn of_lengths(&self, remade: &Remade, lengths: Lengths, told: bool) -> PyResult<Arc<Step>> {
-        let mut made = remade.made.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, steps)) = made.iter().find(|(known, _)| *known == lengths) {
-            return Ok(steps[usize::from(told)].clone());
+    /// Gains for corrections of these lengths into their registers.
+    fn put_gains(&self, lengths: &Lengths, r: &mut Registers<f64>) {
+        let mut place = self.tables.given() + self.tables.parameters.len();
+        for (length, PlacedChain { gains, .. }) in lengths.iter().zip(&self.tables.placed) {
+            if let Some(registers) = r.0.get_mut(place..place + gains.count) {
+                gains.write(f64::from_bits(*length), registers);
+            }
+            place += gains.count;
         }
-        if made.len() >= REMEMBERED && !remade.only {
-            return Ok(self.steps[usize::from(told)].clone()); // uneven: gains are part of the step
-        }
-        let steps = Python::attach(|py| {
-            let spec = Spec::new(remade.spec.bind(py), "observer")?;
-            Tables::of_lengths(&spec, false, Some(lengths))?.steps()
-        })?;
-        if made.len() >= REMEMBERED {
-            made.remove(0);
-        }
-        made.push((lengths, steps.clone()));
-        let [step, telling] = steps;
-        Ok(if told { telling } else { step })
     }
 
     /// Step over a block with m entries of memory, at best a number that the compiler knows.
@@ -1001,8 +1003,8 @@ impl Programmed {
         let current = self.tables.shape.current;
         let told = !innovation.is_empty();
         let place = MEMORY..MEMORY + m;
-        let one = self.remade.is_none() && self.missing.is_none() && self.unstarted.is_none();
-        let mut of_lengths: Option<(Lengths, Arc<Step>)> = None;
+        let one = self.missing.is_none() && self.unstarted.is_none();
+        let mut lengths: Option<Lengths> = None;
         let mut step = self.choose(memory, true, told).clone();
         let mut r = step.at_rest;
         r.0[place.clone()].copy_from_slice(memory);
@@ -1016,23 +1018,19 @@ impl Programmed {
             let sample = y.take(k, p);
             let present = sample.iter().all(|y| y.is_finite());
             if !one {
-                if let Some(remade) = &self.remade {
-                    let memory = &r.0[place.clone()];
-                    let same = |(known, _): &(Lengths, _)| self.are_lengths(known, memory, dt[k]);
-                    if !of_lengths.as_ref().is_some_and(same) {
-                        let lengths = self.lengths(memory, dt[k]);
-                        let step = self.of_lengths(remade, lengths, told);
-                        of_lengths = step.ok().map(|step| (lengths, step));
-                    }
-                }
-                let wanted = match &of_lengths {
-                    Some((_, step)) => step,
-                    None => self.choose(&r.0[place.clone()], present, told),
-                };
+                let wanted = self.choose(&r.0[place.clone()], present, told);
                 if !Arc::ptr_eq(wanted, &step) {
                     let mut fresh = wanted.at_rest;
                     fresh.0[place.clone()].copy_from_slice(&r.0[place.clone()]);
-                    (step, r) = (wanted.clone(), fresh);
+                    (step, r, lengths) = (wanted.clone(), fresh, None);
+                }
+            }
+            if !self.tables.placed.is_empty() {
+                let memory = &r.0[place.clone()];
+                if !lengths.is_some_and(|known| self.are_lengths(&known, memory, dt[k])) {
+                    let new = self.lengths(memory, dt[k]);
+                    self.put_gains(&new, &mut r);
+                    lengths = Some(new);
                 }
             }
             let given = (sample, &u[k * q..(k + 1) * q]);
@@ -1085,12 +1083,9 @@ fn status(moved: bool, present: bool) -> Status {
 impl Recursion for Programmed {
     fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
         let present = y.iter().all(|y| y.is_finite());
-        let step = match &self.remade {
-            Some(remade) => self.of_lengths(remade, self.lengths(memory, dt), false),
-            None => Ok(self.choose(memory, present, false).clone()),
-        };
-        let Ok(step) = step else { return Status::ModelUndefined };
+        let step = self.choose(memory, present, false);
         let mut r = step.at_rest;
+        self.put_gains(&self.lengths(memory, dt), &mut r);
         r.0[MEMORY..MEMORY + memory.len()].copy_from_slice(memory);
         let moved = step.advance(&mut r, memory.len(), (t, dt), (y, u), (memory, &mut []));
         status(moved, present)
@@ -1148,7 +1143,9 @@ pub fn trace_step<'py>(
     missing: bool,
     dt: Option<f64>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let tables = Tables::read(&Spec::new(spec, "observer")?, single, dt)?;
+    let gains = dt.map_or(PlacedGains::Computed, PlacedGains::For);
+    let setting = Setting { gains, ..Setting::usual(single) };
+    let tables = Tables::read(&Spec::new(spec, "observer")?, setting)?;
     let table = match (tables.missing, missing) {
         (Some(table), true) => table,
         _ => tables.step,
@@ -1168,7 +1165,7 @@ pub fn run_single(
     u: &Bound<'_, PyAny>,
     memory0: Vec<f64>,
 ) -> PyResult<Vec<Vec<f32>>> {
-    let tables = Tables::read(&Spec::new(spec, "observer")?, true, None)?;
+    let tables = Tables::read(&Spec::new(spec, "observer")?, Setting::usual(true))?;
     let Shape { memory, n_y, n_u, current, .. } = tables.shape;
     let (y, u) = (super::spec::numbers(y)?.values, super::spec::numbers(u)?.values);
     let samples = t.len();

@@ -4,13 +4,15 @@
 use super::choices::{AnyMethod, Manner, NOT_PLACED};
 use super::errors::refused;
 use super::table::Table;
-use super::trace::{Setting, Traced, inline, input, inputs, named, trace};
+use super::trace::{PlacedGains, Setting, Traced, inline, input, inputs, named, trace};
 use crate::Scalar;
 use crate::injection::{Injected, Placed, Placement};
 use crate::memory::Memory;
 use crate::observer::{ContinuousLaw, Current, Discretised, Observer, Scheme, Timing};
+use crate::observers::BlockGains;
 use nalgebra::SVector;
 use pyo3::PyResult;
+use std::sync::{Arc, Mutex};
 
 /// Known inputs that a model may have.
 pub const MAX_INPUTS: usize = 8;
@@ -42,9 +44,90 @@ pub struct LawTables {
     stagger: Table,
     /// z → z within the set that the law lives in.
     admissible: Table,
-    /// If its eigenvalues are placed: (t, z, u, dt) → z after a step without a sample, and
-    /// (t, z, y, u, dt) → z after its use.
-    placed: Option<(Table, Table)>,
+    /// If its eigenvalues are placed.
+    placed: Option<PlacedTables>,
+}
+
+/// The halves of a step of a law whose eigenvalues are placed.
+struct PlacedTables {
+    /// (t, z, u, dt) → z after a step without a sample.
+    flow: Table,
+    /// (t, z, y, u, dt, gains) → z after the use of a sample.
+    correct: Table,
+    /// The gains, where they are inputs.
+    gains: Option<Arc<Gains>>,
+}
+
+/// Gains of a placed correction as numbers.
+pub trait Numbers<T: Scalar>: Copy {
+    const COUNT: usize;
+    fn from_numbers(values: &[T]) -> Self;
+    fn numbers(&self) -> Vec<T>;
+}
+
+impl<T: Scalar, const N: usize> Numbers<T> for SVector<T, N> {
+    const COUNT: usize = N;
+    fn from_numbers(values: &[T]) -> Self {
+        Self::read(values)
+    }
+    fn numbers(&self) -> Vec<T> {
+        self.as_slice().to_vec()
+    }
+}
+
+impl<T: Scalar, const N: usize> Numbers<T> for [BlockGains<T, N>; 2] {
+    const COUNT: usize = 4 * N;
+    fn from_numbers(values: &[T]) -> Self {
+        let part = |i: usize| SVector::read(values.get(i * N..).unwrap_or(&[]));
+        [BlockGains { a: part(0), b: part(1) }, BlockGains { a: part(2), b: part(3) }]
+    }
+    fn numbers(&self) -> Vec<T> {
+        self.iter().flat_map(|gains| [gains.a, gains.b]).flat_map(|part| part.numbers()).collect()
+    }
+}
+
+/// Lengths of corrections whose gains are remembered.
+const RECENT: usize = 8;
+
+/// The gains of a law's placed corrections, computed by the law itself: they depend on its coefficients
+/// and on the time that a correction is for, on no model.
+pub struct Gains {
+    pub count: usize,
+    of: Box<dyn Fn(f64) -> Vec<f64> + Send + Sync>,
+    /// Those of the lengths used last.
+    recent: Mutex<Vec<(u64, Vec<f64>)>>,
+}
+
+impl Gains {
+    /// Of this law.
+    pub fn new<L>(law: L, at: Placement) -> PyResult<Arc<Self>>
+    where
+        L: Injected<f64, Gains: Numbers<f64>, Poles: Send + Sync> + Send + Sync + 'static,
+    {
+        let poles = law.poles(at)?;
+        let of = move |length| law.gains(at, &poles, &law.initial(), length).numbers();
+        Ok(Arc::new(Self { count: L::Gains::COUNT, of: Box::new(of), recent: Mutex::default() }))
+    }
+
+    /// The gains of a correction for this time. No thread waits for another: where one is at the
+    /// remembered gains, the others compute.
+    pub fn write(&self, length: f64, into: &mut [f64]) {
+        let bits = length.to_bits();
+        if let Ok(recent) = self.recent.try_lock()
+            && let Some((_, known)) = recent.iter().find(|(known, _)| *known == bits)
+        {
+            into.copy_from_slice(known);
+            return;
+        }
+        let gains = (self.of)(length);
+        into.copy_from_slice(&gains);
+        if let Ok(mut recent) = self.recent.try_lock() {
+            if recent.len() == RECENT {
+                recent.remove(0);
+            }
+            recent.push((bits, gains));
+        }
+    }
 }
 
 /// One function of the law that `build` makes: its inputs by name and number, then what the law's
@@ -91,13 +174,23 @@ impl LawTables {
         manner: Manner,
         n_u: usize,
         build: impl Fn() -> PyResult<L>,
+        gains: impl FnOnce(Placement) -> PyResult<Arc<Gains>>,
     ) -> PyResult<Self>
     where
-        L: Injected<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>>,
+        L: Injected<
+                Traced,
+                Input: Memory<Traced>,
+                Innovation: Memory<Traced>,
+                Gains: Numbers<Traced>,
+            >,
     {
         let placed = match manner.method {
             AnyMethod::Known(_) => None,
-            AnyMethod::Placed(at) => Some(Self::placed(setting, at, n_u, &build)?),
+            AnyMethod::Placed(at) => {
+                let given = L::CONSTANT && matches!(setting.gains, PlacedGains::Given);
+                let gains = if given { Some(gains(at)?) } else { None };
+                Some(Self::placed(setting, at, n_u, &build, gains)?)
+            }
         };
         Ok(Self { placed, ..Self::of(setting, n_u, &build)? })
     }
@@ -149,9 +242,10 @@ impl LawTables {
         at: Placement,
         n_u: usize,
         build: &impl Fn() -> PyResult<L>,
-    ) -> PyResult<(Table, Table)>
+        gains: Option<Arc<Gains>>,
+    ) -> PyResult<PlacedTables>
     where
-        L: Injected<Traced, Input: Memory<Traced>>,
+        L: Injected<Traced, Input: Memory<Traced>, Gains: Numbers<Traced>>,
     {
         let len = L::State::LEN;
         let free = [("t", 1), ("z", len), ("u", n_u), ("dt", 1)];
@@ -159,14 +253,27 @@ impl LawTables {
             let (z, u) = (L::State::read(&of[1]), L::Input::read(&of[2]));
             Ok(flat(&law.flow(of[0][0], &z, &u, of[3][0])))
         })?;
-        let sampled = [("t", 1), ("z", len), ("y", 1), ("u", n_u), ("dt", 1)];
+        let count = gains.as_ref().map_or(0, |gains| gains.count);
+        let sampled = [("t", 1), ("z", len), ("y", 1), ("u", n_u), ("dt", 1), ("gains", count)];
         let correct = part(setting, build, &sampled, |law: &L, of| {
-            let (z, u) = (L::State::read(&of[1]), L::Input::read(&of[3]));
+            let (z, u, dt) = (L::State::read(&of[1]), L::Input::read(&of[3]), of[4][0]);
+            if count > 0 {
+                let gains = L::Gains::from_numbers(&of[5]);
+                return Ok(flat(&law.inject(&z, &law.innovation(&z, of[2][0]), &gains, dt)));
+            }
+            let dt = match setting.gains {
+                PlacedGains::For(length) => Traced::from_f64(length),
+                PlacedGains::Computed | PlacedGains::Given => dt,
+            };
             let scheme = Placed::new(law, at)?;
-            let dt = setting.dt.map_or(of[4][0], Traced::from_f64);
             Ok(flat(&scheme.correct(law, of[0][0], &z, of[2][0], &u, dt)))
         })?;
-        Ok((flow, correct))
+        Ok(PlacedTables { flow, correct, gains })
+    }
+
+    /// The gains of a placed correction, where they are inputs of the step.
+    pub fn gains(&self) -> Option<&Arc<Gains>> {
+        self.placed.as_ref()?.gains.as_ref()
     }
 
     /// (t, z, y, u) → ż: what moves together with a plant.
@@ -174,7 +281,7 @@ impl LawTables {
         let rate = trace(setting, || {
             let (t, z) = (input("t"), inputs("z", self.len));
             let (y, u) = (input("y[0]"), inputs("u", self.n_u));
-            let law = Tabled { tables: self, own: &self.own() };
+            let law = Tabled { tables: self, own: &self.own(), gains: &[] };
             let (z, u) = (State::read(&z), Inputs::read(&u));
             let rate = law.rate(t, &z, &law.innovation(&z, y), &u);
             Ok(named("z", &rate.as_slice()[..self.len]))
@@ -193,14 +300,15 @@ impl LawTables {
         self.len + timing.held(self.n_u)
     }
 
-    /// One step: (t, dt, z, y, u) → (z⁺, innovation).
+    /// One step: (t, dt, z, y, u, own inputs of the model, gains) → (z⁺, innovation).
     pub fn step(&self, setting: Setting, manner: Manner) -> PyResult<Table> {
         trace(setting, || {
             let (t, dt) = (input("t"), input("dt"));
             let memory = inputs("z", self.memory(manner.timing));
             let (y, u) = (input("y[0]"), Inputs::read(&inputs("u", self.n_u)));
             let own = self.own();
-            let law = Tabled { tables: self, own: &own };
+            let gains = inputs("gains", self.gains().map_or(0, |gains| gains.count));
+            let law = Tabled { tables: self, own: &own, gains: &gains };
             let (z, held) = memory.split_at(self.len);
             let z = State::read(z);
             let (next, held, innovation) = match manner.method {
@@ -249,6 +357,7 @@ impl LawTables {
 struct Tabled<'a> {
     tables: &'a LawTables,
     own: &'a [Traced],
+    gains: &'a [Traced],
 }
 
 impl Tabled<'_> {
@@ -312,11 +421,11 @@ impl<'a> Scheme<Traced, Tabled<'a>> for Tabled<'a> {
         self.predict(law, t, &self.correct(law, t, z, y, u, dt), u, dt)
     }
     fn predict(&self, _: &Self, t: Traced, z: &State, u: &Inputs, dt: Traced) -> State {
-        let Some((flow, _)) = &self.tables.placed else { return *z };
+        let Some(PlacedTables { flow, .. }) = &self.tables.placed else { return *z };
         self.call(flow, &[&[t], self.z(z), self.u(u), &[dt]])
     }
     fn correct(&self, _: &Self, t: Traced, z: &State, y: Traced, u: &Inputs, dt: Traced) -> State {
-        let Some((_, correct)) = &self.tables.placed else { return *z };
-        self.call(correct, &[&[t], self.z(z), &[y], self.u(u), &[dt]])
+        let Some(PlacedTables { correct, .. }) = &self.tables.placed else { return *z };
+        self.call(correct, &[&[t], self.z(z), &[y], self.u(u), &[dt], self.gains])
     }
 }
