@@ -52,6 +52,7 @@ Poles = Sequence[complex] | npt.ArrayLike
 
 _TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
 _MARK = "mark a missing sample as NaN"
+_HUGE = 1e100  # beyond it a step overflows, whatever the model
 _UNDEFINED = 2  # status of a step at which the model has no value
 
 
@@ -271,8 +272,60 @@ class Observer(_core.Online):
     def _divergence(self) -> HgoError:
         return HgoError(f"the estimate would diverge at t = {self._time:g} s: {_TAMER}")
 
-    def _no_value(self, sample: list[float]) -> HgoError:
-        return HgoError(_undefined(0, sample))
+    def _no_value(self, sample: list[float], told: list[float] | None = None) -> HgoError:
+        where = f"t = {self._time:.6g} s"
+        return HgoError(self._undefined(where, self._time, sample, told, self.memory))
+
+    def _undefined(
+        self,
+        where: str,
+        t: float,
+        sample: npt.ArrayLike,
+        told: npt.ArrayLike | None,
+        memory: Array,
+    ) -> str:
+        """What to say where the model has no value at a sample: of which equation, and for what."""
+        y = np.asarray(sample, dtype=float)
+        told = np.full(self.n_u, np.nan) if told is None else np.asarray(told, dtype=float)
+        measured = "" if np.isnan(y).all() else f", y = {_row(y)}"
+        head = f"the model has no value at {where}{measured}"
+        known = self.spec.get("model") or {"kind": "none"}
+        if known["kind"] == "ship":
+            return (
+                f"{head}: a ship at rest has no course angle, z_1 = 0 makes atan(0/0) (Katayama, "
+                "assumption A1); start the record where the ship moves"
+            )
+        estimate = f"x_hat = [{_row(memory[: self.n])}]"
+        if known["kind"] != "own":
+            return (
+                f"{head}: the step from {estimate} is not finite; start x_hat0 nearer to the states"
+            )
+        model = cast("Model", self.model)
+        x_hat = memory[: self.n]
+        if model.n_x:  # measured states, then the estimated ones
+            last = memory[self.n : self.n + model.n_x]
+            x_hat = np.append(np.where(np.isnan(y), last, y), x_hat)
+        values = dict(zip(model.states, x_hat.tolist(), strict=True))
+        shown = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+        if np.max(np.abs(x_hat)) > _HUGE:
+            return f"{head}: the numbers are too large ({shown}); {_TAMER}"
+        values |= {"t": t, **dict(zip(model.inputs, told.tolist(), strict=True))}
+        if known["form"] == "sampled":
+            values["y"] = float(y[0])
+        found = model.not_finite(values)
+        labels = found or model.shown_sides()
+        equations = " and ".join(f"{label} = {_short(text)}" for label, text in labels[:3])
+        how = "not finite at" if found else "not finite within the step from"
+        remedy = "start x_hat0 where it has one"
+        start = np.zeros(self.n)
+        start[0] = 0.0 if np.isnan(y[0]) else y[0]
+        helps = t == 0.0 and not model.n_x and self.n_y == 1 and found
+        if helps and not model.not_finite(values | dict(zip(model.states, start, strict=True))):
+            remedy += f", for example x_hat0 = [{_row(start)}]"
+        return (
+            f"{head}: {equations} is {how} {shown}; {remedy}, or bound in the equation what it has "
+            "no value for, as max(v, 1e-3) does for a state v"
+        )
 
     def run(
         self,
@@ -351,12 +404,18 @@ class Observer(_core.Online):
             except DesignError as error:
                 where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
                 raise DesignError(f"{where}{error}") from None
-        if track["undefined"] is not None:
-            raise HgoError(_undefined(track["undefined"], track["y"][track["undefined"]]))
         memory = track["memory"]
         bound = self._bound(float(np.max(np.abs(start))), track["largest_sample"])
-        if not (track["largest"] <= bound or allow):  # NaN is not within
-            k = int(np.argmin(np.all(np.abs(memory) <= bound, axis=1)))
+        diverged = len(memory)
+        if not track["largest"] <= bound:  # NaN is not within
+            diverged = int(np.argmin(np.all(np.abs(memory) <= bound, axis=1)))
+        undefined = track["undefined"]
+        if undefined is not None and undefined < diverged:
+            k = undefined
+            where = f"sample {k} (t = {time(k):.6g} s)"
+            raise HgoError(self._undefined(where, time(k), track["y"][k], told[k], memory[k]))
+        if diverged < len(memory) and not allow:
+            k = diverged
             raise HgoError(f"the estimate diverged at sample {k} (t = {time(k):g} s): {_TAMER}")
         result = RunResult.of_run(
             clock,
@@ -1098,6 +1157,14 @@ def _saturation(levels: npt.ArrayLike, n: int, model: System | None) -> list[flo
     return [float(v) for v in values]
 
 
+def _row(values: Array) -> str:
+    return ", ".join(f"{value:.6g}" for value in values)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
 def _floats(values: npt.ArrayLike, parameter: str, remedy: str = "give numbers") -> Array:
     """As `check_array`, but an array of floats is taken as it is."""
     if type(values) is np.ndarray and values.dtype == np.float64:
@@ -1178,12 +1245,3 @@ def _check_inputs(u: Array) -> None:
     bad = ~np.isfinite(u).all(axis=1)
     if bad.any():
         raise HgoError(f"u at sample {int(np.argmax(bad))} is not finite: every sample needs one")
-
-
-def _undefined(k: int, sample: npt.ArrayLike) -> str:
-    shown = ", ".join(f"{value:.6g}" for value in np.asarray(sample))
-    return (
-        f"the model has no value at sample {k} (y = {shown}): a ship at "
-        "rest has no course angle, z_1 = 0 makes atan(0/0) (Katayama, assumption A1); start the "
-        "record where the ship moves"
-    )
