@@ -173,13 +173,8 @@ pub trait StrictFeedback<T: Scalar, const NX: usize, const NZ: usize, const M: u
     /// g(t, x, u), NX by NZ, of full column rank (A2).
     fn g(&self, t: T, x: &SVector<T, NX>, u: &SVector<T, M>) -> nalgebra::SMatrix<T, NX, NZ>;
     /// f₂(t, x, z, u).
-    fn f2(
-        &self,
-        t: T,
-        x: &SVector<T, NX>,
-        z: &SVector<T, NZ>,
-        u: &SVector<T, M>,
-    ) -> SVector<T, NZ>;
+    fn f2(&self, t: T, x: &SVector<T, NX>, z: &SVector<T, NZ>, u: &SVector<T, M>)
+    -> SVector<T, NZ>;
     /// Φ⁻¹gᵀv with Φ = gᵀg: the z that explains v = g(t, x, u)z best.
     #[inline(always)]
     fn explain(

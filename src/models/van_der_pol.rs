@@ -139,14 +139,7 @@ impl<T: Scalar> SampledModel<T, 2> for VanDerPol<T> {
         self.drift(t, x_hat, u)
     }
     #[inline(always)]
-    fn correction(
-        &self,
-        _: T,
-        x_hat: &Vector2<T>,
-        _: &SVector<T, 0>,
-        y: T,
-        dt: T,
-    ) -> Vector2<T> {
+    fn correction(&self, _: T, x_hat: &Vector2<T>, _: &SVector<T, 0>, y: T, dt: T) -> Vector2<T> {
         let five = T::from_f64(5.0);
         let mu = self.epsilon * (T::ONE - y * y);
         let l1 = match self.correction {

@@ -211,10 +211,8 @@ where
         _: T,
         dt: T,
     ) -> Status {
-        if z.elapsed >= T::ZERO {
-            z.elapsed += dt;
-        }
-        (z.u, z.period) = (*u, dt);
+        let started = T::ONE.copysign(z.elapsed).max(T::ZERO); // 1, or 0 before the first sample
+        (z.elapsed, z.u, z.period) = (z.elapsed + started * dt, *u, dt);
         Status::Predicted
     }
 

@@ -173,7 +173,14 @@ impl Recursion for Halved {
         Ok(Status::of(&y))
     }
 
-    fn advance(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> PyResult<Status> {
+    fn advance(
+        &self,
+        memory: &mut [f64],
+        y: &[f64],
+        u: &[f64],
+        t: f64,
+        dt: f64,
+    ) -> PyResult<Status> {
         let y = sample(y);
         let usual = if self.timing == Timing::Predictor { self.usual(dt) } else { None };
         let halves = usual.as_deref().unwrap_or(&*self.halves);

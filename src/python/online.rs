@@ -98,8 +98,9 @@ impl Online {
     /// What is asked, on a copy of the memory; the clock goes on if it is taken.
     fn moved(&mut self, py: Python<'_>, next: &mut [f64], asked: &Asked<'_>) -> PyResult<Outcome> {
         let Asked { verb, y, u, dt } = *asked;
-        let law = self.law(py)?.law();
-        if (y.len(), u.len(), next.len()) != (law.n_y(), law.n_u(), law.initial_len()) {
+        let observer = self.law(py)?;
+        let law = observer.law();
+        if (y.len(), u.len(), next.len()) != (law.n_y(), law.n_u(), observer.memory_len()) {
             return Err(refused("the observer was made another one during the call"));
         }
         let (recursion, t) = (law.recursion(), self.clock.time());
@@ -367,9 +368,7 @@ fn call<'py>(
     let refusal = match outcome {
         Outcome::Taken => None,
         Outcome::Diverged => Some(slf.call_method0(intern!(py, "_divergence"))?),
-        Outcome::Undefined => {
-            Some(slf.call_method1(intern!(py, "_no_value"), (sample.to_vec(),))?)
-        }
+        Outcome::Undefined => Some(slf.call_method1(intern!(py, "_no_value"), (sample.to_vec(),))?),
     };
     if let Some(error) = refusal {
         return Err(PyErr::from_value(error));

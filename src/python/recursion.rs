@@ -9,7 +9,14 @@ use pyo3::prelude::*;
 /// A law in discrete time, with its memory as a flat vector. The verbs are [`CoreObserver`]'s.
 pub trait Recursion: Send + Sync {
     fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> PyResult<Status>;
-    fn advance(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> PyResult<Status>;
+    fn advance(
+        &self,
+        memory: &mut [f64],
+        y: &[f64],
+        u: &[f64],
+        t: f64,
+        dt: f64,
+    ) -> PyResult<Status>;
     /// See [`over_block`].
     fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> PyResult<f64>;
 }
@@ -25,7 +32,14 @@ where
         z.write(memory);
         Ok(status)
     }
-    fn advance(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> PyResult<Status> {
+    fn advance(
+        &self,
+        memory: &mut [f64],
+        y: &[f64],
+        u: &[f64],
+        t: f64,
+        dt: f64,
+    ) -> PyResult<Status> {
         let mut z = O::State::read(memory);
         let (y, u) = (O::Measurement::read(y), O::Input::read(u));
         let status = CoreObserver::advance(self, &mut z, &y, &u, t, dt);
@@ -44,10 +58,6 @@ pub trait AnyObserver: Send + Sync {
     fn n_u(&self) -> usize;
     fn is_current(&self) -> bool;
     fn initial(&self) -> Vec<f64>;
-    /// Entries of the memory.
-    fn initial_len(&self) -> usize {
-        self.initial().len()
-    }
     fn recursion(&self) -> &dyn Recursion;
     fn study(&self, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult>;
 }

@@ -258,9 +258,10 @@ fn apply<const K: usize>(operation: Operation, operands: [Traced; K]) -> Traced 
     Traced(with(|trace| trace.apply(operation, indices, K)))
 }
 
-/// `a` where the condition holds (is not 0), else `b`.
-pub fn select(condition: Traced, a: Traced, b: Traced) -> Traced {
-    apply(Operation::Select, [condition, a, b])
+/// `a` where the value is positive, else `b`.
+pub fn if_positive(value: Traced, a: Traced, b: Traced) -> Traced {
+    let positive = apply(Operation::Less, [Traced::ZERO, value]);
+    apply(Operation::Select, [positive, a, b])
 }
 
 /// A question about values: its answer if they are constants.
