@@ -53,7 +53,6 @@ Poles = Sequence[complex] | npt.ArrayLike
 _TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
 _MARK = "mark a missing sample as NaN"
 _HUGE = 1e100  # beyond it a step overflows, whatever the model
-_UNDEFINED = 2  # status of a step at which the model has no value
 
 
 class Observer(_core.Online):
@@ -87,10 +86,9 @@ class Observer(_core.Online):
             self.model = model
         self._interpreted = getattr(model, "compiled", True) is False
         if self._interpreted:
-            from hgo_rs.own.callables import stand_in
+            from hgo_rs.own.callables import called_spec
 
-            self._core = _core.Observer(stand_in(spec, cast("Model", model)))
-            self.__dict__["step"] = self._interpreted_step  # in the place of the compiled method
+            self._core = _core.Observer(called_spec(spec, cast("Model", model)))
         else:
             self._core = _core.Observer(spec)
         self.n: int = self._core.n
@@ -101,9 +99,7 @@ class Observer(_core.Online):
 
     def __getstate__(self) -> tuple[dict[str, Any], bool, Array, float]:
         """All that a copy needs, or a pickle."""
-        own = {
-            name: value for name, value in self.__dict__.items() if name not in ("_core", "step")
-        }
+        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
         return own, self.allow_unstable, self.memory.copy(), self._time
 
     def __setstate__(self, state: tuple[dict[str, Any], bool, Array, float]) -> None:
@@ -167,9 +163,7 @@ class Observer(_core.Online):
             return self
         check("timing" in self.spec, "timing", timing, repr(self.timing), "this law has no other")
         other = type(self).__new__(type(self))
-        own = {
-            name: value for name, value in self.__dict__.items() if name not in ("_core", "step")
-        }
+        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
         other.__dict__.update(own)
         spec = self.spec | {"timing": timing}
         Observer.__init__(other, spec, model=self.model, allow_unstable=self.allow_unstable)
@@ -386,7 +380,8 @@ class Observer(_core.Online):
         tells = self._core.is_current or self.spec["kind"] == "chains" or own_sampled
         slowdown = 1.0
         if self._interpreted:
-            track, slowdown = self._interpreted_run(clock, samples, told, start)
+            record = (clock, samples, told, start)
+            track, slowdown = self._called_run(*record, innovation=tells)
         else:
             track = self._core.run(clock, samples, told, start, innovation=tells)
         if not track["sound"]:
@@ -433,62 +428,17 @@ class Observer(_core.Online):
             result.__dict__["_run_of"] = (self, told.copy())
         return result
 
-    # A model that is not compiled runs in the NumPy reference; what is asked of it stays the same.
+    def _called_run(self, *record: Any, **options: Any) -> tuple[dict[str, Any], float]:
+        """The track of a model of Python functions, and by how much it is slower than a compiled
+        model of its size.
+        """
+        from hgo_rs.own.callables import clocked, stand_in, warn_slow
 
-    def _reference(self) -> Any:
-        from hgo_rs import reference
-        from hgo_rs.own.callables import interpreted_spec
-
-        return reference.Observer(interpreted_spec(self.spec, self.model))
-
-    def _interpreted_step(
-        self, y: npt.ArrayLike, u: npt.ArrayLike | None = None, *, dt: float, out: Any = None
-    ) -> Array:
-        length, sample, told = self._checked_dt(dt), self._checked_sample(y), self._checked_input(u)
-        if self._time == 0.0:
-            self._check_start(self.memory)
-        moved, status = self._reference().step(self.memory, sample, told, self._time, length)
-        if status == _UNDEFINED or (status == 0 and not np.all(np.isfinite(moved))):
-            raise self._no_value(sample.tolist())
-        self.memory, self._time = moved, self._time + length
-        if out is None:
-            return self.x_hat
-        if not (isinstance(out, np.ndarray) and out.shape == (self.n,) and out.flags.writeable):
-            raise self._no_place(out)
-        out[:] = moved[: self.n]
-        return out
-
-    def _interpreted_run(
-        self, clock: float | Array, samples: Array, told: Array, start: Array
-    ) -> tuple[dict[str, Any], float]:
-        """The track as the core gives it, and how much longer it took than a compiled model."""
-        from hgo_rs.own.callables import clocked, warn_slow
-
-        _check_samples(samples, self.n_y)
-        _check_times(clock)
-        _check_inputs(told)
-        count = len(samples)
-        t, dt = (np.arange(count) * clock, clock) if isinstance(clock, float) else (clock, None)
-        track, interpreted = clocked(lambda: self._reference().run(t, samples, told, start, dt))
-        _, compiled = clocked(lambda: self._core.run(clock, samples, told, start))
-        slowdown = warn_slow(
-            cast("Model", self.model), compiled / count, interpreted / count, "run"
-        )
-        steps = np.diff(t) if dt is None else np.full(count - 1, dt)
-        present = ~np.all(np.isnan(samples), axis=1)
-        correcting = np.where(present[1:] if self._core.is_current else present[:-1], steps, 0.0)
-        k = int(np.argmax(correcting)) if count > 1 else 0
-        undefined = np.flatnonzero(track["status"] == _UNDEFINED)
-        seen = samples[np.isfinite(samples)]
-        return {
-            **track,
-            "y": samples.copy(),
-            "sound": True,
-            "longest_step": (k, float(correcting[k]) if count > 1 else 0.0),
-            "undefined": int(undefined[0]) if undefined.size else None,
-            "largest_sample": float(np.max(np.abs(seen), initial=0.0)),
-            "largest": float(np.max(np.abs(track["memory"]))),
-        }, slowdown
+        model, count = cast("Model", self.model), len(record[1])
+        track, called = clocked(lambda: self._core.run(*record, **options))
+        compiled = _core.Observer(stand_in(self.spec, model))
+        _, fast = clocked(lambda: compiled.run(*record, **options))
+        return track, warn_slow(model, fast / count, called / count, "run")
 
     def step_limit(self) -> StepLimit:
         """The largest stable step of this law under its discretisation, computed."""
