@@ -1,4 +1,4 @@
-"""Own systems: values that depend on time and input, written out in NumPy; values that do not exist."""
+"""Own systems: what depends on time and input, written out in NumPy; what has no value."""
 
 from __future__ import annotations
 

@@ -53,8 +53,8 @@ def _table(system: OwnSystem) -> dict[str, Any]:
 
 
 def runnable(spec: Mapping[str, Any], system: object) -> dict[str, Any]:
-    """The spec of an observer (with its model in it) or of a plant as it is run: where the model or the
-    plant is not compiled, its table calls it.
+    """The spec of an observer (with its model) or of a plant as it is run: where the system
+    is not compiled, its table calls it.
     """
     if not isinstance(system, OwnSystem) or system.compiled:
         return dict(spec)
