@@ -157,6 +157,7 @@ class _Record:
         )
         begin = begin[np.unique(np.linspace(0, len(begin) - 1, REPLAYS).astype(int))[: len(begin)]]
         drift = np.empty((len(begin), n))
+        told = np.ones(len(begin), bool)
         for row, k in enumerate(begin.tolist()):
             stop = int(end[k])
             rows = slice(k, stop + 1)
@@ -164,10 +165,11 @@ class _Record:
             left[:, channel] = np.nan
             start = self.memory[k - self.back]
             track = self.observer._core.run(t[rows], left, self.u[rows], start, innovation=False)
+            told[row] = track["undefined"] is None  # else the model has no value in such a gap
             # as the sample that ends the gap finds it
             shown = track["memory"][-1 - self.back, :n]
             drift[row] = self.memory[stop - self.back, :n] - shown + self.usual(stop)
-        return t[begin], drift
+        return t[begin][told], drift[told]
 
     def usual(self, stop: int) -> Array:
         """x - x̂ before a sample, (n,): the average of y - x̂_1 and of the corrections, chain by
