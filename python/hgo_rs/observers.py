@@ -151,7 +151,7 @@ class Observer(_core.Online):
     @property
     def _law_len(self) -> int:
         """Entries of the memory without what current timing holds beside the law's own."""
-        held = 2 + self.n_u if self.spec.get("timing") == "current" else 0
+        held = 1 if self.spec.get("timing") == "current" else 0
         return int(self._core.memory_len) - held
 
     def with_timing(self, timing: str) -> Observer:
