@@ -52,7 +52,7 @@ Poles = Sequence[complex] | npt.ArrayLike
 
 _TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
 _MARK = "mark a missing sample as NaN"
-_UNDEFINED = 2  # status of a step at which the model has no value
+_HUGE = 1e100  # beyond it a step overflows, whatever the model
 
 
 class Observer(_core.Online):
@@ -86,10 +86,9 @@ class Observer(_core.Online):
             self.model = model
         self._interpreted = getattr(model, "compiled", True) is False
         if self._interpreted:
-            from hgo_rs.own.callables import stand_in
+            from hgo_rs.own.callables import called_spec
 
-            self._core = _core.Observer(stand_in(spec, cast("Model", model)))
-            self.__dict__["step"] = self._interpreted_step  # in the place of the compiled method
+            self._core = _core.Observer(called_spec(spec, cast("Model", model)))
         else:
             self._core = _core.Observer(spec)
         self.n: int = self._core.n
@@ -100,9 +99,7 @@ class Observer(_core.Online):
 
     def __getstate__(self) -> tuple[dict[str, Any], bool, Array, float]:
         """All that a copy needs, or a pickle."""
-        own = {
-            name: value for name, value in self.__dict__.items() if name not in ("_core", "step")
-        }
+        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
         return own, self.allow_unstable, self.memory.copy(), self._time
 
     def __setstate__(self, state: tuple[dict[str, Any], bool, Array, float]) -> None:
@@ -166,9 +163,7 @@ class Observer(_core.Online):
             return self
         check("timing" in self.spec, "timing", timing, repr(self.timing), "this law has no other")
         other = type(self).__new__(type(self))
-        own = {
-            name: value for name, value in self.__dict__.items() if name not in ("_core", "step")
-        }
+        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
         other.__dict__.update(own)
         spec = self.spec | {"timing": timing}
         Observer.__init__(other, spec, model=self.model, allow_unstable=self.allow_unstable)
@@ -271,8 +266,60 @@ class Observer(_core.Online):
     def _divergence(self) -> HgoError:
         return HgoError(f"the estimate would diverge at t = {self._time:g} s: {_TAMER}")
 
-    def _no_value(self, sample: list[float]) -> HgoError:
-        return HgoError(_undefined(0, sample))
+    def _no_value(self, sample: list[float], told: list[float] | None = None) -> HgoError:
+        where = f"t = {self._time:.6g} s"
+        return HgoError(self._undefined(where, self._time, sample, told, self.memory))
+
+    def _undefined(
+        self,
+        where: str,
+        t: float,
+        sample: npt.ArrayLike,
+        told: npt.ArrayLike | None,
+        memory: Array,
+    ) -> str:
+        """What to say where the model has no value at a sample: of which equation, and for what."""
+        y = np.asarray(sample, dtype=float)
+        told = np.full(self.n_u, np.nan) if told is None else np.asarray(told, dtype=float)
+        measured = "" if np.isnan(y).all() else f", y = {_row(y)}"
+        head = f"the model has no value at {where}{measured}"
+        known = self.spec.get("model") or {"kind": "none"}
+        if known["kind"] == "ship":
+            return (
+                f"{head}: a ship at rest has no course angle, z_1 = 0 makes atan(0/0) (Katayama, "
+                "assumption A1); start the record where the ship moves"
+            )
+        estimate = f"x_hat = [{_row(memory[: self.n])}]"
+        if known["kind"] != "own":
+            return (
+                f"{head}: the step from {estimate} is not finite; start x_hat0 nearer to the states"
+            )
+        model = cast("Model", self.model)
+        x_hat = memory[: self.n]
+        if model.n_x:  # measured states, then the estimated ones
+            last = memory[self.n : self.n + model.n_x]
+            x_hat = np.append(np.where(np.isnan(y), last, y), x_hat)
+        values = dict(zip(model.states, x_hat.tolist(), strict=True))
+        shown = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+        if np.max(np.abs(x_hat)) > _HUGE:
+            return f"{head}: the numbers are too large ({shown}); {_TAMER}"
+        values |= {"t": t, **dict(zip(model.inputs, told.tolist(), strict=True))}
+        if known["form"] == "sampled":
+            values["y"] = float(y[0])
+        found = model.not_finite(values)
+        labels = found or model.shown_sides()
+        equations = " and ".join(f"{label} = {_short(text)}" for label, text in labels[:3])
+        how = "not finite at" if found else "not finite within the step from"
+        remedy = "start x_hat0 where it has one"
+        start = np.zeros(self.n)
+        start[0] = 0.0 if np.isnan(y[0]) else y[0]
+        helps = t == 0.0 and not model.n_x and self.n_y == 1 and found
+        if helps and not model.not_finite(values | dict(zip(model.states, start, strict=True))):
+            remedy += f", for example x_hat0 = [{_row(start)}]"
+        return (
+            f"{head}: {equations} is {how} {shown}; {remedy}, or bound in the equation what it has "
+            "no value for, as max(v, 1e-3) does for a state v"
+        )
 
     def run(
         self,
@@ -333,7 +380,8 @@ class Observer(_core.Online):
         tells = self._core.is_current or self.spec["kind"] == "chains" or own_sampled
         slowdown = 1.0
         if self._interpreted:
-            track, slowdown = self._interpreted_run(clock, samples, told, start)
+            record = (clock, samples, told, start)
+            track, slowdown = self._called_run(*record, innovation=tells)
         else:
             track = self._core.run(clock, samples, told, start, innovation=tells)
         if not track["sound"]:
@@ -351,12 +399,18 @@ class Observer(_core.Online):
             except DesignError as error:
                 where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
                 raise DesignError(f"{where}{error}") from None
-        if track["undefined"] is not None:
-            raise HgoError(_undefined(track["undefined"], track["y"][track["undefined"]]))
         memory = track["memory"]
         bound = self._bound(float(np.max(np.abs(start))), track["largest_sample"])
-        if not (track["largest"] <= bound or allow):  # NaN is not within
-            k = int(np.argmin(np.all(np.abs(memory) <= bound, axis=1)))
+        diverged = len(memory)
+        if not track["largest"] <= bound:  # NaN is not within
+            diverged = int(np.argmin(np.all(np.abs(memory) <= bound, axis=1)))
+        undefined = track["undefined"]
+        if undefined is not None and undefined < diverged:
+            k = undefined
+            where = f"sample {k} (t = {time(k):.6g} s)"
+            raise HgoError(self._undefined(where, time(k), track["y"][k], told[k], memory[k]))
+        if diverged < len(memory) and not allow:
+            k = diverged
             raise HgoError(f"the estimate diverged at sample {k} (t = {time(k):g} s): {_TAMER}")
         result = RunResult.of_run(
             clock,
@@ -374,62 +428,17 @@ class Observer(_core.Online):
             result.__dict__["_run_of"] = (self, told.copy())
         return result
 
-    # A model that is not compiled runs in the NumPy reference; what is asked of it stays the same.
+    def _called_run(self, *record: Any, **options: Any) -> tuple[dict[str, Any], float]:
+        """The track of a model of Python functions, and by how much it is slower than a compiled
+        model of its size.
+        """
+        from hgo_rs.own.callables import clocked, stand_in, warn_slow
 
-    def _reference(self) -> Any:
-        from hgo_rs import reference
-        from hgo_rs.own.callables import interpreted_spec
-
-        return reference.Observer(interpreted_spec(self.spec, self.model))
-
-    def _interpreted_step(
-        self, y: npt.ArrayLike, u: npt.ArrayLike | None = None, *, dt: float, out: Any = None
-    ) -> Array:
-        length, sample, told = self._checked_dt(dt), self._checked_sample(y), self._checked_input(u)
-        if self._time == 0.0:
-            self._check_start(self.memory)
-        moved, status = self._reference().step(self.memory, sample, told, self._time, length)
-        if status == _UNDEFINED or (status == 0 and not np.all(np.isfinite(moved))):
-            raise self._no_value(sample.tolist())
-        self.memory, self._time = moved, self._time + length
-        if out is None:
-            return self.x_hat
-        if not (isinstance(out, np.ndarray) and out.shape == (self.n,) and out.flags.writeable):
-            raise self._no_place(out)
-        out[:] = moved[: self.n]
-        return out
-
-    def _interpreted_run(
-        self, clock: float | Array, samples: Array, told: Array, start: Array
-    ) -> tuple[dict[str, Any], float]:
-        """The track as the core gives it, and how much longer it took than a compiled model."""
-        from hgo_rs.own.callables import clocked, warn_slow
-
-        _check_samples(samples, self.n_y)
-        _check_times(clock)
-        _check_inputs(told)
-        count = len(samples)
-        t, dt = (np.arange(count) * clock, clock) if isinstance(clock, float) else (clock, None)
-        track, interpreted = clocked(lambda: self._reference().run(t, samples, told, start, dt))
-        _, compiled = clocked(lambda: self._core.run(clock, samples, told, start))
-        slowdown = warn_slow(
-            cast("Model", self.model), compiled / count, interpreted / count, "run"
-        )
-        steps = np.diff(t) if dt is None else np.full(count - 1, dt)
-        present = ~np.all(np.isnan(samples), axis=1)
-        correcting = np.where(present[1:] if self._core.is_current else present[:-1], steps, 0.0)
-        k = int(np.argmax(correcting)) if count > 1 else 0
-        undefined = np.flatnonzero(track["status"] == _UNDEFINED)
-        seen = samples[np.isfinite(samples)]
-        return {
-            **track,
-            "y": samples.copy(),
-            "sound": True,
-            "longest_step": (k, float(correcting[k]) if count > 1 else 0.0),
-            "undefined": int(undefined[0]) if undefined.size else None,
-            "largest_sample": float(np.max(np.abs(seen), initial=0.0)),
-            "largest": float(np.max(np.abs(track["memory"]))),
-        }, slowdown
+        model, count = cast("Model", self.model), len(record[1])
+        track, called = clocked(lambda: self._core.run(*record, **options))
+        compiled = _core.Observer(stand_in(self.spec, model))
+        _, fast = clocked(lambda: compiled.run(*record, **options))
+        return track, warn_slow(model, fast / count, called / count, "run")
 
     def step_limit(self) -> StepLimit:
         """The largest stable step of this law under its discretisation, computed."""
@@ -1098,6 +1107,14 @@ def _saturation(levels: npt.ArrayLike, n: int, model: System | None) -> list[flo
     return [float(v) for v in values]
 
 
+def _row(values: Array) -> str:
+    return ", ".join(f"{value:.6g}" for value in values)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
 def _floats(values: npt.ArrayLike, parameter: str, remedy: str = "give numbers") -> Array:
     """As `check_array`, but an array of floats is taken as it is."""
     if type(values) is np.ndarray and values.dtype == np.float64:
@@ -1178,12 +1195,3 @@ def _check_inputs(u: Array) -> None:
     bad = ~np.isfinite(u).all(axis=1)
     if bad.any():
         raise HgoError(f"u at sample {int(np.argmax(bad))} is not finite: every sample needs one")
-
-
-def _undefined(k: int, sample: npt.ArrayLike) -> str:
-    shown = ", ".join(f"{value:.6g}" for value in np.asarray(sample))
-    return (
-        f"the model has no value at sample {k} (y = {shown}): a ship at "
-        "rest has no course angle, z_1 = 0 makes atan(0/0) (Katayama, assumption A1); start the "
-        "record where the ship moves"
-    )

@@ -3,6 +3,7 @@
 //! The laws are the core's own. Run over [`Traced`] numbers, with the model's table in the place of a
 //! compiled model, each writes down its step once; the program of that step is what runs.
 
+use super::called::Called;
 use super::choices::{AnyGain, AnyMethod, AnySaturation, Manner, MovingGain};
 use super::compile::Compiled;
 use super::design::order_refused;
@@ -860,17 +861,17 @@ struct Step {
 }
 
 /// A step in all its forms.
-struct Steps {
-    usual: Arc<Step>,
+pub struct Steps<S> {
+    usual: Arc<S>,
     /// The same for a missing sample, if that is another law.
-    missing: Option<Arc<Step>>,
+    missing: Option<Arc<S>>,
     /// The same with and without a sample for a law that has not started, see [`Tables::unstarted`].
-    unstarted: Option<(usize, [Arc<Step>; 2])>,
+    unstarted: Option<(usize, [Arc<S>; 2])>,
 }
 
-impl Steps {
+impl<S> Steps<S> {
     /// The step for such a sample.
-    fn choose(&self, memory: &[f64], present: bool) -> &Arc<Step> {
+    pub fn choose(&self, memory: &[f64], present: bool) -> &Arc<S> {
         if let Some((index, [with, without])) = &self.unstarted
             && memory.get(*index).is_some_and(|entry| *entry <= 0.0)
         {
@@ -887,32 +888,27 @@ impl Steps {
 pub struct Programmed {
     tables: Tables,
     /// From sample to sample of a record; with current timing a correction, shown, and the way on.
-    whole: Steps,
+    whole: Steps<Step>,
     /// The halves: the use of a sample with current timing, and the way to the next one.
-    correct: Option<Steps>,
-    advance: Steps,
+    correct: Option<Steps<Step>>,
+    advance: Steps<Step>,
 }
 
 /// An observer with a model of the user's own.
 pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
     let setting = Setting { gains: PlacedGains::Given, ..Setting::usual(false) };
     let tables = Tables::read(spec, setting)?;
-    let (usual, whole, correct) = match &tables.correct {
-        None => (&tables.advance, tables.forms(&tables.advance, |table| Ok(table.clone()))?, None),
-        Some(correct) => (
-            correct,
-            tables.forms(correct, |correct| tables.whole(correct))?,
-            Some(tables.forms(correct, |correct| Ok(correct.clone()))?),
-        ),
-    };
-    let advance = if correct.is_some() {
-        Steps {
-            usual: Arc::new(tables.program(&tables.advance, 0)?),
-            missing: None,
-            unstarted: None,
-        }
-    } else {
-        tables.forms(usual, |table| Ok(table.clone()))?
+    let calls = |table: &Table| !table.calls.is_empty();
+    if calls(&tables.advance) || tables.correct.as_ref().is_some_and(calls) {
+        let (correct, advance) = tables.halves(|table| Ok(table.clone()))?;
+        return Ok(Box::new(Called::new(tables, correct, advance)));
+    }
+    let (correct, advance) = tables.halves(|table| tables.program(table, 0))?;
+    let whole = match &tables.correct {
+        None => tables.forms(&tables.advance, |table| tables.program(table, 0))?,
+        Some(correct) => tables.forms(correct, |correct| {
+            tables.program(&tables.whole(correct)?, correct.outputs.len())
+        })?,
     };
     Ok(Box::new(Programmed { tables, whole, correct, advance }))
 }
@@ -936,6 +932,21 @@ impl Tables {
     /// The use of a sample with current timing.
     pub fn correct(&self) -> Option<&Table> {
         self.correct.as_ref()
+    }
+    /// What takes the sample, whether the law has started or not: the correction with current timing,
+    /// else the way to the next sample.
+    pub fn taking(&self) -> PyResult<Table> {
+        let usual = self.correct.as_ref().unwrap_or(&self.advance);
+        let Some((index, [unstarted, _])) = &self.unstarted else { return Ok(usual.clone()) };
+        trace(Setting::usual(false), || {
+            let given: Vec<Traced> = usual.inputs.iter().map(|name| input(name)).collect();
+            let (made, first) = (trace::inline(usual, &given), trace::inline(unstarted, &given));
+            let started = given[MEMORY + index];
+            let chosen = made.iter().zip(&first);
+            let chosen: Vec<Traced> =
+                chosen.map(|(a, b)| trace::if_positive(started, *a, *b)).collect();
+            Ok(usual.output_names.iter().cloned().zip(chosen).collect())
+        })
     }
     /// The way to the next sample.
     pub fn advance(&self) -> &Table {
@@ -963,14 +974,23 @@ impl Tables {
         })
     }
 
-    /// The step that `make` makes of a table, in all forms that the table has.
-    fn forms(&self, usual: &Table, make: impl Fn(&Table) -> PyResult<Table>) -> PyResult<Steps> {
-        let step = |table: &Table| {
-            let made = make(table)?;
-            let shown =
-                if made.outputs.len() > table.outputs.len() { table.outputs.len() } else { 0 };
-            Ok::<_, PyErr>(Arc::new(self.program(&made, shown)?))
+    /// The halves of a step, as `make` makes them of their tables: the use of a sample with current
+    /// timing, and the way to the next one.
+    fn halves<S>(
+        &self,
+        make: impl Fn(&Table) -> PyResult<S>,
+    ) -> PyResult<(Option<Steps<S>>, Steps<S>)> {
+        let Some(correct) = &self.correct else {
+            return Ok((None, self.forms(&self.advance, make)?));
         };
+        let usual = Arc::new(make(&self.advance)?);
+        let advance = Steps { usual, missing: None, unstarted: None };
+        Ok((Some(self.forms(correct, make)?), advance))
+    }
+
+    /// What `make` makes of a table that takes the sample, in all forms that it has.
+    fn forms<S>(&self, usual: &Table, make: impl Fn(&Table) -> PyResult<S>) -> PyResult<Steps<S>> {
+        let step = |table: &Table| Ok::<_, PyErr>(Arc::new(make(table)?));
         let unstarted = match &self.unstarted {
             None => None,
             Some((index, [with, without])) => Some((*index, [step(with)?, step(without)?])),
@@ -987,6 +1007,27 @@ impl Tables {
         let before = |place, of: &u8| (MEMORY..place).contains(&usize::from(*of));
         let hands_on = { next }.any(|(place, (a, b))| before(place, a) || before(place, b));
         Ok(Step { at_rest: self.at_rest(&compiled), compiled, shown, hands_on })
+    }
+
+    /// Memory to start from when nothing is known.
+    pub fn initial(&self) -> &[f64] {
+        &self.shape.initial
+    }
+
+    /// The inputs of a step: (t, dt, z, y, u, parameters, gains).
+    pub fn inputs(
+        &self,
+        memory: &[f64],
+        (y, u): (&[f64], &[f64]),
+        (t, dt): (f64, f64),
+    ) -> Vec<f64> {
+        let mut inputs = [&[t, dt], memory, y, u, self.parameters.as_slice()].concat();
+        for PlacedChain { elapsed, gains } in &self.placed {
+            let first = inputs.len();
+            inputs.resize(first + gains.count, 0.0);
+            gains.write(f64::from_bits(length_of(*elapsed, memory, dt)), &mut inputs[first..]);
+        }
+        inputs
     }
 
     /// Inputs of a step before its parameters.
@@ -1192,7 +1233,7 @@ impl Programmed {
     /// One half of a step for one sample.
     fn one(
         &self,
-        steps: &Steps,
+        steps: &Steps<Step>,
         memory: &mut [f64],
         (y, u): (&[f64], &[f64]),
         (t, dt): (f64, f64),

@@ -115,6 +115,30 @@ class OwnSystem(System):
                 "expressions for this; write it with np.where, np.maximum, np.sin and the like"
             )
 
+    def not_finite(self, values: Mapping[str, float]) -> list[tuple[str, str]]:
+        """Label and text of each right-hand side that is no finite number for these values by name.
+
+        What depends on a value that is not given, or is NaN, is left out.
+        """
+        known = {name: value for name, value in values.items() if not np.isnan(value)}
+        known |= self._names.parameters
+        found = []
+        for name, group in self._groups.items():
+            for label, shown, call in group.entries(name, self._names.parameters):
+                value = call(known)
+                if value is not None and not np.isfinite(value):
+                    found.append((label, shown))
+        return found
+
+    def shown_sides(self) -> list[tuple[str, str]]:
+        """Label and text of each right-hand side."""
+        groups, parameters = self._groups.items(), self._names.parameters
+        return [
+            (label, shown)
+            for name, group in groups
+            for label, shown, _ in group.entries(name, parameters)
+        ]
+
     def with_parameters(self, values: Mapping[str, float] | None = None, /, **named: float) -> Self:
         """The same system with other values of some parameters; the table is shared.
 
