@@ -23,6 +23,7 @@ import numpy as np
 
 from hgo_rs import plotting, report
 from hgo_rs.errors import HgoError
+from hgo_rs.files import write_bytes
 from hgo_rs.record import Record
 from hgo_rs.scenarios import Context, Row, Scenario, find
 
@@ -192,10 +193,8 @@ class OutputFolder:
     def write(self, name: str, content: bytes) -> Path:
         """Write a file whole or not at all."""
         path = self.path / name
-        part = self.path / f".{name}.part"
         try:
-            part.write_bytes(content)
-            part.replace(path)
+            write_bytes(path, content)
         except OSError as error:
             raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
         return path
