@@ -92,6 +92,27 @@ def test_a_forked_process_is_refused_in_place_of_hanging():
         study(**arguments(), executor=executor)
 
 
+class Backwards:
+    """Does its work at once, and gives the latest result first."""
+
+    def __init__(self):
+        self.waiting = []
+
+    def submit(self, function, specs, backend):
+        future = Future()
+        self.waiting.append((future, function(specs, backend)))
+        threading.Timer(0.05, self.give).start()
+        return future
+
+    def give(self):
+        future, outs = self.waiting.pop()
+        future.set_result(outs)
+
+
+def test_the_order_of_arrival_changes_no_bit(alone):
+    same(study(**arguments(), executor=Backwards()), alone)
+
+
 # --- executors that lose work -------------------------------------------------------------------
 
 

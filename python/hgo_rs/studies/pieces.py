@@ -214,8 +214,7 @@ def compute(
         cause = given_up[0][1]
         raise StudyError(
             f"the executor lost work {1 + _AGAIN} times ({type(cause).__name__}: {cause}): {named}"
-            f"{more}. {result.finished.sum()} of {result.finished.size} runs are finished and in "
-            "`.result` of this error; with save= the next call continues from them",
+            f"{more}",
             result,
         ) from cause
 
