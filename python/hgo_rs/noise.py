@@ -5,6 +5,7 @@ A draw is held for `hold` seconds (default: one step); `sines` are added in cont
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -33,6 +34,10 @@ class Noise:
 
     hold: float | None = field(default=None, kw_only=True)
     sines: Sequence[Sine] = field(default=(), kw_only=True)
+
+    def __post_init__(self) -> None:
+        # no list or array of the caller's, who may edit it later
+        object.__setattr__(self, "sines", copy.deepcopy(self.sines))
 
     def draw(self) -> dict[str, Any]:
         """The drawn part as a spec."""
@@ -99,6 +104,10 @@ class RecordedNoise(Noise):
     """A given sequence: values (steps + 1,) for all runs, or (runs, steps + 1)."""
 
     values: npt.ArrayLike = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "values", copy.deepcopy(self.values))
 
     def draw(self) -> dict[str, Any]:
         values = check_array(self.values, "values")
