@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, check, check_array, check_integer, check_number
+from hgo_rs.read_only import shown
 
 __all__ = ["Noise", "NormalNoise", "RecordedNoise", "Sines", "UniformNoise", "filtered_noise"]
 
@@ -116,7 +117,7 @@ class RecordedNoise(Noise):
                 f"values of shape {values.shape}: must be finite and of shape (steps + 1,) or "
                 "(runs, steps + 1); give one value a sample"
             )
-        return {"kind": "samples", "values": values}
+        return {"kind": "samples", "values": shown(values)}
 
 
 def filtered_noise(

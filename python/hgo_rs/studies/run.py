@@ -117,6 +117,8 @@ def study(
         except BaseException as error:
             stop = error
         unsaved = None if saved is None else _kept(saved)
+    for array in (array for out in result.outputs for array in out.values()):
+        array.flags.writeable = False  # from here on they are the user's to read
     stop = unsaved if stop is None else stop
     if stop is not None:
         raise _stopped(stop, unsaved, result, saved) from stop
