@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hgo_rs.errors import HgoError
+from hgo_rs.files import write_text
+from hgo_rs.read_only import read_only
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -195,7 +197,8 @@ class Config:
     Attributes
     ----------
     data : dict
-        What the file says: plain numbers, texts, lists and dicts. See the page of configurations.
+        What the file says: plain numbers, texts, lists and dicts, read-only (`replace` gives
+        another configuration). See the page of configurations.
     source : str
         The file, for errors; "" if there is none.
 
@@ -210,6 +213,7 @@ class Config:
     _lines: Mapping[tuple[str, ...], int] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "data", read_only(self.data))
         self._check()
 
     # --- from and to text -----------------------------------------------------------------------
@@ -267,9 +271,9 @@ class Config:
         return tomlkit.dumps(document)
 
     def save(self, path: str | Path) -> None:
-        """Write an `observer.toml`."""
+        """Write an `observer.toml`, whole or not at all: a failed write leaves the earlier file."""
         try:
-            Path(path).write_text(self.to_toml(), encoding="utf-8", newline="\n")
+            write_text(path, self.to_toml())
         except OSError as error:
             raise ConfigError(f"cannot write {path}: {error.strerror or error}") from error
 

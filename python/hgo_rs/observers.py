@@ -29,6 +29,7 @@ from hgo_rs.errors import (
 )
 from hgo_rs.gains import AdaptiveGain, ConstantGain, DeadZoneGain
 from hgo_rs.models import Ship, System, Unknown, VanDerPol
+from hgo_rs.read_only import ReadOnlyDict
 from hgo_rs.results import RunResult
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ class Observer(_core.Online):
     Attributes
     ----------
     spec : dict
-        What the observer is, as plain data.
+        What the observer is, as plain data, read-only.
     n, n_y, n_u : int
         Numbers of estimated states, measured outputs, known inputs.
     timing : "predictor" or "current"
@@ -69,21 +70,23 @@ class Observer(_core.Online):
     memory : (m,) ndarray
         Where it stands: x_hat first, then auxiliary states, then the gain r where it moves; with
         current timing then the time from the last sample used to the next one, the period and the
-        inputs before that one. A step makes a new one.
+        inputs before that one. A step makes a new one; an array that is set is copied.
     model : System or None
         What it knows of the system; None: nothing, or what its class takes by default.
     allow_unstable : bool
         Let `step` and `run` use a step beyond the stability limit.
     """
 
-    model: System | None = None
+    _model: System | None = None
+    _told = False  # whether the whole memory was given
 
     def __init__(
         self, spec: dict[str, Any], *, model: System | None = None, allow_unstable: bool = False
     ) -> None:
-        self.spec = spec
+        spec = self._spec = ReadOnlyDict(spec)
+        self._told = False
         if model is not None:
-            self.model = model
+            self._model = model
         self._interpreted = getattr(model, "compiled", True) is False
         if self._interpreted:
             from hgo_rs.own.callables import called_spec
@@ -91,11 +94,39 @@ class Observer(_core.Online):
             self._core = _core.Observer(called_spec(spec, cast("Model", model)))
         else:
             self._core = _core.Observer(spec)
-        self.n: int = self._core.n
-        self.n_y: int = self._core.n_y
-        self.n_u: int = self._core.n_u
-        self.timing: str = TIMINGS[self._core.is_current]
         super().__init__(self._core, _lift(spec), bool(allow_unstable))
+
+    # what an observer is does not change
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """What it is, as plain data, read-only."""
+        return self._spec
+
+    @property
+    def model(self) -> System | None:
+        """What it knows of the system."""
+        return self._model
+
+    @property
+    def n(self) -> int:
+        """Number of estimated states."""
+        return self._core.n
+
+    @property
+    def n_y(self) -> int:
+        """Number of measured outputs."""
+        return self._core.n_y
+
+    @property
+    def n_u(self) -> int:
+        """Number of known inputs."""
+        return self._core.n_u
+
+    @property
+    def timing(self) -> str:
+        """ "predictor" or "current"."""
+        return TIMINGS[self._core.is_current]
 
     def __getstate__(self) -> tuple[dict[str, Any], bool, Array, float]:
         """All that a copy needs, or a pickle."""
@@ -104,11 +135,23 @@ class Observer(_core.Online):
 
     def __setstate__(self, state: tuple[dict[str, Any], bool, Array, float]) -> None:
         own, allow_unstable, memory, time = state
-        Observer.__init__(self, own["spec"], model=own.get("model"), allow_unstable=allow_unstable)
-        self.__dict__.update(own)
+        model = own.get("_model")
+        Observer.__init__(self, own["_spec"], model=model, allow_unstable=allow_unstable)
         self.memory, self._time = memory, time
+        self.__dict__.update(own)
+        self._spec = ReadOnlyDict(self._spec)
 
     # --- memory -------------------------------------------------------------------------------
+
+    @property
+    def memory(self) -> Array:
+        """Where it stands, (m,); a step makes a new one, an array that is set is copied."""
+        return super().memory
+
+    @memory.setter
+    def memory(self, memory: npt.ArrayLike) -> None:
+        _core.Online.__dict__["memory"].__set__(self, self._checked_memory(memory))
+        self._told = True
 
     @property
     def x_hat(self) -> Array:

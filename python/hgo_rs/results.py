@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, MissingExtraError, check_integer, check_number
+from hgo_rs.read_only import shown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,7 +40,8 @@ class Gap:
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """An observer's run over a record of N samples.
+    """An observer's run over a record of N samples. Its arrays are read-only: they belong together
+    (`x_hat` is a part of `memory`), so that an edit of one would change others.
 
     Attributes
     ----------
@@ -82,13 +84,13 @@ class RunResult:
         The times of a period and y - x_hat_1 are computed when they are first asked for.
         """
         made = object.__new__(cls)
-        made.__dict__.update(fields)
+        made.__dict__.update({name: shown(value) for name, value in fields.items()})
         if isinstance(clock, float):
             made.__dict__["_period"] = clock
         else:
-            made.__dict__["time"] = np.array(clock)
+            made.__dict__["time"] = shown(np.array(clock))
         if innovation is not None:
-            made.__dict__["innovation"] = innovation
+            made.__dict__["innovation"] = shown(innovation)
         return made
 
     slowdown = 1.0
@@ -102,8 +104,8 @@ class RunResult:
                 value = self.y - self.x_hat[:, : self.y.shape[1]]
             else:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            self.__dict__[name] = value
-            return value
+            self.__dict__[name] = shown(value)
+            return self.__dict__[name]
 
     def rows(self, rows: slice) -> RunResult:
         """Some rows of it."""
@@ -226,7 +228,7 @@ class RunResult:
 
 @dataclass(frozen=True, eq=False)
 class SimulationResult:
-    """An experiment with R runs, W windows, S signals and F kept frames.
+    """An experiment with R runs, W windows, S signals and F kept frames. Its arrays are read-only.
 
     Signals are the errors x_hat - x (n of them), then the rest of the observer's memory.
 
@@ -245,7 +247,7 @@ class SimulationResult:
     time : (F,) [s];  x : (R, F, nx);  memory : (R, F, m);  y : (R, F, n_y)
         Kept frames, None without `every`.
     spec : dict
-        The experiment as plain data.
+        The experiment as plain data, read-only.
     """
 
     metrics: dict[str, Array]

@@ -18,6 +18,7 @@ from hgo_rs.gains import FixedStep, StochasticApproximation
 from hgo_rs.models import Ship, System, VanDerPol
 from hgo_rs.noise import Noise, RecordedNoise
 from hgo_rs.observers import Observer
+from hgo_rs.read_only import ReadOnlyDict, shown
 from hgo_rs.results import SimulationResult
 
 __all__ = ["simulate"]
@@ -51,7 +52,7 @@ class Experiment:
     Attributes
     ----------
     spec : dict
-        What the core and the reference read: numbers, strings, lists, dicts and arrays.
+        What the core and the reference read: numbers, strings, lists, dicts and arrays; read-only.
     n : int
         Order of the observer.
     shapes : dict
@@ -266,7 +267,7 @@ def plan(
         spec["histogram"] = _window(check_array(histogram, "histogram"), "histogram", period, steps)
     # a ship's filters are no signals, nor is what current timing holds beside the law's memory
     signals = observer.n if isinstance(plant, Ship) else observer._law_len
-    return Experiment(spec, observer.n, _shapes(spec, signals, nx, m, n_y))
+    return Experiment(ReadOnlyDict(spec), observer.n, _shapes(spec, signals, nx, m, n_y))
 
 
 def _shapes(spec: Mapping[str, Any], signals: int, nx: int, m: int, n_y: int) -> dict[str, Any]:
@@ -309,8 +310,10 @@ def execute(spec: dict[str, Any], backend: str) -> dict[str, Any]:
 
 def result_of(out: dict[str, Any], experiment: Experiment) -> SimulationResult:
     """The outputs of an experiment with their names."""
+    histogram = out.get("histogram")
+    out = {name: shown(value) for name, value in out.items()}
     return SimulationResult(
-        metrics={name: out[name] for name in METRICS if name in out},
+        metrics=ReadOnlyDict({name: out[name] for name in METRICS if name in out}),
         settling_time=out["settling_time"],
         diverged_at=out["diverged_at"],
         undefined_at=out["undefined_at"],
@@ -320,7 +323,7 @@ def result_of(out: dict[str, Any], experiment: Experiment) -> SimulationResult:
         x=out.get("x"),
         memory=out.get("memory"),
         y=out.get("y"),
-        histogram=out.get("histogram"),
+        histogram=None if histogram is None else ReadOnlyDict(histogram),
         n=experiment.n,
         spec=experiment.spec,
     )
