@@ -1474,7 +1474,7 @@ def test_reduced_order_law_written_out() -> None:
         if present:
             last = k
         assert record["memory"][k, 0] == pytest.approx(z, rel=1e-10)
-        assert record["memory"][k, 4] == pytest.approx(t[k] - t[max(last, 0)], abs=1e-12)
+        assert record["memory"][k, -2] == pytest.approx(t[k] - t[max(last, 0)], abs=1e-12)
     assert record["status"].tolist() == [int(k in gaps) for k in range(41)]
 
 
@@ -1652,7 +1652,7 @@ def test_a_study_of_an_own_reduced_order_observer() -> None:
         "steps": 200,
         "schedule": fixed(0.01),
         "x0": [1.0, 0.3],
-        "memory0": np.zeros(4),
+        "memory0": np.zeros(Observer(observer).memory_len),
         "every": 1,
         "windows": [[100, 200]],
     }

@@ -685,6 +685,7 @@ class OwnSampledDataObserver(Law):
         return memory + f * dt + np.where(np.isfinite(y), correction, 0.0)
 
 
+SLOTS = 8  # of an own model's memory for its inputs, as the core has them
 NOT_SEEN, CLOSED = 0.0, -1.0  # in the place of a period: no sample yet; no step is open
 
 
@@ -708,15 +709,15 @@ class ReducedOrderObserver(Law):
         model = plant_from(member(spec, "model", "observer"), "model")
         if isinstance(model, Ship):
             self.model: Ship | Own = Ship()  # the observer knows neither delta_bar nor w
-            self.n, self.n_y = 3, 3
+            self.n, self.n_y, self._slots = 3, 3, model.n_u
         elif isinstance(model, Own) and model.form == "strict-feedback":
             self.model = model
-            self.n, self.n_y = model.n_z, model.n
+            self.n, self.n_y, self._slots = model.n_z, model.n, SLOTS
         else:
             allowed = "'ship', or 'own' of form 'strict-feedback'"
             raise fail("observer.model.kind", model.kind, allowed, "change the model")
         self.n_u = model.n_u
-        self.memory_len = self.n + self.n_y + self.n_u + 2
+        self.memory_len = self.n + self.n_y + self._slots + 2
         self.h_bar = vector(member(spec, "h_bar", "observer"), "observer.h_bar", self.n)
         if not np.all((self.h_bar > 0.0) & (self.h_bar < 1.0)):
             raise fail("observer.h_bar", self.h_bar.tolist(), "in (0, 1)", "see assumption A5")
@@ -733,21 +734,21 @@ class ReducedOrderObserver(Law):
         return slice(self.n_y, min(self.n_y + self.n, plant.n))
 
     def parts(self, memory: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """z_hat, y, u, elapsed, period."""
-        ends = np.cumsum([self.n, self.n_y, self.n_u])
+        """z_hat, y, the slots of u, elapsed, period."""
+        ends = np.cumsum([self.n, self.n_y, self._slots])
         z_hat, y, u, (elapsed, period) = np.split(memory, ends)
         return z_hat, y, u, elapsed, period
 
     def residual(self, memory: Array, y: Array, u: Array | None, t: float) -> Array:
         """y - (y_last + elapsed (f1 + g z_hat))."""
-        z_hat, y_last, held, elapsed, _ = self.parts(memory)
-        y = np.reshape(y, y_last.shape)
+        z_hat, y_last, slots, elapsed, _ = self.parts(memory)
+        y, held = np.reshape(y, y_last.shape), slots[: self.n_u]
         return y - y_last - elapsed * self.model.x_rate(y_last, z_hat, held, t - elapsed)
 
     def correct(self, memory: Array, y: Array, t: float) -> Array:
         """Close the open step: by (8), or over a missing sample by the model."""
-        z_hat, y_last, u, elapsed, period = self.parts(memory)
-        y = np.reshape(y, y_last.shape)
+        z_hat, y_last, slots, elapsed, period = self.parts(memory)
+        y, u = np.reshape(y, y_last.shape), slots[: self.n_u]
         present = np.isfinite(y).all(axis=0)
         opened = period > 0.0
         psi = self.model.explain(y_last, (y - y_last) / elapsed, u, t - elapsed)
@@ -758,7 +759,7 @@ class ReducedOrderObserver(Law):
             [
                 np.where(opened, z_hat + period * rate, z_hat),  # (8), (22)
                 np.where(present, y, y_last),
-                u,
+                slots,
                 np.where(present, 0.0, elapsed),
                 np.where(present | opened, CLOSED, period),
             ]
@@ -772,7 +773,8 @@ class ReducedOrderObserver(Law):
         new = self.correct(memory, np.full((self.n_y, memory.shape[1]), np.nan), t)
         seen = memory[-1] != NOT_SEEN
         if u is not None:
-            new[-2 - self.n_u : -2] = np.where(seen, u, new[-2 - self.n_u : -2])
+            held = new[self.n + self.n_y :][: self.n_u]
+            held[:] = np.where(seen, u, held)
         new[-2] += np.where(seen, dt, 0.0)
         new[-1] = np.where(seen, dt, NOT_SEEN)
         return new
