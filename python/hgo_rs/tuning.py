@@ -52,6 +52,7 @@ _POINTS = 41
 _SPAN = 1e-3, 5.0  # of ell dt; beyond, an observer is all but deadbeat
 _NEAR = 2.0  # innovations up to this many times the least variance tell of noise and model error
 _LAGS = 20  # of the innovations' autocorrelation
+_FAR = 500  # lags after which what R and Q give of it has died out
 _LEVEL = 1e-3  # of the test that they are white
 # What is not white is said where it reaches the choice: see `_Candidate.doubts`.
 _MISFIT, _CORRELATED = 0.15, 1.5
@@ -122,7 +123,7 @@ class Tuning:
         A `TradeOff` a structure.
     whiteness : float
         On a log, how probable autocorrelations of the innovation as large as those at the chosen
-        gain are (20 lags, Ljung and Box's portmanteau test), if noise and model error are white;
+        gain are (20 lags, a portmanteau test), if noise and model error are white;
         NaN without a log.
     warnings : tuple of str
         What the choice leaves open, each also given as a `TuningWarning`.
@@ -212,7 +213,7 @@ def tune(
         A record (t: (N,) times or a period [s]; y: (N,); u: (N, n_u)), or the standard deviation of
         the measurement noise, white from sample to sample.
     dt : float, optional
-        Sampling period [s]; of a log it is the median step, and need not be given.
+        Sampling period [s]; of a log the median time between samples of y, and found in it.
     cutoff : float, optional
         Wanted cutoff of the estimate [rad/s]. Among structures the least noise wins.
     settling : float, optional
@@ -264,13 +265,15 @@ def tune(
         step = record.dt
         if dt is not None:
             given = check_number(dt, "dt", above=0.0)
-            median = f"the log's median step, {step:.6g} s"
+            median = f"the log's median time between samples, {step:.6g} s"
             fits = math.isclose(given, step, rel_tol=1e-2)
             check(fits, "dt", given, median, "leave it out, or correct the times")
         found = "it is found in the log; give a noise level in place of the log to use it"
         check(model_error is None, "model_error", model_error, "left out with a log", found)
     else:
         check(skip is None, "skip", skip, "left out without a log", "leave it out")
+        remedy = "give the standard deviation of the noise, or a log as a tuple (t, y)"
+        level = check_number(log_or_noise, "log_or_noise", above=0.0, remedy=remedy)
         check(dt is not None, "dt", dt, "given with a noise level", "give the sampling period")
         step = check_number(dt, "dt", above=0.0)
         needed = "given with a noise level, for the least error"
@@ -279,7 +282,7 @@ def tune(
         lack = math.nan if model_error is None else model_error
         if model_error is not None:
             lack = check_number(model_error, "model_error", least=0.0)
-        known = check_number(log_or_noise, "log_or_noise", above=0.0), lack
+        known = level, lack
 
     candidates: dict[str, _Candidate] = {}
     refusals: dict[str, HgoError] = {}
@@ -320,12 +323,14 @@ def tune(
         criterion = f"{name} {value:.4g} " + ("rad/s" if name == "cutoff" else "s")
     ell = reached[best]
     said = [f"structure {name!r} was left out: {error}" for name, error in refusals.items()]
-    said += chosen.left_out()
+    for name in reached:
+        of = f"{name}: " if name else ""
+        said += [of + text for text in candidates[name].left_out()]
     if not targets:
         said += chosen.at_an_edge(ell)
     whiteness = math.nan
     if record is not None:
-        whiteness, doubts = chosen.doubts(ell, record)
+        whiteness, doubts = chosen.doubts(ell, record, bool(targets))
         said += doubts
     for text in said:
         warnings.warn(text, TuningWarning, stacklevel=2)
@@ -381,11 +386,22 @@ class _Record:
         start = length / 20.0
         if skip is not None:
             start = check_number(skip, "skip", above=0.0, below=length)
-        judged = (t - t[0] >= start) & np.isfinite(y)
+        there = np.flatnonzero(np.isfinite(y))
+        check(
+            there.size >= 50, "samples of the log that are not missing", there.size, ">= 50", longer
+        )
+        waits = np.diff(t[there])
+        period = float(np.median(waits))
+        # After a gap the estimate has to be found again, for as long as it was left alone.
+        gap = np.flatnonzero(waits > 1.5 * period)
+        found = np.full(len(y), -np.inf)
+        found[there[gap + 1]] = t[there[gap + 1]] + np.minimum(waits[gap] - period, start)
+        judged = np.isfinite(y) & (t - t[0] >= start) & (t >= np.maximum.accumulate(found))
         enough = int(np.sum(judged))
-        check(enough >= 50, "samples after skip", enough, ">= 50", f"{longer}, or a shorter skip")
+        remedy = f"{longer}, steadier steps (their median is {period:.4g} s), or a shorter skip"
+        check(enough >= 50, "samples after skip and gaps", enough, ">= 50", remedy)
         arguments = (clock if clock.ndim else float(clock), y, *log[2:])
-        return cls(arguments, y, float(np.median(steps)), start, judged)
+        return cls(arguments, y, period, start, judged)
 
     def innovation(self, observer: Observer) -> Array:
         """The innovation y - y_hat, NaN where it is not judged."""
@@ -427,7 +443,8 @@ class _Candidate:
     curve: TradeOff
     noise: float
     model_error: float
-    misfit: float  # RMS of what the fit of R and Q leaves, of the measured variance
+    near: int  # gains of which the innovation is near the least
+    misfit: float  # RMS of what the fit of R and Q leaves there, of the measured variance
 
     def __init__(self, build: Build, dt: float, ells: npt.ArrayLike | None) -> None:
         self.build, self.dt, self.n = build, dt, 0
@@ -491,7 +508,8 @@ class _Candidate:
                     if record is not None:
                         square = float(np.nanmean(record.innovation(observer) ** 2))
                         finite = math.isfinite(square)
-                    check(finite, "innovation", square, "finite", "choose a smaller gain")
+                    remedy = "choose a smaller gain, or a larger unit of y"
+                    check(finite, "mean square innovation", square, "finite", remedy)
                     figures.append(self.figures(observer))
             except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
                 self.refused.append((ell, error))
@@ -552,19 +570,19 @@ class _Candidate:
         """sqrt(R) and sqrt(Q) from innovations: S(ell) = R s_R(ell) + Q s_Q(ell) near its least."""
         from scipy.optimize import nnls
 
-        self.misfit = math.nan
+        self.near, self.misfit = 0, math.nan
         if np.min(squares) <= smallest**2:  # no noise: nothing is left beside rounding
             return
         used = np.argsort(squares)
-        near = int(np.sum(squares <= _NEAR * np.min(squares)))
-        used = used[: max(near, 3)]
+        self.near = int(np.sum(squares <= _NEAR * np.min(squares)))
+        used = used[: max(self.near, 3)]
         specs = [self.made(ell).spec for ell in grid[used].tolist()]
         shares = np.array([innovation_gain(spec, self.dt) for spec in specs])
         unit = np.max(shares, axis=0)
         relative = shares / unit / squares[used, None]
         fit, _ = nnls(relative, np.ones(used.size))
         noise, lack = np.sqrt(fit / unit)
-        left = (relative @ fit - 1.0)[:near]
+        left = (relative @ fit - 1.0)[: self.near]
         self.noise, self.model_error = float(noise), float(lack)
         self.misfit = float(np.sqrt(np.mean(left**2)))
 
@@ -612,8 +630,8 @@ class _Candidate:
 
         def error(log_ell: float) -> float:
             spec, i = self.made(math.exp(log_ell)).spec, self.index
-            of_noise = self.noise**2 * noise_gain(spec, self.dt)[i]
-            return float(of_noise + self.model_error**2 * model_gain(spec, self.dt)[i])
+            of_noise = self.noise * math.sqrt(noise_gain(spec, self.dt)[i])
+            return math.hypot(of_noise, self.model_error * math.sqrt(model_gain(spec, self.dt)[i]))
 
         k = int(np.argmin(self.curve.error))
         ends = np.log(self.curve.ell[[max(k - 1, 0), min(k + 1, len(self.curve.ell) - 1)]])
@@ -653,20 +671,25 @@ class _Candidate:
         low, high = self.curve.ell[[0, -1]].tolist()
         if ell <= low * (1.0 + 1e-3):
             remedy = "give ells= that begin lower, on a log with a longer skip"
+            if any(refused < low for refused, _ in self.refused):
+                remedy = "lower ones were left out"
             return [f"the least error is at the lowest gain tried, {low:.4g} /s: {remedy}"]
         if ell >= high * (1.0 - 1e-3):
             remedy = "give ells= that end higher, sample faster, or tell the model more"
+            if any(refused > high for refused, _ in self.refused):
+                remedy = "higher ones were left out"
             return [f"the least error is at the highest gain tried, {high:.4g} /s: {remedy}"]
         return []
 
-    def doubts(self, ell: float, record: _Record) -> tuple[float, list[str]]:
+    def doubts(self, ell: float, record: _Record, by_target: bool) -> tuple[float, list[str]]:
         """Whether the innovation at this gain is what white noise R and white model error Q give.
 
-        Its autocorrelations r_j, over n_j pairs, less those that R and Q give with this law: if so,
-        the sum of n_j (r_j - rho_j)^2 over the lags is chi-squared (Ljung and Box, Biometrika 65,
-        1978, where rho_j = 0). A model error that lasts, as friction does, makes every long record
-        fail that, at little cost for the gain. It costs where the variance S(ell) itself does not
-        follow R and Q, or where the correlation is most of the innovation.
+        A portmanteau test. Of the autocorrelations r_j, over n_j pairs, less those rho_j that R and
+        Q give with this law, sqrt(n_j) (r_j - rho_j) is normal with Bartlett's covariance if so;
+        their normed sum of squares is chi-squared (Box and Pierce, J. Am. Stat. Assoc. 65, 1970,
+        for rho_j = 0, the Kalman filter's). A model error that lasts, as friction does,
+        makes every long record fail that, at little cost for the gain. It costs where the variance
+        S(ell) itself does not follow R and Q, or where the correlation is most of the innovation.
         """
         from scipy.stats import chi2
 
@@ -676,36 +699,46 @@ class _Candidate:
         except HgoError as error:
             return math.nan, [f"the chosen gain, {ell:.4g} /s, is refused over the log: {error}"]
         said = []
+        so = "so that the gain may be far too high; compare with lower ones, or choose by cutoff="
+        if by_target:
+            so = "so that noise and model error may be wrong; the gain does not rest on them"
+        if 0 < self.near < 3:
+            said.append(
+                f"gains tried of which the innovation is near the least: {self.near}, too few to "
+                "find noise and model error by; give ells= that are closer together"
+            )
         step = record.coarse_step()
         rounding = step / math.sqrt(12.0)
         if step and self.noise < _DITHER * rounding:
             said.append(
                 f"y moves in steps of {step:.4g}, by one or none from most samples to the next, "
                 f"and the noise found, {self.noise:.3g}, is not more than rounding, "
-                f"{rounding:.3g}: it lasts for several samples and is not white, so that the gain "
-                "may be far too high; compare with lower ones, or choose by cutoff= or settling="
+                f"{rounding:.3g}: it lasts for several samples and is not white, {so}"
             )
         whiteness = math.nan
         if math.isfinite(self.misfit):
-            covariance = np.array([self.noise**2, self.model_error**2]) @ innovation_covariance(
-                observer.spec, self.dt, _LAGS
+            far = np.array([self.noise**2, self.model_error**2]) @ innovation_covariance(
+                observer.spec, self.dt, _LAGS + _FAR
             )
-            e = np.nan_to_num(innovation)
-            there = np.isfinite(innovation)
-            excess, pairs = np.empty(_LAGS), np.empty(_LAGS)
-            for j in range(1, _LAGS + 1):
-                pairs[j - 1] = np.sum(there[j:] & there[:-j])
-                mean = e[j:] @ e[:-j] / max(pairs[j - 1], 1.0)
-                excess[j - 1] = mean / np.nanmean(innovation**2) - covariance[j] / covariance[0]
-            whiteness = float(chi2.sf(pairs @ excess**2, _LAGS))
+            rho = far / far[0]
+            e, there = np.nan_to_num(innovation), np.isfinite(innovation)
+            lags = np.arange(1, _LAGS + 1)
+            pairs = np.array([np.sum(there[j:] & there[:-j]) for j in lags])
+            products = np.array([e[j:] @ e[:-j] for j in lags])
+            excess = products / np.maximum(pairs, 1) / np.nanmean(innovation**2) - rho[lags]
+            # Bartlett's covariance of sample autocorrelations, spread @ spread.T / N: 1 if rho = 0
+            i, k = lags[:, None], np.arange(1, _FAR + 1)
+            spread = rho[k + i] + rho[np.abs(k - i)] - 2.0 * rho[i] * rho[k]
+            normal = np.linalg.lstsq(spread, np.sqrt(pairs) * excess, rcond=None)[0]
+            whiteness = float(chi2.sf(normal @ normal, _LAGS))
             size = float(np.sqrt(np.sum(excess**2)))
-            far = self.misfit > _MISFIT or size > _CORRELATED
-            if whiteness < _LEVEL and far and not said:
+            severe = self.misfit > _MISFIT or (size > _CORRELATED and not by_target)
+            if whiteness < _LEVEL and severe and not said:
                 said.append(
-                    "white noise and white model error do not explain the innovation: its "
-                    f"autocorrelations are off by {size:.2g} in all (probability {whiteness:.1g}), "
-                    f"its variance over the gain by {100.0 * self.misfit:.0f} %, so that the gain "
-                    "may be far too high; look for hum, filtering, held samples or missing terms "
-                    "of the model, or choose by cutoff= or settling="
+                    f"the noise found, {self.noise:.3g}, and model error, {self.model_error:.3g}, "
+                    "do not explain the innovation if they are white: its autocorrelations are off "
+                    f"by {size:.2g} in all (probability {whiteness:.1g}), its variance over the "
+                    f"gain by {100.0 * self.misfit:.0f} %, {so}; look for hum, filtering, held "
+                    "samples, or terms that the model lacks"
                 )
         return whiteness, said
