@@ -22,7 +22,7 @@ import numpy as np
 
 from hgo_rs import plotting, scenarios
 from hgo_rs.config import FORMAT, OBSERVERS, Config, load
-from hgo_rs.data import UNITS, Log, LogSummary, TableWriter, check_writable_format, read_chunks
+from hgo_rs.data import Log, LogSummary, TableWriter, check_writable_format, read_chunks
 from hgo_rs.errors import HgoError, MissingExtraError
 from hgo_rs.estimation import check_fit, run_chunks
 from hgo_rs.gaps import gap_error
@@ -37,6 +37,7 @@ from hgo_rs.reproduce import (
 )
 from hgo_rs.reproduce import run as run_scenarios
 from hgo_rs.scenarios.base import BACKENDS, Row
+from hgo_rs.times import UNITS
 
 if TYPE_CHECKING:
     from rich.console import Console
