@@ -28,6 +28,7 @@ from hgo_rs.errors import HgoError, MissingExtraError, check_choice, check_numbe
 from hgo_rs.times import (
     COUNTED,
     FARTHEST,
+    FAST,
     LONGEST,
     SLOW,
     SLOWEST,
@@ -37,6 +38,7 @@ from hgo_rs.times import (
     named_unit,
     span,
     ticks,
+    unix_days,
     unix_unit,
     wrapped,
 )
@@ -521,6 +523,7 @@ class _Clock:
         self._last: tuple[float, str] | None = None
         self._next = 0.0  # of the schedule
         self._steps = np.empty(0)  # the first ones
+        self._first = math.nan  # of the log [s], from the recorded origin
         self._grain = 0.0  # what the recorded numbers resolve [s]
         self._sample, self._zero = 0, math.nan  # of the piece, where dt is given
 
@@ -571,10 +574,11 @@ class _Clock:
             self.length = found.length
         else:
             self.length = UNITS[self._found_unit(found)]
+        self._first = float(found.first() * self.length)
         if found.length is None and abs(found.first() * self.length) >= FARTHEST:
             self._refuse_unit(
                 f"the time {self.time!r} begins at {found.first()}, taken in {self.unit}: "
-                f"{span(float(found.first() * self.length))} from its origin"
+                f"{span(self._first)} from its origin"
             )
         values = table.columns[self.time]
         if values.dtype.kind == "f":
@@ -637,14 +641,19 @@ class _Clock:
         for k in back:
             fell = before[k] - t[k]
             reset = t[k] - self._begin <= 0.1 * (before[k] - self._begin) and fell > 0.0
-            reset = reset and not newest_first
+            reset = reset and k - since > 1 and not newest_first  # one row is no piece
+            bits = self._wrapped(fell, usual)
             if not (reset and self.split):
                 where = table.where(k - 1) if k else self._last[1] if self._last else ""
                 raise DataError(
                     f"{self.path}, {table.where(k)}: time {t[k]:.12g} does not come after "
-                    f"{before[k]:.12g} ({where}); {self._remedy(fell, usual, reset, newest_first)}"
+                    f"{before[k]:.12g} ({where}); {self._remedy(bits, reset, newest_first)}"
                 )
-            self._check_piece(k - since, table.where(k))
+            if bits:
+                self.remarks += (
+                    f"{table.where(k)}: a counter of {bits} bits began again; the pieces of "
+                    f"{self.time!r} have no origin in common",
+                )
             starts.append(k)
             self._pieces += 1
             self._begin, since = float(t[k]), k
@@ -656,11 +665,14 @@ class _Clock:
         self._check_steps(steps, table)
         return tuple(starts)
 
-    def _remedy(self, fell: float, usual: float, reset: bool, newest_first: bool) -> str:
+    def _wrapped(self, fell: float, usual: float) -> int | None:
+        """The bits of a counter that came to its end where the time fell."""
+        ticks = float(self.length or 1)
+        return wrapped(fell / ticks, usual / ticks) if 0.0 < usual < fell else None
+
+    def _remedy(self, bits: int | None, reset: bool, newest_first: bool) -> str:
         if newest_first:
             return "the log runs backwards, newest first: sort it by time"
-        ticks = float(self.length or 1)
-        bits = wrapped(fell / ticks, usual / ticks) if 0.0 < usual < fell else None
         if bits:
             return (
                 f"a counter of {bits} bits began again: make it run on, for example by "
@@ -672,14 +684,6 @@ class _Clock:
                 'resets = "split"'
             )
         return "time must increase: sort the log or remove repeated rows"
-
-    def _check_piece(self, rows: int, where: str) -> None:
-        """Refuse a piece of one row: not a clock that starts again, but rows out of order."""
-        if rows < 2:
-            raise DataError(
-                f"{self.path}, {where}: the piece that ends before has {rows} row, an observer "
-                "needs at least 2; sort the log by time, or remove the row"
-            )
 
     def _check_steps(self, steps: np.ndarray, table: _Table) -> None:
         """Refuse steps that no record has; 0 where a piece begins."""
@@ -706,6 +710,12 @@ class _Clock:
 
     def _check_median(self, median: float) -> None:
         """Refuse a usual step that no record has, or that seconds nobody spoke of would make."""
+        days = unix_days(self._first) if self.assumed and median < FAST else None
+        if days:
+            raise DataError(
+                f"{self.path}: the times {self.time!r} begin at {self._first:.9g} with a median "
+                f"step of {median:.3g}, as {days} dates in days, taken in s; say unit = one of s, d"
+            )
         if median < (SLOW if self.assumed else SLOWEST):
             return
         told = f"the median step of the time {self.time!r} is {span(median)}"
@@ -728,8 +738,11 @@ class _Clock:
             return
         if len(self._steps):
             self._check_median(float(np.median(self._steps)))
-        if self._pieces > 1:
-            self._check_piece(self._count, "at the end")
+        if self._pieces > 1 and self._count < 2:
+            raise DataError(
+                f"{self.path}, {self._last[1]}: the last piece has 1 row, an observer needs at "
+                "least 2; remove the row"
+            )
         if self._pieces >= 10 and self._rows < 5 * self._pieces:
             raise DataError(
                 f"{self.path}: {self._pieces} pieces of {self._rows / self._pieces:.3g} rows on "
@@ -1049,7 +1062,13 @@ def _read_text(path: Path, wanted: list[str], rows: int) -> Iterator[_Table]:
             line += len(taken)
         else:
             lines = itertools.chain(taken, lines)
+        head = "".join(taken).strip()
         while block := _block(lines, rows):
+            if remarks and head in map(str.strip, block):
+                raise DataError(
+                    f"{path}: line {line} or one after it repeats the header ({head}); cut the log "
+                    "there, or remove the line"
+                )
             table = _fast(block, delimiter, at, len(known), line)
             if table is None:
                 counted = _Counted(block, lines)

@@ -14,7 +14,17 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["UNITS", "Ticks", "likely", "named_unit", "span", "ticks", "unix_unit", "wrapped"]
+__all__ = [
+    "UNITS",
+    "Ticks",
+    "likely",
+    "named_unit",
+    "span",
+    "ticks",
+    "unix_days",
+    "unix_unit",
+    "wrapped",
+]
 
 UNITS = {
     "s": Fraction(1),
@@ -34,6 +44,8 @@ SLOWEST = 1e6
 """A median step from here on [s] is refused, whatever the unit is said to be."""
 SLOW = 100.0
 """A median step from here on [s] is refused where nobody said that the unit is the second."""
+FAST = 1e-4
+"""A median step below [s] is refused where the numbers look like dates in days."""
 FARTHEST = 1e12
 """A time from here on [s] lies millennia away from every origin in use."""
 COUNTED = 2**42
@@ -135,6 +147,14 @@ def unix_unit(value: float) -> str | None:
     for unit in ("s", "ms", "us", "ns"):
         if 946_684_800 <= value * float(UNITS[unit]) < 4_102_444_800:
             return unit
+    return None
+
+
+def unix_days(value: float) -> str | None:
+    """Whose count of days makes this number a date of the years 2000 to 2100."""
+    for name, begin in (("spreadsheets count", 36526.0), ("MATLAB counts", 730486.0)):
+        if begin <= value < begin + 36525.0:
+            return name
     return None
 
 
