@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hgo_rs.errors import HgoError
+from hgo_rs.files import write_text
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -267,9 +268,9 @@ class Config:
         return tomlkit.dumps(document)
 
     def save(self, path: str | Path) -> None:
-        """Write an `observer.toml`."""
+        """Write an `observer.toml`, whole or not at all: a failed write leaves the earlier file."""
         try:
-            Path(path).write_text(self.to_toml(), encoding="utf-8", newline="\n")
+            write_text(path, self.to_toml())
         except OSError as error:
             raise ConfigError(f"cannot write {path}: {error.strerror or error}") from error
 

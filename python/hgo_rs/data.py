@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import difflib
+import io
 import itertools
 import math
 import re
@@ -25,6 +26,7 @@ from typing import IO, TYPE_CHECKING, Any, NoReturn, cast
 import numpy as np
 
 from hgo_rs.errors import HgoError, MissingExtraError, check_choice, check_number
+from hgo_rs.files import replacing
 from hgo_rs.times import (
     COUNTED,
     FARTHEST,
@@ -401,8 +403,8 @@ class TableWriter:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         check_writable_format(self.path)
-        self._part = self.path.with_name(self.path.name + ".part")
-        self._text: IO[str] | None = None
+        self._file = contextlib.ExitStack()
+        self._text: io.TextIOWrapper | None = None
         self._parquet: Any = None
 
     def __enter__(self) -> TableWriter:
@@ -425,23 +427,18 @@ class TableWriter:
         trace: TracebackType | None,
     ) -> None:
         try:
-            for file in (self._text, self._parquet):
-                if file is not None:
-                    file.close()
-            if kind is None:
-                self._part.replace(self.path)
+            self._file.__exit__(kind, error, trace)
         except OSError as failure:
             raise self._refused(failure) from failure
-        finally:
-            with contextlib.suppress(OSError):
-                self._part.unlink()
 
     def _refused(self, error: OSError) -> DataError:
         return DataError(f"cannot write {self.path}: {error.strerror or error}")
 
     def _write_text(self, columns: Mapping[str, np.ndarray]) -> None:
         if self._text is None:
-            self._text = self._part.open("w", newline="", encoding="utf-8")
+            file = self._file.enter_context(replacing(self.path))
+            self._text = io.TextIOWrapper(file, newline="", encoding="utf-8")
+            self._file.push(self._end_text)
             csv.writer(self._text, lineterminator="\n").writerow(columns)
         cells = [
             map(repr, column.tolist())
@@ -451,13 +448,20 @@ class TableWriter:
         ]
         self._text.writelines(map("{}\n".format, map(",".join, zip(*cells, strict=True))))
 
+    def _end_text(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Hand on what waits; of a file that is given up its failure says no more."""
+        with contextlib.suppress(*((OSError,) if kind else ())):
+            cast("io.TextIOWrapper", self._text).detach()
+
     def _write_parquet(self, columns: Mapping[str, np.ndarray]) -> None:
         import pyarrow
         import pyarrow.parquet
 
         table = pyarrow.table(dict(columns))
         if self._parquet is None:
-            self._parquet = pyarrow.parquet.ParquetWriter(self._part, table.schema)
+            file = self._file.enter_context(replacing(self.path))
+            writer = pyarrow.parquet.ParquetWriter(file, table.schema)
+            self._parquet = self._file.enter_context(writer)
         self._parquet.write_table(table)
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hgo_rs.errors import HgoError, MissingExtraError
+from hgo_rs.files import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -407,5 +408,6 @@ def _spans_decades(values: np.ndarray) -> bool:
 
 def save(figure: Figure, path: str | Path) -> None:
     """Write a figure in the package's style; the suffix says the format."""
-    with style():
-        figure.savefig(path)
+    path = Path(path)
+    with style(), replacing(path) as file:
+        figure.savefig(file, format=path.suffix[1:] or None)

@@ -23,8 +23,10 @@ import numpy as np
 
 from hgo_rs import plotting, report
 from hgo_rs.errors import HgoError
+from hgo_rs.files import write_bytes
 from hgo_rs.record import Record
 from hgo_rs.scenarios import Context, Row, Scenario, find
+from hgo_rs.workers import end_with_parent
 
 __all__ = ["OutputError", "OutputFolder", "Record", "execute", "run"]
 
@@ -136,6 +138,7 @@ def _run_in_processes(
 
 def _work(tasks: Any, messages: Any, backend: str, seed: int, figures: bool) -> None:
     """One process: papers until there are none. Ctrl-C is the parent's to handle."""
+    end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     while (ids := tasks.get()) is not None:
         ctx = Context(backend, seed)
@@ -192,10 +195,8 @@ class OutputFolder:
     def write(self, name: str, content: bytes) -> Path:
         """Write a file whole or not at all."""
         path = self.path / name
-        part = self.path / f".{name}.part"
         try:
-            part.write_bytes(content)
-            part.replace(path)
+            write_bytes(path, content)
         except OSError as error:
             raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
         return path
