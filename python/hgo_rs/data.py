@@ -25,7 +25,7 @@ from typing import IO, TYPE_CHECKING, Any, NoReturn, cast
 
 import numpy as np
 
-from hgo_rs.errors import HgoError, MissingExtraError, check_choice, check_number
+from hgo_rs.errors import HgoError, MissingExtraError, check_choice, check_number, printable
 from hgo_rs.files import replacing
 from hgo_rs.times import (
     COUNTED,
@@ -211,7 +211,8 @@ class LogSummary:
         several = len(self._channels) > 1
         for channel in self._channels:
             if channel.count:
-                text += "\n" + (f"{channel.name}: " if several else "") + channel.describe()
+                name = f"{printable(channel.name)}: " if several else ""
+                text += f"\n{name}{channel.describe()}"
         return "\n".join([text, *self._remarks])
 
 
@@ -397,12 +398,14 @@ class TableWriter:
     """Writes columns chunk by chunk as CSV (NaN: empty cell) or Parquet, as the suffix says.
 
     A context manager: the file takes its name when the block ends well; a block that fails leaves
-    nothing behind.
+    nothing behind. With `into`, an open binary file, rows are written there, and `path` says the
+    format alone.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, into: IO[bytes] | None = None) -> None:
         self.path = Path(path)
         check_writable_format(self.path)
+        self._into = into
         self._file = contextlib.ExitStack()
         self._text: io.TextIOWrapper | None = None
         self._parquet: Any = None
@@ -434,9 +437,12 @@ class TableWriter:
     def _refused(self, error: OSError) -> DataError:
         return DataError(f"cannot write {self.path}: {error.strerror or error}")
 
+    def _place(self) -> contextlib.AbstractContextManager[IO[bytes]]:
+        return replacing(self.path) if self._into is None else contextlib.nullcontext(self._into)
+
     def _write_text(self, columns: Mapping[str, np.ndarray]) -> None:
         if self._text is None:
-            file = self._file.enter_context(replacing(self.path))
+            file = self._file.enter_context(self._place())
             self._text = io.TextIOWrapper(file, newline="", encoding="utf-8")
             self._file.push(self._end_text)
             csv.writer(self._text, lineterminator="\n").writerow(columns)
@@ -459,7 +465,7 @@ class TableWriter:
 
         table = pyarrow.table(dict(columns))
         if self._parquet is None:
-            file = self._file.enter_context(replacing(self.path))
+            file = self._file.enter_context(self._place())
             writer = pyarrow.parquet.ParquetWriter(file, table.schema)
             self._parquet = self._file.enter_context(writer)
         self._parquet.write_table(table)
@@ -624,7 +630,9 @@ class _Clock:
             first, needed = self.begin(found)
             self.origin = first if needed else Fraction(0)
             if needed:
-                self.remarks += (f"t counts from {self.time} = {_moment(first, found, self)}",)
+                assert isinstance(self.time, str)
+                moment = _moment(first, found, self)
+                self.remarks += (f"t counts from {printable(self.time)} = {moment}",)
         return found.seconds(self.length, self.origin)
 
     # --- what cannot be -------------------------------------------------------------------------
@@ -837,7 +845,7 @@ def _merged(
         assumed = assumed or clock.assumed
     if origin:
         clock, found, _ = parts[times[0]]
-        remarks += (f"t counts from {times[0]} = {_moment(origin, found, clock)}",)
+        remarks += (f"t counts from {printable(times[0])} = {_moment(origin, found, clock)}",)
     _check_together(
         path, {n: (clocks[n][0], parts[n][0].assumed) for n in parts}, set(times[: len(outputs)])
     )
