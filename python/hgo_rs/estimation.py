@@ -131,10 +131,31 @@ def _joined(log: Log, after: Log) -> Log:
     if log.u is not None and after.u is not None:
         u = np.concatenate([log.u, after.u])
     t, y = np.concatenate([log.t, after.t]), np.concatenate([log.y, after.y])
-    return Log(t, y, u, log.names, log.source, np.isnan(y), log.starts)
+    return Log(t, y, u, log.names, log.source, np.isnan(y), log.starts, log.remarks, log.assumed)
+
+
+FASTEST = 10.0
+"""Time constants 1/gain in one step, from which on a unit of time that nobody said is refused."""
+
+
+def _check_pace(observer: Observer, log: Log) -> None:
+    """Refuse a guessed unit of time that leaves the observer nothing to filter."""
+    parts = observer.spec.get("observers", [observer.spec])
+    gains = [p["gain"].get("ell") for p in parts if isinstance(p.get("gain"), dict)]
+    gain = max((g for g in gains if g is not None), default=None)
+    if not log.assumed or gain is None or len(log.t) < 2:
+        return
+    step = float(np.median(np.diff(log.t)))
+    if gain * step >= FASTEST:
+        raise DataError(
+            f"{log.source}: the median step {step:.6g} s is {gain * step:.3g} times 1/gain = "
+            f"{1.0 / gain:.3g} s; the unit of the time {log.names['time']!r} is a guess, neither "
+            "given nor said by its name: say unit = one of s, ms, us, ns; or lower the gain"
+        )
 
 
 def _run(observer: Observer, log: Log, memory: np.ndarray) -> RunResult:
+    _check_pace(observer, log)
     try:
         return observer.run(log.t, log.y, log.u, memory0=memory)
     except DesignError as error:

@@ -69,7 +69,10 @@ def export(
             write_text(path, text)
             written.append(path)
     except OSError as error:
-        raise HgoError(f"out = {str(out)!r}: cannot be written ({error}); give a folder") from None
+        told = f" (written before: {', '.join(file.name for file in written)})" if written else ""
+        raise HgoError(
+            f"out = {str(out)!r}: cannot be written ({error}){told}; give a folder"
+        ) from None
     return written
 
 
