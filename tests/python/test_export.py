@@ -19,8 +19,8 @@ from hgo_rs.errors import HgoError
 from hgo_rs.exports import export, sources
 from hgo_rs.exports.c import files as c_files
 from hgo_rs.exports.elementary import PRECISIONS, Elementary
-from hgo_rs.exports.expressions import Names
-from hgo_rs.exports.program import Field, Program, Row, program
+from hgo_rs.exports.names import Names
+from hgo_rs.exports.program import Field, Move, Program, Row, Words, program
 from hgo_rs.exports.rust import files as rust_files
 from hgo_rs.exports.table import FUNCTIONS, graph
 from hgo_rs.observers import Observer
@@ -178,9 +178,12 @@ def some_numbers(rng: np.random.Generator, count: int) -> np.ndarray:
     return np.concatenate([special, wide, near])
 
 
+INPUTS = ("t", "dt", "z[0]", "z[1]", "y[0]", "u[0]")
+
+
 def random_table(rng: np.random.Generator, count: int) -> dict[str, Any]:
     """A program of all operations on two inputs beside t, dt and two states."""
-    names = ["t", "dt", "a", "b", "y", "u"]
+    names = [*INPUTS]
     constants = [0.5, -1.25, 3.0, 1.0, -0.0, 0.0, 0.1]
     unary = ["neg", "abs", "sign", "sqrt"]
     binary = ["add", "sub", "mul", "div", "min", "max", "lt", "le", "eq", "innovation", "copysign"]
@@ -209,13 +212,11 @@ def bare(table: dict[str, Any], rows: np.ndarray, precision: str) -> Program:
         status = 2 if not fine else 0 if math.isfinite(y) else 1
         vector.append(Row(t, dt, (y,), (u,), status, tuple(memory)))
     fields = (Field("alpha", "one", 0.5), Field("Beta", "two", -0.25))
-    names = Names()
-    for word in ("alpha", "Beta", "y", "u"):
-        names.new(word)
-    known = graph(table, precision), tuple(table["inputs"])
-    words: Any = ("y",), ("u",), names
+    words = Words(("alpha", "Beta"), ("y",), ("u",), (), "started", ())
+    names = Names(("alpha", "Beta", "y", "u"))
+    step = Move("step", graph(table, precision), INPUTS)
     return Program(
-        "maze", PRECISIONS[precision], fields, (), *words, *known, "A maze.", tuple(vector)
+        "maze", PRECISIONS[precision], fields, (), words, names, (step,), (), "A maze.", tuple(vector)
     )
 
 
@@ -281,7 +282,7 @@ def all_functions(precision: str) -> Program:
     """A program that uses every elementary function and the square root."""
     calls = [["sqrt", 4], *[[word, 4, 5] if function in TWO else [word, 4]
              for word, function in FUNCTIONS.items() if function in ELEMENTARY]]  # fmt: skip
-    table = {"inputs": ["t", "dt", "a", "b", "y", "u"], "constants": [], "ops": calls}
+    table = {"inputs": [*INPUTS], "constants": [], "ops": calls}
     first = len(table["inputs"])
     ops: list[list[Any]] = [*calls]
     for i in range(1, len(calls)):
@@ -403,9 +404,12 @@ def test_a_cortex_m4f_gives_the_same_bits(tmp_path: Path, precision: str) -> Non
 
 
 def test_names_are_identifiers_and_never_the_same_twice() -> None:
-    names = Names()
-    made = [names.new(w) for w in ("x", "x", "for", "t", "2nd", "θ", "Fv", "a b", "x_2", "sin")]
-    assert made == ["x", "x_2", "v_for", "v_t", "v_2nd", "value", "Fv", "a_b", "x_2_2", "v_sin"]
+    names = Names(("axis_step",))
+    wishes = ("x", "for", "t", "state_t", "2nd", "\u03b8", "Fv", "J", "PI", "a b", "axis_step", "q_")
+    made = names.several([(wish, "state") for wish in wishes])
+    assert made == ["x", "state_for", "state_t_2", "state_t", "v2nd", "u3b8", "Fv", "J",
+                    "state_PI", "a_b", "state_axis_step", "q_"]  # fmt: skip
+    assert [names.local(wish) for wish in ("x", "x", "dt", "h")] == ["x_2", "x_3", "value_dt", "h"]
 
 
 def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.errors import MissingExtraError, check_number
-from hgo_rs.exports.program import field_names
+from hgo_rs.exports.program import words_of
 from hgo_rs.observers import Observer
 
 __all__ = ["to_control"]
@@ -56,13 +56,13 @@ def to_control(observer: Observer, dt: float, *, name: str = "observer") -> Any:
     def output(t: float, memory: Any, given: Any, params: Any) -> Any:
         return (moved(t, memory, given) if core.is_current else np.asarray(memory))[:n]
 
-    memory, samples, controls, _ = field_names(observer)
+    words = words_of(observer)
     return control.NonlinearIOSystem(
         update,
         output,
-        inputs=[*samples, *controls],
-        outputs=[f"{word}_hat" for word in memory[:n]],
-        states=list(memory),
+        inputs=[*words.samples, *words.controls],
+        outputs=[f"{word}_hat" for word in words.memory[:n]],
+        states=list(words.memory),
         dt=period,
         name=name,
     )
