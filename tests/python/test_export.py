@@ -216,7 +216,16 @@ def bare(table: dict[str, Any], rows: np.ndarray, precision: str) -> Program:
     names = Names(("alpha", "Beta", "y", "u"))
     step = Move("step", graph(table, precision), INPUTS)
     return Program(
-        "maze", PRECISIONS[precision], fields, (), words, names, (step,), (), "A maze.", tuple(vector)
+        "maze",
+        PRECISIONS[precision],
+        fields,
+        (),
+        words,
+        names,
+        (step,),
+        (),
+        "A maze.",
+        tuple(vector),
     )
 
 
@@ -405,7 +414,20 @@ def test_a_cortex_m4f_gives_the_same_bits(tmp_path: Path, precision: str) -> Non
 
 def test_names_are_identifiers_and_never_the_same_twice() -> None:
     names = Names(("axis_step",))
-    wishes = ("x", "for", "t", "state_t", "2nd", "\u03b8", "Fv", "J", "PI", "a b", "axis_step", "q_")
+    wishes = (
+        "x",
+        "for",
+        "t",
+        "state_t",
+        "2nd",
+        "\u03b8",
+        "Fv",
+        "J",
+        "PI",
+        "a b",
+        "axis_step",
+        "q_",
+    )
     made = names.several([(wish, "state") for wish in wishes])
     assert made == ["x", "state_for", "state_t_2", "state_t", "v2nd", "u3b8", "Fv", "J",
                     "state_PI", "a_b", "state_axis_step", "q_"]  # fmt: skip

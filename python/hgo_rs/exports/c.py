@@ -84,8 +84,9 @@ def _signature(program: Program, verb: str, moves: tuple[Move, ...]) -> str:
     name, real = program.name, _real(program)
     # a time of hours in steps of milliseconds needs more digits than a float has
     types = {"t": "double"}
-    given = [f"{types.get(word, real)} {word}" for word in program.arguments(*moves)]
-    return wrapped(f"int {name}_{verb}(", f"{name}_state *state, {', '.join(given)})")
+    given = [f"{types.get(word, real)}\0{word}" for word in program.arguments(*moves)]
+    line = wrapped(f"int {name}_{verb}(", f"{name}_state\0*state, {', '.join(given)})")
+    return line.replace("\0", " ")
 
 
 def _header(program: Program) -> str:

@@ -110,6 +110,7 @@ PLAIN = Dialect(
 )
 """Equations in a comment."""
 
+
 @dataclass(frozen=True)
 class Written:
     """Names and their expressions in order, and what the outputs are called."""

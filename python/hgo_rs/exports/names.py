@@ -110,7 +110,17 @@ def names_of_export(name: str) -> set[str]:
     """Types and functions of an export of this name."""
     functions = {*Elementary.read("double").functions, *FUNCTIONS.values(), "min", "max", "sign"}
     words = {*functions, *(f"{word}_result" for word in functions)}
-    words |= {"init", "step", "correct", "predict", "state", "row", "vector", "to_bits", "from_bits"}
+    words |= {
+        "init",
+        "step",
+        "correct",
+        "predict",
+        "state",
+        "row",
+        "vector",
+        "to_bits",
+        "from_bits",
+    }
     return {name} | {f"{name}_{word}" for word in words}
 
 

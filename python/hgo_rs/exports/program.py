@@ -162,7 +162,9 @@ class Program:
         if verb == "predict":
             begins = f", from time t [s]{under}" if at else under
             return f"Move over the period of length dt [s] that begins now{begins}."
-        belongs = [control] * bool(control) + [_list("time", ("t",)) + " [s] of its beginning"] * bool(at)
+        belongs = [control] * bool(control) + [
+            _list("time", ("t",)) + " [s] of its beginning"
+        ] * bool(at)
         return (
             f"One call a sample: predict over the period that has just ended, then correct by {sample} "
             f"of now. {', '.join([*belongs, 'dt [s]'])} belong to the period that has ended; the "
@@ -213,6 +215,8 @@ def program(
             "the reduced-order observer decides on its memory, so that its step is not one table of"
             " operations: export another law"
         )
+    if precision == "single":
+        _check_single(observer)
     verbs = ("correct", "predict") if observer._core.is_current else ("step",)
     traced = [_Traced.of(observer, verb, precision) for verb in verbs]
     names = Names(names_of_export(name))
@@ -220,7 +224,6 @@ def program(
     meanings = [meaning for _, meaning in _memory_words(observer)]
     elapsed = tuple(i for i, meaning in enumerate(meanings) if meaning.startswith(ELAPSED))
     parameters = _parameters(observer.spec)
-    description = _description(observer, precision, dt)
     return Program(
         name,
         PRECISIONS[precision],
@@ -233,7 +236,7 @@ def program(
         names,
         tuple(of.move() for of in traced),
         elapsed,
-        "\n".join([description, *words.renamed]),
+        _description(observer, precision, dt, words),
         _vector(
             observer,
             {of.verb: of for of in traced},
@@ -244,6 +247,26 @@ def program(
             elapsed,
         ),
     )
+
+
+def _check_single(observer: Observer) -> None:
+    """Refuse numbers that single precision does not hold."""
+    real, spec = PRECISIONS["single"].real, observer.spec
+    given = [(f"parameter {word}", value) for word, value in _parameters(spec)]
+    given += [
+        (f"memory {word}", float(value))
+        for (word, _), value in zip(_memory_words(observer), observer.memory, strict=True)
+    ]
+    table = _model(spec).get("table", {})
+    given += [("a constant of the model", float(value)) for value in table.get("constants", ())]
+    remedy = 'scale the model, or export with precision="double"'
+    for what, value in given:
+        with np.errstate(over="ignore", under="ignore"):
+            held = float(real(value))
+        lost = np.isinf(held) != np.isinf(value) or (held == 0.0) != (value == 0.0)
+        check(
+            not lost, what, value, "within the range of single precision, 1.4e-45 to 3.4e38", remedy
+        )
 
 
 @dataclass(frozen=True)
@@ -286,7 +309,9 @@ class _Traced:
     def move(self) -> Move:
         samples = [i for i, name in enumerate(self.inputs) if name.startswith("y[")]
         both = graph(self.with_sample, self.precision, missing=self.without, samples=samples)
-        return Move(self.verb, both if samples else graph(self.with_sample, self.precision), self.inputs)
+        return Move(
+            self.verb, both if samples else graph(self.with_sample, self.precision), self.inputs
+        )
 
     def evaluate(self, values: Mapping[str, float], present: bool) -> npt.NDArray[np.float64]:
         """The memory after the move."""
@@ -508,7 +533,7 @@ def _given(
 # --- the comment ------------------------------------------------------------------------------
 
 
-def _description(observer: Observer, precision: str, dt: float | None) -> str:
+def _description(observer: Observer, precision: str, dt: float | None, words: Words) -> str:
     """Equations and settings, a paragraph a line."""
     spec = observer.spec
     lines = [f"{spec['kind'].capitalize()} observer of order {observer.n}."]
@@ -526,6 +551,7 @@ def _description(observer: Observer, precision: str, dt: float | None) -> str:
         hidden = ("table", "names", "n", "n_u", "parameters")
         lines.append(f"model: {_shown({k: v for k, v in model.items() if k not in hidden})}")
         lines += [f"{name} = {value!r}" for name, value in _parameters(spec)]
+        lines += words.renamed
     current = observer._core.is_current
     lines.append(
         "timing: current, the estimate after a step is that at its sample"

@@ -119,7 +119,9 @@ def _library(program: Program) -> str:
         for field in (*program.memory, *program.parameters)
     ]
     if program.is_current:
-        fields.append(f"    /// Whether a sample was taken.\n    pub {program.words.started}: bool,")
+        fields.append(
+            f"    /// Whether a sample was taken.\n    pub {program.words.started}: bool,"
+        )
         values.append(f"            {program.words.started}: false,")
     moves = zip(program.moves, texts, strict=True)
     functions = [_move(program, move, text) for move, text in moves]
@@ -243,9 +245,7 @@ def _both(program: Program) -> str:
 
 def _helpers(program: Program, functions: list[str]) -> list[str]:
     precision = program.precision
-    out = [
-        HELPERS[kind].replace("real", precision.rust) for kind in functions if kind in HELPERS
-    ]
+    out = [HELPERS[kind].replace("real", precision.rust) for kind in functions if kind in HELPERS]
     if "sqrt" in functions:
         double = precision.name == "double"
         root = ROOT.replace("real", precision.rust)
@@ -295,9 +295,7 @@ def _vector(program: Program) -> str:
         return ", ".join(RUST.literal(value, program.precision) for value in values)
 
     words = ", ".join((*program.words.samples, *program.words.controls))
-    told = (
-        f"A test vector: what each step is given ({words}; t, dt), its status, and the memory after it."
-    )
+    told = f"A test vector: what each step is given ({words}; t, dt), its status, and the memory after it."
     given = len(program.words.samples) + len(program.words.controls)
     rows = [
         f"    ([{line((*row.y, *row.u))}], {RUST.literal(row.t, PRECISIONS['double'])}, "
@@ -306,6 +304,8 @@ def _vector(program: Program) -> str:
     ]
     return f"""\
 {_doc(told, "//!")}
+
+#![allow(clippy::approx_constant, clippy::excessive_precision)]
 
 /// Samples and inputs, t, dt, the status, the memory.
 pub type Row = ([{real}; {given}], f64, {real}, u8, [{real}; {len(program.memory)}]);
