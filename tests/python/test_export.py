@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported import FLAGS, STRICT, in_c, in_rust, lacking, on_the_chip, put, run, says_ok
+from exported import (
+    FLAGS,
+    STRICT,
+    checked_as_cpp,
+    checked_by_clippy,
+    in_c,
+    in_rust,
+    lacking,
+    on_the_chip,
+    put,
+    run,
+    says_ok,
+)
 
 import hgo_rs
 from hgo_rs import InputGain, LowPowerObserver, StandardObserver, _core
@@ -242,6 +255,40 @@ def test_random_programs_have_the_same_bits_everywhere(tmp_path: Path, precision
         if size > 100:
             put(tmp_path, rust_files(program))
             assert says_ok(in_rust(tmp_path, "maze"), 60)
+
+
+# --- no warning -----------------------------------------------------------------------------------
+
+
+def odd() -> Observer:
+    """Numbers and names that linters know, and terms that cancel."""
+    model = hgo_rs.Model(
+        states=["foo", "baz"],
+        inputs=["quux", "a1", "a2", "a3", "a4", "a5", "a6"],
+        parameters={"near_pi": 3.14159, "e": 2.7182818284, "long": 0.1234567890123456},
+        phi="near_pi*foo - e*long + (foo - foo) + foo*0 + piecewise(foo, baz > 0, foo) + quux/3"
+        " - (-foo) + min(foo, foo) + a1*a2 - a3*t + t*t + a4 + a5 + a6 + 1.5707963267948966",
+    )
+    return StandardObserver(2, 5.0, model=model, method="euler", timing="predictor")
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_no_compiler_and_no_linter_warns(tmp_path: Path, precision: str) -> None:
+    rng = np.random.default_rng(2)
+    rows = rng.standard_normal((20, 4)) * [1.0, 0.1, 2.0, 3.0]
+    rows[10:13, 2] = np.nan
+    programs = [bare(random_table(rng, size), rows, precision) for size in (20, 60, 120)]
+    observers = [odd(), *(make() for make in KINDS.values())]
+    programs += [program(of, name="maze", precision=precision) for of in observers]
+    for number, described in enumerate(programs):
+        folder = put(tmp_path / str(number), c_files(described))
+        run("gcc", *STRICT, "-O1", "-c", folder / "maze.c", "-o", folder / "maze.o")
+        run("gcc", *STRICT, "-O1", "-c", folder / "main.c", "-o", folder / "main.o")
+        checked_as_cpp(folder, "maze")
+    if shutil.which("cargo-clippy") is None:
+        pytest.skip("not installed: cargo clippy")
+    for described in [*programs[:4], *programs[-3:]]:
+        checked_by_clippy(put(tmp_path / "rust", rust_files(described)))
 
 
 # --- elementary functions -------------------------------------------------------------------------

@@ -135,10 +135,9 @@ void {name}_init({name}_state *state);
 
 def _functions(program: Program) -> list[tuple[str, tuple[Move, ...], str]]:
     """Verbs, the moves that they are made of, and what they do."""
-    parts = [(move.verb, (move,), program.told(move.verb)) for move in program.moves]
-    if program.is_current:
-        parts.append(("step", program.moves, program.told("step")))
-    return parts
+    parts = {move.verb: (move,) for move in program.moves}
+    whole = {"step": program.moves} if program.is_current else {}
+    return [(verb, moves, program.told(verb)) for verb, moves in {**parts, **whole}.items()]
 
 
 def _source(program: Program) -> str:
@@ -474,7 +473,8 @@ def _vector(program: Program) -> str:
         f"{line((row.dt,))}, {row.status}, {{{line(row.memory)}}}}},"
         for row in program.vector
     ]
-    told = f"A test vector: what each step is given ({', '.join(words)}; t, dt), its status, and the memory after it."
+    given = ", ".join(words)
+    told = f"What each step is given ({given}; t, dt), its status, and the memory after it."
     return f"""\
 {_comment(told)}
 

@@ -16,17 +16,19 @@ from hgo_rs.exports.table import FUNCTIONS
 
 __all__ = ["C_WORDS", "Names", "check_name", "names_of_export"]
 
-C_WORDS = frozenset(
-    """
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+C_WORDS = _words("""
     auto break case char const continue default do double else enum extern float for goto if inline
     int long register restrict return short signed sizeof static struct switch typedef union
     unsigned void volatile while asm bool true false main
-    """.split()
-)
+""")
 """Words of C."""
 
-_LANGUAGES = C_WORDS | frozenset(
-    """
+_LANGUAGES = C_WORDS | _words("""
     alignas alignof constexpr nullptr static_assert thread_local typeof typeof_unqual noreturn
     complex imaginary I
 
@@ -39,48 +41,39 @@ _LANGUAGES = C_WORDS | frozenset(
     as async await crate dyn fn impl in let loop match mod move mut pub ref self Self super trait
     type unsafe use where yield abstract become box final gen macro override priv try unsized
     None Some Ok Err f16 f32 f64 f128 i8 i16 i32 i64 i128 isize u8 u16 u32 u64 u128 usize str
-    """.split()
-)
+""")
 """Words of C, C++ and Rust, and what Rust's prelude binds."""
 
 # A name without a lower-case letter is a macro somewhere (PI, B0, HIGH, NAN): none of them is free.
-_HEADERS = frozenset(
-    """
+_HEADERS = _words("""
     errno stdin stdout stderr signgam environ unix linux i386 mips sparc sun vax hpux
     near far huge small interface pascal cdecl word byte boolean bit data code idata xdata pdata
     sbit sfr at interrupt critical reentrant naked banked using signals slots emit foreach forever
-    """.split()
-)
+""")
 """Macros, types and variables of system headers, of boards and of their compilers."""
 
-_OURS = frozenset(
-    """
+_OURS = _words("""
     state t dt next real status min max sign sqrt sqrtf abs fabs fabsf isfinite isnan signbit
     copysign copysignf memcpy assert tanh log pow
-    """.split()
-) | frozenset((*FUNCTIONS, *FUNCTIONS.values()))
+""") | frozenset((*FUNCTIONS, *FUNCTIONS.values()))
 """Words of every exported program, whatever it is called."""
 
 WORDS = _LANGUAGES | _HEADERS | _OURS
 
-_FILES = frozenset(
-    """
+_FILES = _words("""
     assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign
     stdarg stdatomic stdbool stddef stdint stdio stdlib stdnoreturn string tgmath threads time uchar
     wchar wctype stdbit stdckdint unistd arduino
     aux con nul prn com0 com1 com2 com3 com4 com5 com6 com7 com8 com9
     lpt0 lpt1 lpt2 lpt3 lpt4 lpt5 lpt6 lpt7 lpt8 lpt9
     build deps examples incremental
-    """.split()
-)
+""")
 """Headers of C, which a file of this name would hide; devices of Windows; folders of cargo."""
 
-_LIBRARIES = frozenset(
-    """
+_LIBRARIES = _words("""
     alloc core std proc_macro test vector default status
     atomic cnd mtx sem
-    """.split()
-)
+""")
 """Crates and types of Rust; libraries of C that have a function `NAME_init`."""
 
 _LONGEST = 64
@@ -131,7 +124,7 @@ class Names:
         self.taken = set(taken)
 
     def several(self, wishes: Sequence[tuple[str, str]]) -> list[str]:
-        """Identifiers for wishes and their roles: first for the wishes that are free as they are."""
+        """Identifiers for wishes and their roles: first for wishes that are free as they are."""
         words = [_identifier(wish) for wish, _ in wishes]
         found: dict[int, str] = {}
         for i, (word, (wish, _)) in enumerate(zip(words, wishes, strict=True)):

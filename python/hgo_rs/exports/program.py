@@ -23,6 +23,10 @@ __all__ = ["STATUS", "Field", "Move", "Program", "Row", "Words", "program", "wor
 STATUS = ("UPDATED", "PREDICTED", "UNDEFINED")
 """What a step made of its sample, by number."""
 
+UNDEFINED = STATUS.index("UNDEFINED")
+
+Array = npt.NDArray[np.float64]
+
 ELAPSED = "time that the next correction is for, s"
 
 LAWS = {
@@ -99,8 +103,8 @@ class Move:
 class Program:
     """An observer, ready to be written in a language.
 
-    With predictor timing there is one move, the step. With current timing there are two, correct and
-    predict, and a step is made of them.
+    With predictor timing there is one move, the step. With current timing there are two, correct
+    and predict, and a step is made of them.
     """
 
     name: str
@@ -155,19 +159,17 @@ class Program:
             return f"Take {taken}{at}; advance by dt [s]."
         if verb == "correct":
             return (
-                f"Take {sample} of now: the estimate is then that of now. The correction is for the "
-                "time since the last sample used."
+                f"Take {sample} of now: the estimate is then that of now. The correction is for "
+                "the time since the last sample used."
             )
         under = f", under {control}, which is applied from now on" if control else ""
         if verb == "predict":
             begins = f", from time t [s]{under}" if at else under
             return f"Move over the period of length dt [s] that begins now{begins}."
-        belongs = [control] * bool(control) + [
-            _list("time", ("t",)) + " [s] of its beginning"
-        ] * bool(at)
+        belongs = [control] * bool(control) + ["the time t [s] of its beginning"] * bool(at)
         return (
-            f"One call a sample: predict over the period that has just ended, then correct by {sample} "
-            f"of now. {', '.join([*belongs, 'dt [s]'])} belong to the period that has ended; the "
+            f"One call a sample: predict over the period that has just ended, then correct by "
+            f"{sample} of now. {_and([*belongs, 'dt [s]'])} to the period that has ended; the "
             "first call only corrects and does not use them."
         )
 
@@ -275,36 +277,29 @@ class _Traced:
 
     verb: str
     precision: str
-    inputs: tuple[str, ...]
     with_sample: dict[str, Any]
     without: dict[str, Any]
 
     @classmethod
     def of(cls, observer: Observer, verb: str, precision: str) -> _Traced:
-        spec, single = observer.spec, precision == "single"
-        m = len(observer.memory)
-        # the user's parameters have names of their own: here the place tells what an input is
-        inputs = ["t", *_indexed("z", m)]
-        if verb != "correct":
-            inputs.insert(1, LENGTH)
-        if verb != "predict":
-            inputs += _indexed("y", observer.n_y)
-        if verb != "correct":
-            inputs += _indexed("u", observer.n_u)
-        inputs += _indexed("p", len(_parameters(spec)))
+        spec, single, m = (
+            _numbered_parameters(observer.spec),
+            precision == "single",
+            observer.memory,
+        )
 
         def table(missing: bool) -> dict[str, Any]:
             part = {} if verb == "step" else {"part": verb}
             given = _core.trace_step(spec, single, missing=missing, **part)
-            if len(given["inputs"]) != len(inputs):
-                raise HgoError(
-                    f"the observer's table takes {', '.join(given['inputs'])}: an export knows "
-                    f"{', '.join(inputs)} only"
-                )
             # behind the memory, a table tells the innovation
-            return {**given, "inputs": inputs, "outputs": given["outputs"][:m]}
+            return {**given, "outputs": given["outputs"][: len(m)]}
 
-        return cls(verb, precision, tuple(inputs), table(False), table(True))
+        return cls(verb, precision, table(False), table(True))
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return tuple(self.with_sample["inputs"])
 
     def move(self) -> Move:
         samples = [i for i, name in enumerate(self.inputs) if name.startswith("y[")]
@@ -313,11 +308,28 @@ class _Traced:
             self.verb, both if samples else graph(self.with_sample, self.precision), self.inputs
         )
 
-    def evaluate(self, values: Mapping[str, float], present: bool) -> npt.NDArray[np.float64]:
+    def evaluate(
+        self, t: float, dt: float, numbers: Mapping[str, Sequence[float] | Array]
+    ) -> Array:
         """The memory after the move."""
-        table = self.with_sample if present else self.without
-        given = [[values[name] for name in self.inputs]]
-        return np.array(_core.evaluate_table(table, given, self.precision == "single")[0])
+        values = {"t": t, LENGTH: dt}
+        for word, given in numbers.items():
+            values |= dict(zip(_indexed(word, len(given)), given, strict=True))
+        table = self.with_sample if np.isfinite(numbers["y"]).all() else self.without
+        row = [[values[name] for name in self.inputs]]
+        return np.array(_core.evaluate_table(table, row, self.precision == "single")[0])
+
+
+def _numbered_parameters(spec: Mapping[str, Any]) -> dict[str, Any]:
+    """A spec whose parameters are called p[0], p[1], ...: names that no user can give."""
+    model = _model(spec)
+    if model.get("kind") != "own":
+        return dict(spec)
+    table = model["table"]
+    count = len(model["parameters"])
+    first = len(table["inputs"]) - count
+    inputs = [*table["inputs"][:first], *_indexed("p", count)]
+    return {**spec, "model": {**model, "table": {**table, "inputs": inputs}}}
 
 
 def _indexed(word: str, count: int) -> list[str]:
@@ -346,7 +358,7 @@ def words_of(observer: Observer, names: Names | None = None) -> Words:
     rest = found[n + n_u + n_p :]
     at = len(memory) - n
     return Words(
-        tuple([*found[:n], *rest[:at]]),
+        (*found[:n], *rest[:at]),
         tuple(rest[at + 1 :]),
         tuple(found[n : n + n_u]),
         tuple(found[n + n_u : n + n_u + n_p]),
@@ -367,6 +379,12 @@ def wrapped(head: str, text: str) -> str:
         break_on_hyphens=False,
     )
     return "\n".join(lines)
+
+
+def _and(words: Sequence[str]) -> str:
+    *first, last = words
+    text = f"{', '.join(first)} and {last} belong" if first else f"{last} belongs"
+    return f"{text[0].upper()}{text[1:]}" if first else text
 
 
 def _list(what: str, words: Sequence[str]) -> str:
@@ -463,50 +481,53 @@ def _vector(
     Raises
     ------
     HgoError
-        Steps of the core that are not those of the tables.
+        Moves of the core that are not those of the tables.
     """
     real = PRECISIONS[precision].real
     t, y, u = _made_up(observer, period) if log is None else _given(observer, log)
+    y, u = y.astype(real).astype(float), u.astype(real).astype(float)
     current = "step" not in traced
-    rows: list[Row] = []
-    memory = np.asarray(observer.memory, dtype=float)
-    for k in range(len(t) - 1):
-        # with current timing a step is over the period that is over when its sample is taken
-        i = max(k - 1, 0) if current else k
-        at, dt = float(t[i]), float(real(t[i + 1] - t[i]))
-        sample, control = y[k].astype(real).astype(float), u[i].astype(real).astype(float)
-        present = bool(np.isfinite(sample).all())
-        status = 0 if present else 1
 
-        def moved(verb: str, z: npt.NDArray[np.float64], at: float) -> npt.NDArray[np.float64]:
-            values = {"t": float(real(at)), LENGTH: dt}
-            for word, numbers in (("z", z), ("y", sample), ("u", control), ("p", parameters)):
-                values |= dict(zip(_indexed(word, len(numbers)), numbers, strict=True))
-            return traced[verb].evaluate(values, present)
-
-        begun, table = memory, memory
-        if not current:
-            table = moved("step", memory, at)
-        else:
-            if k > 0:
-                begun = moved("predict", memory, at)
-            if np.isfinite(begun).all():
-                table = moved("correct", begun, at if k == 0 else at + dt)
-            else:  # the estimate is held, and time goes on
-                begun = table = np.where(np.isin(np.arange(len(memory)), elapsed), begun, memory)
-                status = 2
-        fine = status != 2 and bool(np.isfinite(table).all())
-        if precision == "double" and not (current and k == 0):
-            stepped, told = observer._core.step(memory, sample, control, at, dt)
-            if fine and not np.array_equal(stepped, table):
+    def moved(verb: str, z: Array, k: int, i: int, at: float, dt: float) -> Array:
+        """The memory after a move by sample k under input i."""
+        numbers = {"z": z, "y": y[k], "u": u[i], "p": parameters}
+        table = traced[verb].evaluate(float(real(at)), dt, numbers)
+        if precision == "double" and np.isfinite(table).all():
+            core = observer._core
+            made = (
+                core.step(z, y[k], u[i], at, dt)
+                if verb == "step"
+                else core.correct(z, y[k], at)
+                if verb == "correct"
+                else core.advance(z, np.full(observer.n_y, np.nan), u[i], at, dt)
+            )
+            if made[1] == UNDEFINED or not np.array_equal(made[0], table):
                 raise HgoError(
-                    f"step {k} of the test vector (y = {sample.tolist()}) is not that of the "
+                    f"step {k} of the test vector (y = {y[k].tolist()}) is not that of the "
                     "observer's table: this law cannot be exported"
                 )
-            fine = fine and told != 2
-        memory, status = (table, status) if fine else (begun, 2)
-        taken, held, after = (tuple(values.tolist()) for values in (sample, control, memory))
-        rows.append(Row(at, dt, taken, held, status, after))
+        return table
+
+    rows: list[Row] = []
+    memory: Array = np.asarray(observer.memory, dtype=float)
+    for k in range(len(t) - 1):
+        # with current timing a step is over the period that ends with its sample
+        i = max(k - 1, 0) if current else k
+        at, dt = float(t[i]), float(real(t[i + 1] - t[i]))
+        status = 0 if np.isfinite(y[k]).all() else 1
+        after = memory
+        if current and k > 0:
+            after = moved("predict", memory, k, i, at, dt)
+            if np.isfinite(after).all():
+                memory = after
+            else:  # the estimate is held, and time goes on
+                memory = np.where(np.isin(np.arange(len(memory)), elapsed), after, memory)
+        if np.isfinite(after).all():
+            now = at + dt if current and k > 0 else at
+            after = moved("correct" if current else "step", memory, k, i, now, dt)
+        memory, status = (after, status) if np.isfinite(after).all() else (memory, UNDEFINED)
+        sample, control, moved_to = (tuple(v.tolist()) for v in (y[k], u[i], memory))
+        rows.append(Row(at, dt, sample, control, status, moved_to))
     return tuple(rows)
 
 
@@ -587,14 +608,10 @@ def _equations(spec: Mapping[str, Any]) -> list[str]:
     n = model.get("n", 0)
     for i, word in enumerate(own["states"]):
         known |= {f"x[{i}]": word, f"z[{i - n}]": word}
-    # the parameters stand last, under names of their own
-    first = len(table["inputs"]) - len(own["parameters"])
-    inputs = [*table["inputs"][:first], *_indexed("p", len(own["parameters"]))]
-    known |= dict(zip(inputs[first:], own["parameters"], strict=True))
-    given = {word: known.get(word, word) for word in inputs}
-    names = Names(given.values())
-    whole = graph({**table, "inputs": inputs}, "double")
-    text = written(whole, given, outputs, names, PLAIN, "double")
+    table = _model(_numbered_parameters(spec))["table"]
+    known |= dict(zip(_indexed("p", len(own["parameters"])), own["parameters"], strict=True))
+    given = {word: known.get(word, word) for word in table["inputs"]}
+    text = written(graph(table, "double"), given, outputs, Names(given.values()), PLAIN, "double")
     lines = [f"{name} = {value}" for name, value in text.steps]
     named = {name for name, _ in text.steps}
     lines += [

@@ -295,7 +295,7 @@ def _vector(program: Program) -> str:
         return ", ".join(RUST.literal(value, program.precision) for value in values)
 
     words = ", ".join((*program.words.samples, *program.words.controls))
-    told = f"A test vector: what each step is given ({words}; t, dt), its status, and the memory after it."
+    told = f"What each step is given ({words}; t, dt), its status, and the memory after it."
     given = len(program.words.samples) + len(program.words.controls)
     rows = [
         f"    ([{line((*row.y, *row.u))}], {RUST.literal(row.t, PRECISIONS['double'])}, "

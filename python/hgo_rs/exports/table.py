@@ -72,8 +72,8 @@ def graph(
 ) -> Graph:
     """A table without what is not used, what is there twice, and what changes no bit.
 
-    x * 1, x / 1, x + (-0), x - 0 and a choice between x and x are x, bit for bit. With `missing`, the outputs are that
-    table's where one of the inputs number `samples` is not finite.
+    x * 1, x / 1, x + (-0), x - 0 and a choice between x and x are x, bit for bit. With `missing`,
+    the outputs are that table's where one of the inputs number `samples` is not finite.
 
     Raises
     ------
