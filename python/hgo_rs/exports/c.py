@@ -100,6 +100,8 @@ def _header(program: Program) -> str:
         f"{_comment(told)}\n{_signature(program, verb, moves)};"
         for verb, moves, told in _functions(program)
     )
+    if program.is_current:
+        functions += f"\n\n{_comment(_loop(program))}"
     return f"""\
 {_comment(program.description)}
 
@@ -131,6 +133,16 @@ void {name}_init({name}_state *state);
 
 #endif
 """
+
+
+def _loop(program: Program) -> str:
+    """An interrupt, in a comment."""
+    correct, predict = program.moves
+    name, controls = program.name, program.words.controls
+    calls = [", ".join(["&state", *program.arguments(move)]) for move in (correct, predict)]
+    computed = [f"{', '.join(controls)}: computed from state.{program.memory[0].name}, ..., and applied"]
+    lines = [f"{name}_correct({calls[0]});", *computed * bool(controls), f"{name}_predict({calls[1]});"]
+    return "In an interrupt, at every sample:\n" + "\n".join(f"    {line}" for line in lines)
 
 
 def _functions(program: Program) -> list[tuple[str, tuple[Move, ...], str]]:
