@@ -239,7 +239,7 @@ where
 
     #[inline(always)]
     fn advance(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State {
-        self.predict(law, t, &self.correct(law, t, z, y, u, dt), u, dt)
+        self.predict(law, t, &self.correct(law, z, y, dt), u, dt)
     }
 
     #[inline(always)]
@@ -248,7 +248,7 @@ where
     }
 
     #[inline(always)]
-    fn correct(&self, law: &L, _: T, z: &L::State, y: T, _: &L::Input, dt: T) -> L::State {
+    fn correct(&self, law: &L, z: &L::State, y: T, dt: T) -> L::State {
         let gains = match &self.prepared {
             Some((usual, gains)) if *usual == dt => *gains,
             _ => law.gains(self.placement, &self.poles, z, dt),

@@ -226,7 +226,7 @@ where
     }
 
     #[inline(always)]
-    fn injection(&self, _: T, (_, m): &Self::State, e1: &T, _: &Self::Input) -> Self::State {
+    fn injection(&self, (_, m): &Self::State, e1: &T) -> Self::State {
         let r = self.gain.moving(m);
         let first = |i: usize, injected: T| if i == 0 { injected } else { T::ZERO };
         let z = LowPowerState {
@@ -270,8 +270,8 @@ where
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BlockGains<T, const N: usize> {
-    a: SVector<T, N>,
-    b: SVector<T, N>,
+    pub(crate) a: SVector<T, N>,
+    pub(crate) b: SVector<T, N>,
 }
 
 crate::error::through_constructor! {

@@ -12,7 +12,7 @@ use super::programs::Tables;
 use super::spec::Spec;
 use super::systems::AnyPlant;
 use super::table::Table;
-use super::trace::{self, Setting, Traced, input, inputs, named, trace};
+use super::trace::{self, PlacedGains, Setting, Traced, input, inputs, named, trace};
 use crate::Scalar;
 use crate::ensemble::Programs;
 use crate::integrate::{Integrator, PlantScheme, WienerIncrement, plant_step};
@@ -74,7 +74,8 @@ impl OwnPlant {
     }
 }
 
-const DOUBLE: Setting = Setting { single: false, present: true, answer: None, dt: None };
+const DOUBLE: Setting =
+    Setting { single: false, present: true, answer: None, gains: PlacedGains::Computed };
 
 /// An own plant behind the trait of all plants: over traced numbers, its table is taken in.
 #[derive(Clone, Copy)]
@@ -98,13 +99,13 @@ impl Plant<Traced> for Tabled<'_> {
     fn drift(&self, t: Traced, x: &Self::State, _: &Self::Input) -> Self::State {
         Self::state(&self.outputs(t, x)[..self.0.n])
     }
-    fn output(&self, x: &Self::State) -> Traced {
-        self.outputs(Traced::ZERO, x).last().copied().unwrap_or_default()
+    fn output(&self, t: Traced, x: &Self::State, _: &Self::Input) -> Traced {
+        self.outputs(t, x).last().copied().unwrap_or_default()
     }
     fn truth<'a>(&self, x: &'a Self::State) -> &'a [Traced] {
         x.as_slice()
     }
-    fn control(&self, _: &Self::State, _: Traced) -> Self::Input {
+    fn control(&self, _: Traced, _: &Self::State, _: Traced) -> Self::Input {
         crate::model::no_input()
     }
     fn has_process_noise(&self) -> bool {
@@ -113,13 +114,9 @@ impl Plant<Traced> for Tabled<'_> {
     fn supports(&self, scheme: StochasticIntegrator) -> bool {
         self.0.noisy && scheme == StochasticIntegrator::EulerMaruyama
     }
-    fn diffusion(&self, x: &Self::State) -> Self::State {
+    fn diffusion(&self, t: Traced, x: &Self::State, _: &Self::Input) -> Self::State {
         let n = self.0.n;
-        if self.0.noisy {
-            Self::state(&self.outputs(Traced::ZERO, x)[n..2 * n])
-        } else {
-            Self::State::zero()
-        }
+        if self.0.noisy { Self::state(&self.outputs(t, x)[n..2 * n]) } else { Self::State::zero() }
     }
 }
 
@@ -137,15 +134,15 @@ struct Evaluated<'a> {
 struct Parts<F> {
     /// (t, x) → ẋ.
     drift: F,
-    /// x → y.
+    /// (t, x) → y.
     output: F,
-    /// x → b(x).
+    /// (t, x) → b.
     diffusion: F,
-    /// x → (∂b/∂x)·b.
+    /// (t, x) → (∂b/∂x)·b.
     slope: F,
     /// (t, x, v) → (∂a/∂x)·v.
     jacobian_times: F,
-    /// (t, x) → ½ bᵀ(∂²a/∂x²)b.
+    /// (t, x) → ∂a/∂t + ½ bᵀ(∂²a/∂x²)b.
     curvature: F,
 }
 
@@ -167,13 +164,14 @@ impl Plant<f64> for Evaluated<'_> {
     fn drift(&self, t: f64, x: &Self::State, _: &Self::Input) -> Self::State {
         Self::state(&self.parts.drift, &[&[t], self.known(x)])
     }
-    fn output(&self, x: &Self::State) -> f64 {
-        self.parts.output.evaluate(self.known(x)).first().copied().unwrap_or(f64::NAN)
+    fn output(&self, t: f64, x: &Self::State, _: &Self::Input) -> f64 {
+        let given = [&[t], self.known(x)].concat();
+        self.parts.output.evaluate(&given).first().copied().unwrap_or(f64::NAN)
     }
     fn truth<'a>(&self, x: &'a Self::State) -> &'a [f64] {
         self.known(x)
     }
-    fn control(&self, _: &Self::State, _: f64) -> Self::Input {
+    fn control(&self, _: f64, _: &Self::State, _: f64) -> Self::Input {
         crate::model::no_input()
     }
     fn has_process_noise(&self) -> bool {
@@ -182,26 +180,47 @@ impl Plant<f64> for Evaluated<'_> {
     fn supports(&self, scheme: StochasticIntegrator) -> bool {
         self.supports[scheme as usize]
     }
-    fn diffusion(&self, x: &Self::State) -> Self::State {
-        Self::state(&self.parts.diffusion, &[self.known(x)])
+    fn diffusion(&self, t: f64, x: &Self::State, _: &Self::Input) -> Self::State {
+        Self::state(&self.parts.diffusion, &[&[t], self.known(x)])
     }
-    fn diffusion_slope(&self, x: &Self::State) -> Self::State {
-        Self::state(&self.parts.slope, &[self.known(x)])
+    fn diffusion_slope(&self, t: f64, x: &Self::State, _: &Self::Input) -> Self::State {
+        Self::state(&self.parts.slope, &[&[t], self.known(x)])
     }
-    fn jacobian_times(&self, t: f64, x: &Self::State, v: &Self::State) -> Self::State {
+    fn jacobian_times(
+        &self,
+        t: f64,
+        x: &Self::State,
+        _: &Self::Input,
+        v: &Self::State,
+    ) -> Self::State {
         Self::state(&self.parts.jacobian_times, &[&[t], self.known(x), self.known(v)])
     }
-    fn curvature(&self, t: f64, x: &Self::State) -> Self::State {
+    fn curvature(&self, t: f64, x: &Self::State, _: &Self::Input) -> Self::State {
         Self::state(&self.parts.curvature, &[&[t], self.known(x)])
     }
 }
 
-/// An observer's step as a program of (t, dt, z, y, u), for single runs.
+/// An observer as programs of (t, dt, z, y), for single runs.
 #[derive(Clone, Copy)]
 struct Recursion<'a, const CURRENT: bool> {
-    step: &'a Compiled,
+    correct: Option<&'a Compiled>,
+    advance: &'a Compiled,
     n: usize,
     memory: usize,
+}
+
+impl<const CURRENT: bool> Recursion<'_, CURRENT> {
+    fn moved(&self, of: &Compiled, z: &mut SVector<f64, Z>, y: f64, t: f64, dt: f64) -> Status {
+        let mut given = vec![t, dt];
+        given.extend_from_slice(&z.as_slice()[..self.memory]);
+        given.push(y);
+        let next = SVector::<f64, Z>::read(&of.evaluate(&given)[..self.memory]);
+        if !next.within(f64::MAX) && z.within(f64::MAX) {
+            return Status::ModelUndefined; // the memory is held
+        }
+        *z = next;
+        Status::of(&y)
+    }
 }
 
 impl<const CURRENT: bool> Observer<f64> for Recursion<'_, CURRENT> {
@@ -213,17 +232,16 @@ impl<const CURRENT: bool> Observer<f64> for Recursion<'_, CURRENT> {
     fn initial(&self) -> Self::State {
         Self::State::zero()
     }
-    fn step(&self, z: &mut Self::State, y: &f64, _: &Self::Input, t: f64, dt: f64) -> Status {
-        let mut given = vec![t, dt];
-        given.extend_from_slice(&z.as_slice()[..self.memory]);
-        given.push(*y);
-        *z = Self::State::read(&self.step.evaluate(&given)[..self.memory]);
-        Status::Updated
+    fn correct(&self, z: &mut Self::State, y: &f64, t: f64) -> Status {
+        self.correct.map_or(Status::of(y), |correct| self.moved(correct, z, *y, t, 0.0))
+    }
+    fn advance(&self, z: &mut Self::State, y: &f64, _: &Self::Input, t: f64, dt: f64) -> Status {
+        self.moved(self.advance, z, *y, t, dt)
     }
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [f64] {
         &z.as_slice()[..self.n]
     }
-    fn innovation(&self, _: f64, z: &Self::State, y: &f64) -> f64 {
+    fn innovation(&self, _: f64, z: &Self::State, y: &f64, _: &Self::Input) -> f64 {
         *y - z[0]
     }
 }
@@ -254,6 +272,10 @@ impl ContinuousLaw<f64> for Evolution<'_> {
         given.extend_from_slice(&z.as_slice()[..self.memory]);
         given.push(*y);
         Self::State::read(&self.rate.evaluate(&given))
+    }
+    /// Joint integration takes rates alone.
+    fn injection(&self, _: &Self::State, _: &f64) -> Self::State {
+        Self::State::zero()
     }
     fn stagger(&self, _: &Self::State, new: Self::State, _: f64) -> Self::State {
         new
@@ -325,24 +347,24 @@ where
             flat(build()?.drift(t, &x, &u))
         })?,
         output: trace(DOUBLE, || {
-            let x = state("x");
-            Ok(named("y", &[build()?.output(&x)]))
+            let (t, x) = (input("t"), state("x"));
+            Ok(named("y", &[build()?.output(t, &x, &u)]))
         })?,
         diffusion: trace(DOUBLE, || {
-            let x = state("x");
-            flat(build()?.diffusion(&x))
+            let (t, x) = (input("t"), state("x"));
+            flat(build()?.diffusion(t, &x, &u))
         })?,
         slope: trace(DOUBLE, || {
-            let x = state("x");
-            flat(build()?.diffusion_slope(&x))
+            let (t, x) = (input("t"), state("x"));
+            flat(build()?.diffusion_slope(t, &x, &u))
         })?,
         jacobian_times: trace(DOUBLE, || {
             let (t, x, v) = (input("t"), state("x"), state("v"));
-            flat(build()?.jacobian_times(t, &x, &v))
+            flat(build()?.jacobian_times(t, &x, &u, &v))
         })?,
         curvature: trace(DOUBLE, || {
             let (t, x) = (input("t"), state("x"));
-            flat(build()?.curvature(t, &x))
+            flat(build()?.curvature(t, &x, &u))
         })?,
     };
     let (mut noisy, mut supports) = (false, [false; 3]);
@@ -370,20 +392,37 @@ impl Study<'_> {
         std::iter::repeat_n(Traced::ZERO, self.observer.n_u()).chain(parameters).collect()
     }
 
-    /// (t, dt, z, x, drawn noise, sines) → z⁺.
+    /// What takes the sample: (t, dt, z, x, drawn noise, sines, the plant's time) → z⁺.
     fn observers(&self) -> PyResult<Compiled> {
         trace(DOUBLE, || {
             let (t, dt) = (input("t"), input("dt"));
             let z = inputs("z", self.plan.memory_len());
             let x = inputs("x", self.plan.plant.len());
-            let (noise, sines) = (input("noise"), input("sines"));
-            let y = trace::inline(&self.plant.parts.output, &x)[0] + noise + sines;
+            let (noise, sines, plant_t) = (input("noise"), input("sines"), input("plant_t"));
+            let output =
+                trace::inline(&self.plant.parts.output, &[&[plant_t], x.as_slice()].concat());
+            let y = output[0] + noise + sines;
             let given = [&[t, dt], z.as_slice(), &[y], &self.told()].concat();
-            let mut made = trace::inline(self.observer.step(), &given);
+            let taken = self.observer.correct().unwrap_or(self.observer.advance());
+            let mut made = trace::inline(taken, &given);
             made.truncate(z.len());
             Ok(named("z", &made))
         })?
         .compile()
+    }
+
+    /// The way on after the sample, with current timing: (t, dt, z) → z⁺.
+    fn predictors(&self) -> PyResult<Option<Compiled>> {
+        if self.observer.correct().is_none() {
+            return Ok(None);
+        }
+        let table = trace(DOUBLE, || {
+            let (t, dt) = (input("t"), input("dt"));
+            let z = inputs("z", self.plan.memory_len());
+            let given = [&[t, dt], z.as_slice(), &[Traced::ZERO], &self.told()].concat();
+            Ok(named("z", &trace::inline(self.observer.advance(), &given)))
+        })?;
+        table.compile().map(Some)
     }
 
     /// (t, dt, z, x, drawn noise) → (z⁺, x⁺), as one differential equation.
@@ -407,7 +446,8 @@ impl Study<'_> {
             let system = |t: Traced, both: &SVector<Traced, { X + Z }>| {
                 let (z, x) = both.as_slice().split_at(z.len());
                 let x = &x[..self.plan.plant.len()];
-                let y = trace::inline(&self.plant.parts.output, x)[0] + held + Sine::sum(&sines, t);
+                let output = trace::inline(&self.plant.parts.output, &[&[t], x].concat());
+                let y = output[0] + held + Sine::sum(&sines, t);
                 let given = [&[t], z, &[y], told.as_slice()].concat();
                 let mut rates = trace::inline(rate, &given);
                 if !frozen {
@@ -460,8 +500,12 @@ pub fn is_programmed(spec: &Spec<'_>) -> PyResult<bool> {
 pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, PyDict>> {
     let of_observer = spec.sub("observer")?;
     let schedule = spec.sub("schedule")?;
-    let dt = if schedule.text("kind")? == "fixed" { Some(schedule.f64("dt")?) } else { None };
-    let observer = Tables::read(&of_observer, false, dt)?;
+    let gains = if schedule.text("kind")? == "fixed" {
+        PlacedGains::For(schedule.f64("dt")?)
+    } else {
+        PlacedGains::Computed
+    };
+    let observer = Tables::read(&of_observer, Setting { gains, ..DOUBLE })?;
     let plan = Plan::read(spec, observer.memory_len(), &[])?;
     if observer.n_y() != 1 || plan.memory_len() > Z {
         return Err(refused("an own plant or model is simulated with one output"));
@@ -525,7 +569,9 @@ impl Study<'_> {
             Some(integrator) => (self.both(integrator)?, true),
         };
         let moves = !joint && plan.plant_scheme != PlantScheme::Held;
-        let rest = [observers.registers::<f64>(), plants.registers::<f64>()];
+        let predictors = if joint { None } else { self.predictors()? };
+        let on = predictors.as_ref().unwrap_or(&plants); // its registers are not used without
+        let rest = [&observers, &plants, on].map(Compiled::registers::<f64>);
         interruptible(py, |stop| {
             let plant = self.evaluated(&parts);
             let kept = plan.memory_len();
@@ -534,12 +580,13 @@ impl Study<'_> {
                 kept,
                 |vectors, experiment, first_run, block, metrics| {
                     let mut registers = rest.map(|rest| Box::new(Registers::in_lanes(&rest)));
-                    let [of_observers, of_plants] = &mut registers;
+                    let [of_observers, of_plants, on] = &mut registers;
                     let programs = Programs {
                         observers: observers.program(),
                         plants: moves.then(|| plants.program()),
                         joint,
-                        registers: [of_observers, of_plants],
+                        predictors: predictors.as_ref().map(Compiled::program),
+                        registers: [of_observers, of_plants, on],
                         entries: (plan.plant.len(), kept),
                         estimated: observer.n(),
                         filters: observer.is_current(),
@@ -565,7 +612,9 @@ impl Study<'_> {
             })?
             .compile()
         };
-        let step = alone(observer.step(), 2 + memory + 1)?;
+        let half = |table: &Table| alone(table, 2 + memory + 1);
+        let correct = observer.correct().map(half).transpose()?;
+        let advance = half(observer.advance())?;
         let law = match (integrator, observer.law()) {
             (None, _) => None,
             (Some(_), None) => return Err(refused(SAMPLED_ONLY)),
@@ -583,12 +632,13 @@ impl Study<'_> {
                 });
             }
             if observer.is_current() {
-                let observer = Recursion::<true> { step: &step, n, memory };
+                let observer =
+                    Recursion::<true> { correct: correct.as_ref(), advance: &advance, n, memory };
                 plan.execute(plant, memory, stop, |experiment, run, x, z, watch| {
                     experiment.sampled(&observer, tell, run, x, z, watch)
                 })
             } else {
-                let observer = Recursion::<false> { step: &step, n, memory };
+                let observer = Recursion::<false> { correct: None, advance: &advance, n, memory };
                 plan.execute(plant, memory, stop, |experiment, run, x, z, watch| {
                     experiment.sampled(&observer, tell, run, x, z, watch)
                 })

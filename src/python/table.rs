@@ -128,11 +128,28 @@ impl Table {
         Ok(out)
     }
 
-    /// With some of the outputs only.
-    pub fn with_outputs(&self, outputs: std::ops::Range<usize>) -> Self {
-        let mut table = self.clone();
-        table.outputs = self.outputs.get(outputs).unwrap_or(&[]).to_vec();
-        table.trimmed()
+    /// Without the inputs whose names begin like that, which nothing may use.
+    pub fn without_inputs(&self, names: &[&str]) -> Self {
+        let goes = |name: &String| {
+            names
+                .iter()
+                .any(|start| name == start || start.ends_with('[') && name.starts_with(start))
+        };
+        let mut place: Vec<Value> = Vec::with_capacity(self.inputs.len());
+        let mut kept = 0;
+        for name in &self.inputs {
+            place.push(kept);
+            kept += usize::from(!goes(name));
+        }
+        let gone = self.inputs.len() - kept;
+        let moved = |value: Value| place.get(value).copied().unwrap_or(value.saturating_sub(gone));
+        Self {
+            inputs: self.inputs.iter().filter(|name| !goes(name)).cloned().collect(),
+            constants: self.constants.clone(),
+            operations: self.operations.iter().map(|(of, from)| (*of, from.map(moved))).collect(),
+            outputs: self.outputs.iter().map(|value| moved(*value)).collect(),
+            output_names: self.output_names.clone(),
+        }
     }
 
     /// Without the constants and operations that no output needs.

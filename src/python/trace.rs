@@ -126,14 +126,25 @@ pub struct Setting {
     pub present: bool,
     /// What is answered to every comparison of values that are not known; `None`: it cannot be.
     pub answer: Option<Ordering>,
-    /// Placed corrections are for periods of this length; `None`: of any.
-    pub dt: Option<f64>,
+    /// What the gains of placed corrections are.
+    pub gains: PlacedGains,
+}
+
+/// Gains of a placed correction in a table.
+#[derive(Clone, Copy, Debug)]
+pub enum PlacedGains {
+    /// Computed in the table from the time that the correction is for.
+    Computed,
+    /// Constants: for times of this length only.
+    For(f64),
+    /// Inputs of the table where they depend on that time alone; else computed.
+    Given,
 }
 
 impl Setting {
     /// Samples are there, and nothing is decided.
     pub fn usual(single: bool) -> Self {
-        Self { single, present: true, answer: None, dt: None }
+        Self { single, present: true, answer: None, gains: PlacedGains::Computed }
     }
 }
 
