@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported import FLAGS, STRICT, in_c, in_rust, lacking, on_the_chip, put, run, says_ok
+from exported import (
+    FLAGS,
+    STRICT,
+    checked_as_cpp,
+    checked_by_clippy,
+    in_c,
+    in_rust,
+    lacking,
+    on_the_chip,
+    put,
+    run,
+    says_ok,
+)
 
 import hgo_rs
 from hgo_rs import InputGain, LowPowerObserver, StandardObserver, _core
@@ -19,8 +32,8 @@ from hgo_rs.errors import HgoError
 from hgo_rs.exports import export, sources
 from hgo_rs.exports.c import files as c_files
 from hgo_rs.exports.elementary import PRECISIONS, Elementary
-from hgo_rs.exports.expressions import Names
-from hgo_rs.exports.program import Field, Program, Row, program
+from hgo_rs.exports.names import Names
+from hgo_rs.exports.program import Field, Move, Program, Row, Words, program
 from hgo_rs.exports.rust import files as rust_files
 from hgo_rs.exports.table import FUNCTIONS, graph
 from hgo_rs.observers import Observer
@@ -178,9 +191,12 @@ def some_numbers(rng: np.random.Generator, count: int) -> np.ndarray:
     return np.concatenate([special, wide, near])
 
 
+INPUTS = ("t", "dt", "z[0]", "z[1]", "y[0]", "u[0]")
+
+
 def random_table(rng: np.random.Generator, count: int) -> dict[str, Any]:
     """A program of all operations on two inputs beside t, dt and two states."""
-    names = ["t", "dt", "a", "b", "y", "u"]
+    names = [*INPUTS]
     constants = [0.5, -1.25, 3.0, 1.0, -0.0, 0.0, 0.1]
     unary = ["neg", "abs", "sign", "sqrt"]
     binary = ["add", "sub", "mul", "div", "min", "max", "lt", "le", "eq", "innovation", "copysign"]
@@ -209,13 +225,20 @@ def bare(table: dict[str, Any], rows: np.ndarray, precision: str) -> Program:
         status = 2 if not fine else 0 if math.isfinite(y) else 1
         vector.append(Row(t, dt, (y,), (u,), status, tuple(memory)))
     fields = (Field("alpha", "one", 0.5), Field("Beta", "two", -0.25))
-    names = Names()
-    for word in ("alpha", "Beta", "y", "u"):
-        names.new(word)
-    known = graph(table, precision), tuple(table["inputs"])
-    words: Any = ("y",), ("u",), names
+    words = Words(("alpha", "Beta"), ("y",), ("u",), (), "started", ())
+    names = Names(("alpha", "Beta", "y", "u"))
+    step = Move("step", graph(table, precision), INPUTS)
     return Program(
-        "maze", PRECISIONS[precision], fields, (), *words, *known, "A maze.", tuple(vector)
+        "maze",
+        PRECISIONS[precision],
+        fields,
+        (),
+        words,
+        names,
+        (step,),
+        (),
+        "A maze.",
+        tuple(vector),
     )
 
 
@@ -232,6 +255,40 @@ def test_random_programs_have_the_same_bits_everywhere(tmp_path: Path, precision
         if size > 100:
             put(tmp_path, rust_files(program))
             assert says_ok(in_rust(tmp_path, "maze"), 60)
+
+
+# --- no warning -----------------------------------------------------------------------------------
+
+
+def odd() -> Observer:
+    """Numbers and names that linters know, and terms that cancel."""
+    model = hgo_rs.Model(
+        states=["foo", "baz"],
+        inputs=["quux", "a1", "a2", "a3", "a4", "a5", "a6"],
+        parameters={"near_pi": 3.14159, "e": 2.7182818284, "long": 0.1234567890123456},
+        phi="near_pi*foo - e*long + (foo - foo) + foo*0 + piecewise(foo, baz > 0, foo) + quux/3"
+        " - (-foo) + min(foo, foo) + a1*a2 - a3*t + t*t + a4 + a5 + a6 + 1.5707963267948966",
+    )
+    return StandardObserver(2, 5.0, model=model, method="euler", timing="predictor")
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_no_compiler_and_no_linter_warns(tmp_path: Path, precision: str) -> None:
+    rng = np.random.default_rng(2)
+    rows = rng.standard_normal((20, 4)) * [1.0, 0.1, 2.0, 3.0]
+    rows[10:13, 2] = np.nan
+    programs = [bare(random_table(rng, size), rows, precision) for size in (20, 60, 120)]
+    observers = [odd(), *(make() for make in KINDS.values())]
+    programs += [program(of, name="maze", precision=precision) for of in observers]
+    for number, described in enumerate(programs):
+        folder = put(tmp_path / str(number), c_files(described))
+        run("gcc", *STRICT, "-O1", "-c", folder / "maze.c", "-o", folder / "maze.o")
+        run("gcc", *STRICT, "-O1", "-c", folder / "main.c", "-o", folder / "main.o")
+        checked_as_cpp(folder, "maze")
+    if shutil.which("cargo-clippy") is None:
+        pytest.skip("not installed: cargo clippy")
+    for described in [*programs[:4], *programs[-3:]]:
+        checked_by_clippy(put(tmp_path / "rust", rust_files(described)))
 
 
 # --- elementary functions -------------------------------------------------------------------------
@@ -281,7 +338,7 @@ def all_functions(precision: str) -> Program:
     """A program that uses every elementary function and the square root."""
     calls = [["sqrt", 4], *[[word, 4, 5] if function in TWO else [word, 4]
              for word, function in FUNCTIONS.items() if function in ELEMENTARY]]  # fmt: skip
-    table = {"inputs": ["t", "dt", "a", "b", "y", "u"], "constants": [], "ops": calls}
+    table = {"inputs": [*INPUTS], "constants": [], "ops": calls}
     first = len(table["inputs"])
     ops: list[list[Any]] = [*calls]
     for i in range(1, len(calls)):
@@ -403,9 +460,25 @@ def test_a_cortex_m4f_gives_the_same_bits(tmp_path: Path, precision: str) -> Non
 
 
 def test_names_are_identifiers_and_never_the_same_twice() -> None:
-    names = Names()
-    made = [names.new(w) for w in ("x", "x", "for", "t", "2nd", "θ", "Fv", "a b", "x_2", "sin")]
-    assert made == ["x", "x_2", "v_for", "v_t", "v_2nd", "value", "Fv", "a_b", "x_2_2", "v_sin"]
+    names = Names(("axis_step",))
+    wishes = (
+        "x",
+        "for",
+        "t",
+        "state_t",
+        "2nd",
+        "\u03b8",
+        "Fv",
+        "J",
+        "PI",
+        "a b",
+        "axis_step",
+        "q_",
+    )
+    made = names.several([(wish, "state") for wish in wishes])
+    assert made == ["x", "state_for", "state_t_2", "state_t", "v2nd", "u3b8", "Fv", "J",
+                    "state_PI", "a_b", "state_axis_step", "q_"]  # fmt: skip
+    assert [names.local(wish) for wish in ("x", "x", "dt", "h")] == ["x_2", "x_3", "value_dt", "h"]
 
 
 def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
