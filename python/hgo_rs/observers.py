@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs import _core
-from hgo_rs.design.discrete import METHODS, TIMINGS
+from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING, METHODS, TIMINGS
 from hgo_rs.design.discretisation import StepLimit, check_step, step_limit
 from hgo_rs.design.response import bandwidth, noise_gain, peaking, settling
 from hgo_rs.errors import (
@@ -30,6 +30,7 @@ from hgo_rs.errors import (
 from hgo_rs.gains import AdaptiveGain, ConstantGain, DeadZoneGain
 from hgo_rs.models import Ship, System, Unknown, VanDerPol
 from hgo_rs.read_only import ReadOnlyDict
+from hgo_rs.read_only import shown as frozen
 from hgo_rs.results import RunResult
 
 if TYPE_CHECKING:
@@ -69,8 +70,8 @@ class Observer(_core.Online):
         Whether the estimate at sample k uses samples up to k - 1, or up to k.
     memory : (m,) ndarray
         Where it stands: x_hat first, then auxiliary states, then the gain r where it moves; with
-        current timing then the time from the last sample used to the next one, the period and the
-        inputs before that one. A step makes a new one; an array that is set is copied.
+        current timing then the time that the next correction is for [s]. A step makes a new one; an
+        array that is set is copied.
     model : System or None
         What it knows of the system; None: nothing, or what its class takes by default.
     allow_unstable : bool
@@ -128,16 +129,16 @@ class Observer(_core.Online):
         """ "predictor" or "current"."""
         return TIMINGS[self._core.is_current]
 
-    def __getstate__(self) -> tuple[dict[str, Any], bool, Array, float]:
+    def __getstate__(self) -> tuple[dict[str, Any], bool, Array, float, bool]:
         """All that a copy needs, or a pickle."""
         own = {name: value for name, value in self.__dict__.items() if name != "_core"}
-        return own, self.allow_unstable, self.memory.copy(), self._time
+        return own, self.allow_unstable, self.memory.copy(), self._time, self._started
 
-    def __setstate__(self, state: tuple[dict[str, Any], bool, Array, float]) -> None:
-        own, allow_unstable, memory, time = state
+    def __setstate__(self, state: tuple[dict[str, Any], bool, Array, float, bool]) -> None:
+        own, allow_unstable, memory, time, started = state
         model = own.get("_model")
         Observer.__init__(self, own["_spec"], model=model, allow_unstable=allow_unstable)
-        self.memory, self._time = memory, time
+        self.memory, self._time, self._started = memory, time, started
         self.__dict__.update(own)
         self._spec = ReadOnlyDict(self._spec)
 
@@ -373,13 +374,15 @@ class Observer(_core.Online):
         x_hat0: npt.ArrayLike | None = None,
         r0: float | None = None,
         memory0: npt.ArrayLike | None = None,
+        until: float | None = None,
         timing: str | None = None,
         allow_unstable: bool | None = None,
     ) -> RunResult:
         """Run over a record of N samples.
 
-        Predictor timing: row k of the result uses samples up to k - 1; current timing: up to k.
-        Uneven steps are honoured.
+        Predictor timing: row k of the result uses samples up to k - 1; current timing: up to k, by
+        `correct(y[k])`, after which `predict(u[k], dt)` moves to the next row, with the bits of
+        these calls. Uneven steps are honoured.
 
         Parameters
         ----------
@@ -390,7 +393,11 @@ class Observer(_core.Online):
         u : (N,) or (N, n_u), optional
             Known inputs, each held until the next sample.
         x_hat0, r0, memory0 : optional
-            Where to start, see `initial_memory`; or the whole memory.
+            Where to start, see `initial_memory`; or the whole memory, at the first sample before its
+            use.
+        until : float, optional
+            Time [s] of the sample after the last one, where the record goes on elsewhere:
+            `next_memory` of the result is the memory there, a `memory0` to go on with.
         timing : "predictor" or "current", optional
             Default: the observer's own. The result says which.
         allow_unstable : bool, optional
@@ -410,6 +417,7 @@ class Observer(_core.Online):
                 x_hat0=x_hat0,
                 r0=r0,
                 memory0=memory0,
+                until=until,
                 allow_unstable=allow_unstable,
             )
         allow = self.allow_unstable if allow_unstable is None else bool(allow_unstable)
@@ -421,12 +429,13 @@ class Observer(_core.Online):
         # elsewhere the innovation is y - x_hat_1, which is computed when it is asked for
         own_sampled = self.spec["kind"] == "sampled-data" and self.spec["model"]["kind"] == "own"
         tells = self._core.is_current or self.spec["kind"] == "chains" or own_sampled
+        end = None if until is None else _after(until, clock, len(samples))
         slowdown = 1.0
         if self._interpreted:
             record = (clock, samples, told, start)
-            track, slowdown = self._called_run(*record, innovation=tells)
+            track, slowdown = self._called_run(*record, innovation=tells, until=end)
         else:
-            track = self._core.run(clock, samples, told, start, innovation=tells)
+            track = self._core.run(clock, samples, told, start, innovation=tells, until=end)
         if not track["sound"]:
             _check_samples(track["y"], self.n_y)
             _check_times(clock)
@@ -467,6 +476,7 @@ class Observer(_core.Online):
             timing=self.timing,
         )
         result.__dict__["slowdown"] = slowdown
+        result.__dict__["next_memory"] = None if until is None else frozen(track["next"])
         if track["missing"].any():  # for the error to expect after the gaps
             result.__dict__["_run_of"] = (self, told.copy())
         return result
@@ -602,8 +612,9 @@ class StandardObserver(Observer):
         The coefficients themselves, in place of `poles`.
     model : System, optional
         What is known of the system. Default: nothing, phi = 0.
-    method : str
-        Discretisation, one of `METHODS`.
+    method : str, optional
+        Discretisation, one of `METHODS`; the papers' recursions are "euler". Default: "zoh", or
+        "rk4" for a low-power or peaking-free law with a gain that moves.
     timing : "predictor" or "current"
         Whether the estimate at sample k uses samples up to k - 1, as the papers' recursions do, or
         up to k.
@@ -625,8 +636,8 @@ class StandardObserver(Observer):
         poles: Poles | None = None,
         k: npt.ArrayLike | None = None,
         model: System | None = None,
-        method: str = "euler",
-        timing: str = "predictor",
+        method: str | None = None,
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         n = _order(n)
@@ -636,7 +647,7 @@ class StandardObserver(Observer):
             "k": _coefficients(n, poles, k),
             "gain": _gain(gain, epsilon),
             "model": _model(model, n),
-            **_manner(method, timing),
+            **_manner(DEFAULT_METHOD if method is None else method, timing),
         }
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
@@ -667,8 +678,8 @@ class LowPowerObserver(Observer):
         alpha: npt.ArrayLike | None = None,
         beta: npt.ArrayLike | None = None,
         model: System | None = None,
-        method: str = "euler",
-        timing: str = "predictor",
+        method: str | None = None,
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         spec = _low_power("low-power", n, gain, epsilon, poles, alpha, beta, model, method, timing)
@@ -706,8 +717,8 @@ class PeakingFreeObserver(Observer):
         alpha: npt.ArrayLike | None = None,
         beta: npt.ArrayLike | None = None,
         model: System | None = None,
-        method: str = "euler",
-        timing: str = "predictor",
+        method: str | None = None,
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         spec = _low_power(
@@ -828,7 +839,7 @@ class RepelledCollection(_Copies):
         copies: int = 3,
         model: System | None = None,
         method: str = "rk4",
-        timing: str = "predictor",
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         super().__init__(
@@ -855,7 +866,7 @@ class ModifiedObserver(_Copies):
         copies: int = 3,
         model: System | None = None,
         method: str = "rk4",
-        timing: str = "predictor",
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         super().__init__("modified", gain, k, k_bar, copies, model, method, timing, allow_unstable)
@@ -1080,20 +1091,22 @@ def _low_power(
     alpha: npt.ArrayLike | None,
     beta: npt.ArrayLike | None,
     model: System | None,
-    method: str,
+    method: str | None,
     timing: str,
 ) -> dict[str, Any]:
     """What (5) and (11) share, as a spec."""
     n = _order(n, least=2)
     a, b = _low_power_coefficients(n, poles, alpha, beta)
+    law = _gain(gain, epsilon)
+    usual = DEFAULT_METHOD if law["law"] == "constant" else "rk4"
     return {
         "kind": kind,
         "n": n,
         "alpha": a,
         "beta": b,
-        "gain": _gain(gain, epsilon),
+        "gain": law,
         "model": _model(model, n),
-        **_manner(method, timing),
+        **_manner(usual if method is None else method, timing),
     }
 
 
@@ -1199,6 +1212,16 @@ def _clock(t_or_dt: npt.ArrayLike, count: int) -> float | Array:
     if given.shape != (count,):
         raise HgoError(f"t of shape {given.shape}: must be ({count},), one time a sample")
     return given
+
+
+def _after(until: float, clock: float | Array, count: int) -> float:
+    """A time after the last sample."""
+    end = check_number(until, "until")
+    last = clock * (count - 1) if isinstance(clock, float) else float(clock[-1])
+    check(
+        end > last, "until", until, f"after the last sample, > {last:.9g} s", "give the next time"
+    )
+    return end
 
 
 def _check_times(clock: float | Array) -> None:

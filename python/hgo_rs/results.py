@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +65,8 @@ class RunResult:
     slowdown : float
         How many times longer the run took than with a compiled model of the same size: 1 for every
         compiled model, more for a Python callable that could not be compiled.
+    next_memory : (m,) or None
+        The memory at `until`, where the run was given one.
     """
 
     time: Array
@@ -94,6 +96,7 @@ class RunResult:
         return made
 
     slowdown = 1.0
+    next_memory: ClassVar[Array | None] = None
 
     if not TYPE_CHECKING:
 

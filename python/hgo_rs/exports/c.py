@@ -140,8 +140,14 @@ def _loop(program: Program) -> str:
     correct, predict = program.moves
     name, controls = program.name, program.words.controls
     calls = [", ".join(["&state", *program.arguments(move)]) for move in (correct, predict)]
-    computed = [f"{', '.join(controls)}: computed from state.{program.memory[0].name}, ..., and applied"]
-    lines = [f"{name}_correct({calls[0]});", *computed * bool(controls), f"{name}_predict({calls[1]});"]
+    computed = [
+        f"{', '.join(controls)}: computed from state.{program.memory[0].name}, ..., and applied"
+    ]
+    lines = [
+        f"{name}_correct({calls[0]});",
+        *computed * bool(controls),
+        f"{name}_predict({calls[1]});",
+    ]
     return "In an interrupt, at every sample:\n" + "\n".join(f"    {line}" for line in lines)
 
 
