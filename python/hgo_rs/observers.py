@@ -393,8 +393,8 @@ class Observer(_core.Online):
         u : (N,) or (N, n_u), optional
             Known inputs, each held until the next sample.
         x_hat0, r0, memory0 : optional
-            Where to start, see `initial_memory`; or the whole memory, at the first sample before its
-            use.
+            Where to start, see `initial_memory`; or the whole memory, as the first sample finds
+            it.
         until : float, optional
             Time [s] of the sample after the last one, where the record goes on elsewhere:
             `next_memory` of the result is the memory there, a `memory0` to go on with.
