@@ -90,9 +90,9 @@ class Observer(_core.Online):
             self._model = model
         self._interpreted = getattr(model, "compiled", True) is False
         if self._interpreted:
-            from hgo_rs.own.callables import called_spec
+            from hgo_rs.own.callables import runnable
 
-            self._core = _core.Observer(called_spec(spec, cast("Model", model)))
+            self._core = _core.Observer(runnable(spec, model))
         else:
             self._core = _core.Observer(spec)
         super().__init__(self._core, _lift(spec), bool(allow_unstable))
@@ -192,7 +192,7 @@ class Observer(_core.Online):
     @property
     def _law_len(self) -> int:
         """Entries of the memory without what current timing holds beside the law's own."""
-        held = 1 if self.spec.get("timing") == "current" else 0
+        held = int(self.spec.get("timing") == "current")
         return int(self._core.memory_len) - held
 
     def with_timing(self, timing: str) -> Observer:
