@@ -758,8 +758,12 @@ class _Copies(Observer):
             "model": _model(model, 2),
             **_manner(method, timing),
         }
-        self.copies = copies
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
+
+    @property
+    def copies(self) -> int:
+        """Number of copies."""
+        return int(self.spec["copies"])
 
     def _starts(self, x_hat0: npt.ArrayLike, r0: npt.ArrayLike) -> Array:
         """Flat memory [x_hat_1, r_1, x_hat_2, r_2, ...] of starts that differ."""

@@ -291,6 +291,14 @@ def test_what_a_study_was_made_from_may_be_edited():
     poles[0] = -9.0
     assert result.table["poles"].tolist() == ["[-1.0, -2.0]", "[-3.0, -4.0]"]
     assert result.parameters[0]["poles"] == [-1.0, -2.0]
+    for edit in (
+        lambda: result.parameters[0].update(poles=[-5.0]),
+        lambda: result.parameters[0]["poles"].append(-5.0),
+        lambda: result.parameters.clear(),
+        lambda: result.axes["poles"].reverse(),
+    ):
+        with pytest.raises(HgoError, match="read-only"):
+            edit()
 
 
 def test_a_configuration_is_read_only():
