@@ -224,7 +224,7 @@ def plan(
     nx, m = 6 if isinstance(plant, Ship) else plant.order or observer.n, len(observer.memory)
     x0 = _start(x0, "x0", nx, runs)
     start = observer.initial_memory() if memory0 is None else _start(memory0, "memory0", m, runs)
-    observer._check_start(start)
+    observer._check_start(start, told=memory0 is not None)
     if isinstance(plant, Ship) and np.any(x0[..., 3] == 0.0):
         raise HgoError(
             "x0: z_1 = 0 makes atan(0/0) in the ship's model (Katayama, assumption A1); start "
