@@ -242,7 +242,9 @@ class Config:
             )
         try:
             data = tomllib.loads(text)
-            places = dict(_places(text, place))
+            places: dict[tuple[str, ...], int] = {}
+            for path, number in _places(text, place):
+                places.setdefault(path, number)
         except tomllib.TOMLDecodeError as error:
             said = re.fullmatch(r"(.*) \(at (.*)\)", str(error), re.S)
             what, where = said.groups() if said else (str(error), "end of document")
