@@ -51,6 +51,17 @@ class Observer:
         t: float,
         dt: float,
     ) -> tuple[_Array, int]: ...
+    def correct(
+        self, memory: npt.ArrayLike, y: npt.ArrayLike, t: float
+    ) -> tuple[_Array, int]: ...
+    def advance(
+        self,
+        memory: npt.ArrayLike,
+        y: npt.ArrayLike,
+        u: npt.ArrayLike,
+        t: float,
+        dt: float,
+    ) -> tuple[_Array, int]: ...
     def run(
         self,
         t: npt.ArrayLike,
@@ -99,6 +110,7 @@ def trace_step(
     single: bool = False,
     missing: bool = False,
     dt: float | None = None,
+    part: str = "step",
 ) -> dict[str, Any]: ...
 def evaluate_table(
     table: Mapping[str, Any], inputs: npt.ArrayLike, single: bool = False
