@@ -73,7 +73,10 @@ class Observer:
 
 @disjoint_base
 class Online:
-    memory: _Array
+    @property
+    def memory(self) -> _Array: ...
+    @memory.setter
+    def memory(self, memory: npt.ArrayLike) -> None: ...
     allow_unstable: bool
     _time: float
     def __new__(cls, *_args: Any, **_kwargs: Any) -> Self: ...

@@ -18,6 +18,7 @@ from hgo_rs.gains import FixedStep, StochasticApproximation
 from hgo_rs.models import Ship, System, VanDerPol
 from hgo_rs.noise import Noise, RecordedNoise
 from hgo_rs.observers import Observer
+from hgo_rs.read_only import ReadOnlyDict, shown
 from hgo_rs.results import SimulationResult
 
 __all__ = ["simulate"]
@@ -51,7 +52,7 @@ class Experiment:
     Attributes
     ----------
     spec : dict
-        What the core and the reference read: numbers, strings, lists, dicts and arrays.
+        What the core and the reference read: numbers, strings, lists, dicts and arrays; read-only.
     n : int
         Order of the observer.
     shapes : dict
@@ -111,8 +112,8 @@ def simulate(
     Parameters
     ----------
     plant : System
-        A plant of `hgo_rs.models`, of the observer's order; or a `Plant`, of which the observer
-        estimates the first n states.
+        A plant of `hgo_rs.models`, of the observer's order; or a `Plant`. Of a `Plant` an observer
+        with a `Model` estimates the states of the model's names, any other the first n states.
     observer : Observer
     x0 : (nx,) or (runs, nx)
         Initial state of the plant.
@@ -255,6 +256,9 @@ def plan(
         known = not isinstance(metrics, str) and all(name in METRICS for name in metrics)
         check(known, "metrics", metrics, f"a list of {', '.join(METRICS)}", "choose among them")
         spec["metrics"] = list(metrics)
+    truth = _truth(plant, observer)
+    if truth is not None:
+        spec["truth"] = truth
     if plant_schedule is not None:
         spec["plant_schedule"] = plant_schedule.spec
     if settle is not None:
@@ -263,7 +267,7 @@ def plan(
         spec["histogram"] = _window(check_array(histogram, "histogram"), "histogram", period, steps)
     # a ship's filters are no signals, nor is what current timing holds beside the law's memory
     signals = observer.n if isinstance(plant, Ship) else observer._law_len
-    return Experiment(spec, observer.n, _shapes(spec, signals, nx, m, n_y))
+    return Experiment(ReadOnlyDict(spec), observer.n, _shapes(spec, signals, nx, m, n_y))
 
 
 def _shapes(spec: Mapping[str, Any], signals: int, nx: int, m: int, n_y: int) -> dict[str, Any]:
@@ -306,8 +310,10 @@ def execute(spec: dict[str, Any], backend: str) -> dict[str, Any]:
 
 def result_of(out: dict[str, Any], experiment: Experiment) -> SimulationResult:
     """The outputs of an experiment with their names."""
+    histogram = out.get("histogram")
+    out = {name: shown(value) for name, value in out.items()}
     return SimulationResult(
-        metrics={name: out[name] for name in METRICS if name in out},
+        metrics=ReadOnlyDict({name: out[name] for name in METRICS if name in out}),
         settling_time=out["settling_time"],
         diverged_at=out["diverged_at"],
         undefined_at=out["undefined_at"],
@@ -317,7 +323,7 @@ def result_of(out: dict[str, Any], experiment: Experiment) -> SimulationResult:
         x=out.get("x"),
         memory=out.get("memory"),
         y=out.get("y"),
-        histogram=out.get("histogram"),
+        histogram=None if histogram is None else ReadOnlyDict(histogram),
         n=experiment.n,
         spec=experiment.spec,
     )
@@ -362,6 +368,26 @@ def _check_fit(plant: System, observer: Observer) -> int:
     allowed = f"{n_y} for the plant {plant!r}"
     check(observer.n_y == n_y, "n_y of the observer", observer.n_y, allowed, "choose another")
     return n_y
+
+
+def _truth(plant: System, observer: Observer) -> list[int] | None:
+    """Which states of an own plant the observer estimates, where it is not the first n.
+
+    They are found by their names: a reduced-order observer's must all be the plant's; of another
+    observer a name of the plant's must not stand for another state.
+    """
+    model = observer.spec.get("model") or {}
+    estimated = list(model["names"]["states"])[-observer.n :] if "names" in model else []
+    states = list(plant.spec["names"]["states"]) if _is_own(plant) else []
+    places = [states.index(name) for name in estimated if name in states]
+    if estimated and len(places) == observer.n:
+        return None if places == list(range(observer.n)) else places
+    reduced = bool(estimated) and observer.spec["kind"] == "reduced-order"
+    known = all(name not in states or states.index(name) == i for i, name in enumerate(estimated))
+    allowed = f"such that {estimated}, which the observer estimates, are among them"
+    remedy = "give the states of the plant and of the model the same names"
+    check(known and not reduced, "states of the plant", states, allowed, remedy)
+    return None
 
 
 def _start(values: npt.ArrayLike, name: str, width: int, runs: int) -> npt.NDArray[np.float64]:

@@ -42,6 +42,8 @@ pub struct OwnPlant {
     /// (t, x, parameters) → (drift, diffusion if there is noise, output).
     table: Table,
     parameters: Vec<f64>,
+    /// State i of a simulation is this one of the plant: those that the observer estimates come first.
+    order: Vec<usize>,
 }
 
 impl OwnPlant {
@@ -64,13 +66,34 @@ impl OwnPlant {
                 table.outputs.len()
             )));
         }
-        Ok(Self { n, noisy, table, parameters })
+        Ok(Self { n, noisy, table, parameters, order: (0..n).collect() })
     }
 
-    /// Its outputs within a trace.
-    fn call(&self, given: &[Traced]) -> Vec<Traced> {
-        let parameters = self.parameters.iter().map(|value| Traced::from_f64(*value));
-        trace::inline(&self.table, &given.iter().copied().chain(parameters).collect::<Vec<_>>())
+    /// With the states first that an observer estimates.
+    fn estimated(mut self, truth: &[usize]) -> PyResult<Self> {
+        let twice = (1..truth.len()).any(|i| truth[..i].contains(&truth[i]));
+        if twice || truth.iter().any(|i| *i >= self.n) {
+            return Err(refused(&format!(
+                "truth = {truth:?} is not allowed: it must name some of the plant's {} states, each \
+                 once",
+                self.n
+            )));
+        }
+        let rest = (0..self.n).filter(|i| !truth.contains(i));
+        self.order = truth.iter().copied().chain(rest).collect();
+        Ok(self)
+    }
+
+    /// Drift, diffusion if there is noise, output: within a trace.
+    fn call(&self, t: Traced, x: &[Traced]) -> Vec<Traced> {
+        let mut given = vec![t; 1 + self.n];
+        self.order.iter().zip(x).for_each(|(place, x)| given[1 + place] = *x);
+        given.extend(self.parameters.iter().map(|value| Traced::from_f64(*value)));
+        let made = trace::inline(&self.table, &given);
+        let (rates, output) = made.split_at(made.len() - 1);
+        let rows = rates.chunks_exact(self.n);
+        let ordered = rows.flat_map(|row| self.order.iter().map(|place| row[*place]));
+        ordered.chain(output.iter().copied()).collect()
     }
 }
 
@@ -83,7 +106,7 @@ struct Tabled<'a>(&'a OwnPlant);
 
 impl Tabled<'_> {
     fn outputs(self, t: Traced, x: &PlantState<Traced>) -> Vec<Traced> {
-        self.0.call(&[&[t], &x.as_slice()[..self.0.n]].concat())
+        self.0.call(t, &x.as_slice()[..self.0.n])
     }
     fn state(values: &[Traced]) -> PlantState<Traced> {
         PlantState::from_fn(|i, _| values.get(i).copied().unwrap_or(Traced::ZERO))
@@ -382,6 +405,8 @@ where
 struct Study<'a> {
     plan: &'a Plan,
     observer: &'a Tables,
+    /// [`Tables::taking`].
+    taking: Table,
     plant: PlantTables,
 }
 
@@ -403,8 +428,7 @@ impl Study<'_> {
                 trace::inline(&self.plant.parts.output, &[&[plant_t], x.as_slice()].concat());
             let y = output[0] + noise + sines;
             let given = [&[t, dt], z.as_slice(), &[y], &self.told()].concat();
-            let taken = self.observer.correct().unwrap_or(self.observer.advance());
-            let mut made = trace::inline(taken, &given);
+            let mut made = trace::inline(&self.taking, &given);
             made.truncate(z.len());
             Ok(named("z", &made))
         })?
@@ -506,16 +530,27 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
         PlacedGains::Computed
     };
     let observer = Tables::read(&of_observer, Setting { gains, ..DOUBLE })?;
-    let plan = Plan::read(spec, observer.memory_len(), &[])?;
+    let mut plan = Plan::read(spec, observer.memory_len(), &["truth"])?;
     if observer.n_y() != 1 || plan.memory_len() > Z {
         return Err(refused("an own plant or model is simulated with one output"));
     }
     let plant_spec = spec.sub("plant")?;
     let (n, scheme) = (plan.plant.len(), plan.plant_scheme);
-    let own = match plan.plant {
-        AnyPlant::Own { .. } => Some(OwnPlant::read(&plant_spec)?),
-        _ => None,
+    let truth: Option<Vec<usize>> = spec.get("truth")?.map(|truth| truth.extract()).transpose()?;
+    let own = match (&plan.plant, truth) {
+        (AnyPlant::Own { .. }, None) => Some(OwnPlant::read(&plant_spec)?),
+        (AnyPlant::Own { .. }, Some(truth)) => {
+            Some(OwnPlant::read(&plant_spec)?.estimated(&truth)?)
+        }
+        (_, None) => None,
+        (_, Some(_)) => return Err(refused("truth names states of an own plant")),
     };
+    if let Some(own) = &own {
+        for row in plan.x0.chunks_exact_mut(n) {
+            let given = row.to_vec();
+            row.iter_mut().zip(&own.order).for_each(|(x, place)| *x = given[*place]);
+        }
+    }
     macro_rules! paper {
         ($variant:ident) => {
             plant_tables(n, scheme, || match AnyPlant::<Traced>::read(&plant_spec)? {
@@ -537,7 +572,7 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
             None => return Err(refused("another plant")),
         },
     };
-    let study = Study { plan: &plan, observer: &observer, plant };
+    let study = Study { plan: &plan, observer: &observer, taking: observer.taking()?, plant };
     if n < observer.n() {
         return Err(refused(&format!(
             "the observer estimates {} states; the plant has {n}",
@@ -546,11 +581,14 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
     }
     let integrator = plan.joint_integrator(&spec.sub("observer")?)?;
     let alone = integrator.is_some() && !plan.has_no_sines();
-    let result = if !alone && vectors(&plan)?.is_some() {
+    let mut result = if !alone && vectors(&plan)?.is_some() {
         study.in_blocks(py, integrator)?
     } else {
         study.one_by_one(py, integrator)?
     };
+    if let Some(own) = &own {
+        result.reorder_states(&own.order);
+    }
     result.into_dict(py, &plan)
 }
 
@@ -613,8 +651,9 @@ impl Study<'_> {
             .compile()
         };
         let half = |table: &Table| alone(table, 2 + memory + 1);
-        let correct = observer.correct().map(half).transpose()?;
-        let advance = half(observer.advance())?;
+        let current = observer.is_current();
+        let correct = if current { Some(half(&self.taking)?) } else { None };
+        let advance = if current { half(observer.advance())? } else { half(&self.taking)? };
         let law = match (integrator, observer.law()) {
             (None, _) => None,
             (Some(_), None) => return Err(refused(SAMPLED_ONLY)),

@@ -3,6 +3,7 @@
 //! The laws are the core's own. Run over [`Traced`] numbers, with the model's table in the place of a
 //! compiled model, each writes down its step once; the program of that step is what runs.
 
+use super::called::Called;
 use super::choices::{AnyGain, AnyMethod, AnySaturation, Manner, MovingGain};
 use super::compile::Compiled;
 use super::design::order_refused;
@@ -300,6 +301,8 @@ pub struct Tables {
 
 /// A chain whose corrections are placed.
 struct PlacedChain {
+    /// Which sample corrects it.
+    channel: usize,
     /// Where the time stands in the memory that a correction is for, with current timing; else it is the
     /// step's length.
     elapsed: Option<usize>,
@@ -434,7 +437,8 @@ impl Tables {
             missing: None,
             unstarted: None,
             placed: law.gains().map_or_else(Vec::new, |gains| {
-                vec![PlacedChain { elapsed: current.then_some(law.len), gains: gains.clone() }]
+                let elapsed = current.then_some(law.len);
+                vec![PlacedChain { channel: 0, elapsed, gains: gains.clone() }]
             }),
             law: if together { Some(law.together(setting)?) } else { None },
             parameters: given.parameters().to_vec(),
@@ -719,8 +723,9 @@ impl Tables {
         for (of, place) in chains.iter().zip(&place) {
             place.iter().zip(&of.shape.initial).for_each(|(place, value)| initial[*place] = *value);
         }
-        let placed = chains.iter().zip(&place).flat_map(|(of, place)| {
-            of.placed.iter().map(|PlacedChain { elapsed, gains }| PlacedChain {
+        let placed = chains.iter().zip(&place).enumerate().flat_map(|(channel, (of, place))| {
+            of.placed.iter().map(move |PlacedChain { elapsed, gains, .. }| PlacedChain {
+                channel,
                 elapsed: elapsed.map(|elapsed| place[elapsed]),
                 gains: gains.clone(),
             })
@@ -860,17 +865,17 @@ struct Step {
 }
 
 /// A step in all its forms.
-struct Steps {
-    usual: Arc<Step>,
+pub struct Steps<S> {
+    usual: Arc<S>,
     /// The same for a missing sample, if that is another law.
-    missing: Option<Arc<Step>>,
+    missing: Option<Arc<S>>,
     /// The same with and without a sample for a law that has not started, see [`Tables::unstarted`].
-    unstarted: Option<(usize, [Arc<Step>; 2])>,
+    unstarted: Option<(usize, [Arc<S>; 2])>,
 }
 
-impl Steps {
+impl<S> Steps<S> {
     /// The step for such a sample.
-    fn choose(&self, memory: &[f64], present: bool) -> &Arc<Step> {
+    pub fn choose(&self, memory: &[f64], present: bool) -> &Arc<S> {
         if let Some((index, [with, without])) = &self.unstarted
             && memory.get(*index).is_some_and(|entry| *entry <= 0.0)
         {
@@ -887,32 +892,27 @@ impl Steps {
 pub struct Programmed {
     tables: Tables,
     /// From sample to sample of a record; with current timing a correction, shown, and the way on.
-    whole: Steps,
+    whole: Steps<Step>,
     /// The halves: the use of a sample with current timing, and the way to the next one.
-    correct: Option<Steps>,
-    advance: Steps,
+    correct: Option<Steps<Step>>,
+    advance: Steps<Step>,
 }
 
 /// An observer with a model of the user's own.
 pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
     let setting = Setting { gains: PlacedGains::Given, ..Setting::usual(false) };
     let tables = Tables::read(spec, setting)?;
-    let (usual, whole, correct) = match &tables.correct {
-        None => (&tables.advance, tables.forms(&tables.advance, |table| Ok(table.clone()))?, None),
-        Some(correct) => (
-            correct,
-            tables.forms(correct, |correct| tables.whole(correct))?,
-            Some(tables.forms(correct, |correct| Ok(correct.clone()))?),
-        ),
-    };
-    let advance = if correct.is_some() {
-        Steps {
-            usual: Arc::new(tables.program(&tables.advance, 0)?),
-            missing: None,
-            unstarted: None,
-        }
-    } else {
-        tables.forms(usual, |table| Ok(table.clone()))?
+    let calls = |table: &Table| !table.calls.is_empty();
+    if calls(&tables.advance) || tables.correct.as_ref().is_some_and(calls) {
+        let (correct, advance) = tables.halves(|table| Ok(table.clone()))?;
+        return Ok(Box::new(Called::new(tables, correct, advance)));
+    }
+    let (correct, advance) = tables.halves(|table| tables.program(table, 0))?;
+    let whole = match &tables.correct {
+        None => tables.forms(&tables.advance, |table| tables.program(table, 0))?,
+        Some(correct) => tables.forms(correct, |correct| {
+            tables.program(&tables.whole(correct)?, correct.outputs.len())
+        })?,
     };
     Ok(Box::new(Programmed { tables, whole, correct, advance }))
 }
@@ -936,6 +936,21 @@ impl Tables {
     /// The use of a sample with current timing.
     pub fn correct(&self) -> Option<&Table> {
         self.correct.as_ref()
+    }
+    /// What takes the sample, whether the law has started or not: the correction with current timing,
+    /// else the way to the next sample.
+    pub fn taking(&self) -> PyResult<Table> {
+        let usual = self.correct.as_ref().unwrap_or(&self.advance);
+        let Some((index, [unstarted, _])) = &self.unstarted else { return Ok(usual.clone()) };
+        trace(Setting::usual(false), || {
+            let given: Vec<Traced> = usual.inputs.iter().map(|name| input(name)).collect();
+            let (made, first) = (trace::inline(usual, &given), trace::inline(unstarted, &given));
+            let started = given[MEMORY + index];
+            let chosen = made.iter().zip(&first);
+            let chosen: Vec<Traced> =
+                chosen.map(|(a, b)| trace::if_positive(started, *a, *b)).collect();
+            Ok(usual.output_names.iter().cloned().zip(chosen).collect())
+        })
     }
     /// The way to the next sample.
     pub fn advance(&self) -> &Table {
@@ -963,14 +978,23 @@ impl Tables {
         })
     }
 
-    /// The step that `make` makes of a table, in all forms that the table has.
-    fn forms(&self, usual: &Table, make: impl Fn(&Table) -> PyResult<Table>) -> PyResult<Steps> {
-        let step = |table: &Table| {
-            let made = make(table)?;
-            let shown =
-                if made.outputs.len() > table.outputs.len() { table.outputs.len() } else { 0 };
-            Ok::<_, PyErr>(Arc::new(self.program(&made, shown)?))
+    /// The halves of a step, as `make` makes them of their tables: the use of a sample with current
+    /// timing, and the way to the next one.
+    fn halves<S>(
+        &self,
+        make: impl Fn(&Table) -> PyResult<S>,
+    ) -> PyResult<(Option<Steps<S>>, Steps<S>)> {
+        let Some(correct) = &self.correct else {
+            return Ok((None, self.forms(&self.advance, make)?));
         };
+        let usual = Arc::new(make(&self.advance)?);
+        let advance = Steps { usual, missing: None, unstarted: None };
+        Ok((Some(self.forms(correct, make)?), advance))
+    }
+
+    /// What `make` makes of a table that takes the sample, in all forms that it has.
+    fn forms<S>(&self, usual: &Table, make: impl Fn(&Table) -> PyResult<S>) -> PyResult<Steps<S>> {
+        let step = |table: &Table| Ok::<_, PyErr>(Arc::new(make(table)?));
         let unstarted = match &self.unstarted {
             None => None,
             Some((index, [with, without])) => Some((*index, [step(with)?, step(without)?])),
@@ -987,6 +1011,27 @@ impl Tables {
         let before = |place, of: &u8| (MEMORY..place).contains(&usize::from(*of));
         let hands_on = { next }.any(|(place, (a, b))| before(place, a) || before(place, b));
         Ok(Step { at_rest: self.at_rest(&compiled), compiled, shown, hands_on })
+    }
+
+    /// Memory to start from when nothing is known.
+    pub fn initial(&self) -> &[f64] {
+        &self.shape.initial
+    }
+
+    /// The inputs of a step: (t, dt, z, y, u, parameters, gains).
+    pub fn inputs(
+        &self,
+        memory: &[f64],
+        (y, u): (&[f64], &[f64]),
+        (t, dt): (f64, f64),
+    ) -> Vec<f64> {
+        let mut inputs = [&[t, dt], memory, y, u, self.parameters.as_slice()].concat();
+        for placed in &self.placed {
+            let (first, gains) = (inputs.len(), &placed.gains);
+            inputs.resize(first + gains.count, 0.0);
+            gains.write(f64::from_bits(length_of(placed, memory, y, dt)), &mut inputs[first..]);
+        }
+        inputs
     }
 
     /// Inputs of a step before its parameters.
@@ -1066,19 +1111,19 @@ impl Step {
 
 impl Programmed {
     /// The times that a sample's corrections are for.
-    fn lengths(&self, memory: &[f64], dt: f64) -> Lengths {
+    fn lengths(&self, memory: &[f64], y: &[f64], dt: f64) -> Lengths {
         let mut lengths = [0; CHAINS];
         for (length, placed) in lengths.iter_mut().zip(&self.tables.placed) {
-            *length = length_of(placed.elapsed, memory, dt);
+            *length = length_of(placed, memory, y, dt);
         }
         lengths
     }
 
     /// Whether these are they.
     #[inline(always)]
-    fn are_lengths(&self, known: &Lengths, memory: &[f64], dt: f64) -> bool {
+    fn are_lengths(&self, known: &Lengths, memory: &[f64], y: &[f64], dt: f64) -> bool {
         let mut chains = known.iter().zip(&self.tables.placed);
-        chains.all(|(known, placed)| *known == length_of(placed.elapsed, memory, dt))
+        chains.all(|(known, placed)| *known == length_of(placed, memory, y, dt))
     }
 
     /// Gains for corrections of these lengths into their registers.
@@ -1154,8 +1199,8 @@ impl Programmed {
             let dt = dt.get(k).copied().unwrap_or(0.0);
             if !self.tables.placed.is_empty() {
                 let memory = &r.0[place.clone()];
-                if !lengths.is_some_and(|known| self.are_lengths(&known, memory, dt)) {
-                    let new = self.lengths(memory, dt);
+                if !lengths.is_some_and(|known| self.are_lengths(&known, memory, sample, dt)) {
+                    let new = self.lengths(memory, sample, dt);
                     self.put_gains(&new, &mut r);
                     lengths = Some(new);
                 }
@@ -1192,7 +1237,7 @@ impl Programmed {
     /// One half of a step for one sample.
     fn one(
         &self,
-        steps: &Steps,
+        steps: &Steps<Step>,
         memory: &mut [f64],
         (y, u): (&[f64], &[f64]),
         (t, dt): (f64, f64),
@@ -1200,18 +1245,19 @@ impl Programmed {
         let present = y.iter().all(|y| y.is_finite());
         let step = steps.choose(memory, present);
         let mut r = step.at_rest;
-        self.put_gains(&self.lengths(memory, dt), &mut r);
+        self.put_gains(&self.lengths(memory, y, dt), &mut r);
         r.0[MEMORY..MEMORY + memory.len()].copy_from_slice(memory);
         let moved = step.advance(&mut r, memory.len(), (t, dt), (y, u), (memory, &mut []));
         status(moved, present)
     }
 }
 
-/// The time that a correction is for, in bits; `place` is where it stands in the memory.
+/// The time that a chain's correction is for, in bits; with current timing none for a missing sample.
 #[inline(always)]
-fn length_of(place: Option<usize>, memory: &[f64], dt: f64) -> u64 {
-    let elapsed = place.and_then(|place| memory.get(place)).copied();
-    elapsed.unwrap_or(dt).to_bits()
+fn length_of(placed: &PlacedChain, memory: &[f64], y: &[f64], dt: f64) -> u64 {
+    let elapsed = placed.elapsed.and_then(|place| memory.get(place)).copied();
+    let sample = y.get(placed.channel).copied().unwrap_or(f64::NAN);
+    elapsed.map_or(dt, |elapsed| elapsed - elapsed.while_missing(sample)).to_bits()
 }
 
 /// An entry of the memory into its place in a row, if there is one, and its largest magnitude so far.

@@ -1,7 +1,6 @@
 """The `hgo` command: statuses, one-line errors, what is written, Ctrl-C."""
 
 import base64
-import inspect
 import json
 import os
 import re
@@ -19,13 +18,6 @@ from hgo_rs import cli, data, plotting, reproduce, scenarios
 from hgo_rs.data import read_log
 from hgo_rs.errors import MissingExtraError
 from hgo_rs.scenarios.base import Context, Outcome, Row, Scenario, row
-
-# What a log is run with unless told otherwise, where the classes have both timings.
-LOGGED = (
-    {"timing": "current"}
-    if "timing" in inspect.signature(hgo_rs.StandardObserver).parameters
-    else {}
-)
 
 HGO = [sys.executable, "-m", "hgo_rs.cli"]
 
@@ -383,6 +375,7 @@ def axis(tmp_path, monkeypatch):
 def undrawn(monkeypatch):
     """Figures take longer than the rest: leave them out where they are not the point."""
     monkeypatch.setattr(cli._Trace, "draw", lambda *_: None)
+    monkeypatch.setattr(plotting, "save", lambda *_: None)
 
 
 ESTIMATE = ["--time", "t", "--output", "q", "--order", 3, "--gain", 20]
@@ -400,7 +393,7 @@ def test_estimate_gives_the_derivatives(capsys, axis, observer):
     assert header == "t,y,x_hat1,x_hat2,x_hat3,innovation,missing"
 
     log = read_log("axis.csv", "t", "q")
-    law = getattr(hgo_rs, cli.OBSERVERS[observer])(3, gain=20.0, **LOGGED)
+    law = getattr(hgo_rs, cli.OBSERVERS[observer])(3, gain=20.0)
     expected = law.run(log.t, log.y)
     velocity = read_log("axis.estimates.csv", "t", "x_hat2").y
     np.testing.assert_array_equal(velocity, np.asarray(expected.x_hat)[:, 1])
@@ -424,7 +417,7 @@ def test_estimate_with_a_sampling_period_and_poles(capsys, axis):
     poles = ["--poles", "-1+1j,-1-1j"]
     assert hgo(capsys, "estimate", axis, *args, "--dt", 5e-3, *poles)[0] == 0
     log = read_log(axis, None, "q", dt=5e-3)
-    law = hgo_rs.StandardObserver(2, gain=20.0, poles=[-1 + 1j, -1 - 1j], **LOGGED)
+    law = hgo_rs.StandardObserver(2, gain=20.0, poles=[-1 + 1j, -1 - 1j])
     velocity = read_log("axis.estimates.csv", "t", "x_hat2").y
     np.testing.assert_array_equal(velocity, np.asarray(law.run(log.t, log.y).x_hat)[:, 1])
 
@@ -508,7 +501,7 @@ def test_estimate_from_a_configuration(capsys, axis, undrawn):
     Path("observer.toml").write_text(OBSERVER)
     assert hgo(capsys, "estimate", axis, "--config", "observer.toml")[0] == 0
     log = read_log(axis, "t", "q")
-    law = hgo_rs.StandardObserver(2, gain=20.0, poles=[-1, -2], **LOGGED)
+    law = hgo_rs.StandardObserver(2, gain=20.0, poles=[-1, -2])
     velocity = read_log("axis.estimates.csv", "t", "x_hat2").y
     np.testing.assert_array_equal(velocity, law.run(log.t, log.y).x_hat[:, 1])
     # options go before the file, and both can be written down
@@ -528,7 +521,7 @@ def test_estimate_from_a_configuration(capsys, axis, undrawn):
     assert (status, err) == (0, "")
     assert "written: axis.estimates.csv, axis.estimates.png, o.toml" in out
     law = hgo_rs.StandardObserver(
-        3, gain=30.0, poles=[-1, -1 + 1j, -1 - 1j], model=hgo_rs.InputGain(2.0), **LOGGED
+        3, gain=30.0, poles=[-1, -1 + 1j, -1 - 1j], model=hgo_rs.InputGain(2.0)
     )
     saved = hgo_rs.load("o.toml")
     assert saved.observer().spec == law.spec

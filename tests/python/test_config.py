@@ -11,13 +11,6 @@ import hgo_rs
 from hgo_rs import Config, ConfigError, HgoError
 from hgo_rs.config import FORMAT, LOG, MODELS, OBSERVERS, START, TOP
 
-# What a log is run with unless told otherwise, where the classes have both timings.
-LOGGED = (
-    {"timing": "current"}
-    if "timing" in inspect.signature(hgo_rs.StandardObserver).parameters
-    else {}
-)
-
 COMMON = """\
 format = 1
 observer = "low-power"
@@ -46,7 +39,7 @@ def test_a_common_case_in_less_than_ten_lines(tmp_path):
     assert len(COMMON.splitlines()) < 10
     (tmp_path / "observer.toml").write_text(COMMON, encoding="utf-8")
     config = hgo_rs.load(tmp_path / "observer.toml")
-    expected = hgo_rs.LowPowerObserver(3, gain=160.0, method="rk4-innovation-held", **LOGGED)
+    expected = hgo_rs.LowPowerObserver(3, gain=160.0, method="rk4-innovation-held")
     assert config.observer().spec == expected.spec
     assert config.log == {"time": "t_ms", "output": "q"}
     assert config.source == str(tmp_path / "observer.toml")
@@ -266,7 +259,7 @@ def test_own_model(tmp_path):
     model = hgo_rs.Model(
         states=["q", "v"], inputs=["F"], parameters={"M": 95.1, "Fv": 203.5}, phi="(F - Fv*v)/M"
     )
-    assert law.spec == hgo_rs.StandardObserver(2, gain=200.0, model=model, **LOGGED).spec
+    assert law.spec == hgo_rs.StandardObserver(2, gain=200.0, model=model).spec
     law.save(tmp_path / "o.toml")
     assert hgo_rs.load(tmp_path / "o.toml").observer().spec == law.spec
 
@@ -298,8 +291,8 @@ def test_several_chains(tmp_path):
     model = hgo_rs.Model(
         states=["a", "va", "b", "vb"], orders=[2, 2], phi=["-a + 0.1*vb", "-sin(b)"]
     )
-    first = hgo_rs.StandardObserver(2, gain=20.0, **LOGGED)
-    second = hgo_rs.LowPowerObserver(2, gain=15.0, **LOGGED)
+    first = hgo_rs.StandardObserver(2, gain=20.0)
+    second = hgo_rs.LowPowerObserver(2, gain=15.0)
     assert law.spec == hgo_rs.MultiOutputObserver([first, second], model=model).spec
     law.save(tmp_path / "o.toml")
     assert hgo_rs.load(tmp_path / "o.toml").observer().spec == law.spec

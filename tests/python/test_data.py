@@ -290,7 +290,7 @@ def refusal_of_names(*args):
         ("Time (µs)", None, 1e6, "as the name says"),
         ("stamp.ns", None, 1e9, "as the name says"),
         ("time_s", None, 1, ""),
-        ("ms", None, 1, ""),  # a name, not a unit
+        ("ms", None, 1e3, "times 'ms' are in ms, as the name says"),
         ("items", None, 1, ""),
     ],
 )
@@ -315,17 +315,17 @@ def test_unix_times_keep_every_digit(tmp_path, unit, per_s, suffix):
         path.write_text("stamp,q\n" + "".join(f"{t},{k}\n" for k, t in enumerate(times)))
     log = read_log(path, "stamp", "q")
     assert f"read as Unix times in {unit}" in log.describe()
-    if unit == "ns":  # beyond the integers that float64 has
-        np.testing.assert_array_equal(log.t, (times - base) / 1e9)
-        assert f"t counts from stamp = {base}" in log.describe()
-    else:
+    if unit == "ms":
         np.testing.assert_array_equal(log.t, times / per_s)
+    else:  # float64 seconds of this size would lose digits
+        np.testing.assert_array_equal(log.t, (times - base) / per_s)
+        assert f"t counts from stamp = {base}" in log.describe()
 
 
 def test_units_that_make_no_sense(tmp_path):
     path = write(tmp_path, "t,q\n0,1\n5,2\n")
-    with pytest.raises(HgoError, match="unit = 'min': must be one of s, ms, us, ns"):
-        read_log(path, "t", "q", unit="min")
+    with pytest.raises(HgoError, match="unit = 'year': must be one of s, ms, us, ns, min"):
+        read_log(path, "t", "q", unit="year")
     with pytest.raises(DataError, match="unit: it is the time column's"):
         read_log(path, None, "q", dt=0.1, unit="ms")
 

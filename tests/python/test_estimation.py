@@ -1,6 +1,5 @@
 """Observers over logs: chunks, configurations, gaps and the error to expect after them."""
 
-import inspect
 import math
 from functools import lru_cache
 from itertools import pairwise
@@ -14,13 +13,6 @@ from hgo_rs import Config, HgoError
 from hgo_rs.data import DataError, Log, read_log
 from hgo_rs.estimation import run_chunks
 
-# What a log is run with unless told otherwise, where the classes have both timings.
-LOGGED = (
-    {"timing": "current"}
-    if "timing" in inspect.signature(hgo_rs.StandardObserver).parameters
-    else {}
-)
-
 ADAPTIVE = hgo_rs.AdaptiveGain(5.0, 1e-4, 0.2)
 LAWS = {
     "standard": hgo_rs.StandardObserver(3, gain=12.0),
@@ -30,10 +22,9 @@ LAWS = {
     "low-power": hgo_rs.LowPowerObserver(3, gain=8.0),
     "peaking-free": hgo_rs.PeakingFreeObserver(3, gain=8.0, saturation=9.0),
     "sampled-data": hgo_rs.SampledDataObserver(),
+    "current": hgo_rs.StandardObserver(2, gain=12.0, model=hgo_rs.InputGain(0.7), timing="current"),
+    "current-low-power": hgo_rs.LowPowerObserver(3, gain=8.0, method="zoh", timing="current"),
 }
-if LOGGED:
-    LAWS["current"] = hgo_rs.StandardObserver(2, gain=12.0, model=hgo_rs.InputGain(0.7), **LOGGED)
-    LAWS["current-low-power"] = hgo_rs.LowPowerObserver(3, gain=8.0, method="zoh", **LOGGED)
 
 
 def record(n_u=0, count=400, seed=3, starts=(0, 150, 151)):
@@ -124,7 +115,7 @@ def axis(tmp_path):
 def test_estimate(axis):
     result = hgo_rs.estimate(axis / "axis.csv", axis / "observer.toml")
     log = read_log(axis / "axis.csv", "t_ms", "q")
-    expected = hgo_rs.StandardObserver(2, gain=12.0, **LOGGED).run(log.t, log.y)
+    expected = hgo_rs.StandardObserver(2, gain=12.0).run(log.t, log.y)
     assert result.x_hat.tobytes() == expected.x_hat.tobytes()
     assert log.t[-1] == 4.995
     config = hgo_rs.load(axis / "observer.toml")
@@ -136,7 +127,7 @@ def test_estimate(axis):
     # with an input, from a state of its own
     changes = {"model": {"kind": "input", "b0": -1.0}, "start": {"x_hat": [0.0, 1.0]}}
     config = config.replace({"input": "F"}, **changes)
-    law = hgo_rs.StandardObserver(2, gain=12.0, model=hgo_rs.InputGain(-1.0), **LOGGED)
+    law = hgo_rs.StandardObserver(2, gain=12.0, model=hgo_rs.InputGain(-1.0))
     log = read_log(axis / "axis.csv", "t_ms", "q", "F")
     expected = law.run(log.t, log.y, log.u, x_hat0=[0.0, 1.0])
     result = hgo_rs.estimate(axis / "axis.csv", config)

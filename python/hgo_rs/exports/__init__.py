@@ -14,6 +14,7 @@ import numpy.typing as npt
 from hgo_rs.errors import HgoError, check_choice, check_number
 from hgo_rs.exports.names import check_name
 from hgo_rs.exports.program import program
+from hgo_rs.files import write_text
 from hgo_rs.observers import Observer
 
 __all__ = ["LANGUAGES", "export", "sources"]
@@ -64,10 +65,13 @@ def export(
         for file, text in texts.items():
             path = folder / file
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
+            write_text(path, text)
             written.append(path)
     except OSError as error:
-        raise HgoError(f"out = {str(out)!r}: cannot be written ({error}); give a folder") from None
+        told = f" (written before: {', '.join(file.name for file in written)})" if written else ""
+        raise HgoError(
+            f"out = {str(out)!r}: cannot be written ({error}){told}; give a folder"
+        ) from None
     return written
 
 

@@ -1,20 +1,29 @@
-"""Models of Python callables that could not be compiled: they run in the NumPy reference, call by
-call.
+"""Systems of Python callables that could not be compiled: observers call them where the core's law
+asks for the model, simulations run in the NumPy reference.
 """
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.own.base import OwnSystem
+from hgo_rs.own.model import Model
+from hgo_rs.own.sources import Arguments
 
-__all__ = ["SlowModelWarning", "interpreted_spec", "is_interpreted", "stand_in", "warn_slow"]
+__all__ = [
+    "SlowModelWarning",
+    "called_spec",
+    "interpreted_spec",
+    "is_interpreted",
+    "stand_in",
+    "warn_slow",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -80,15 +89,40 @@ def interpreted_spec(spec: Mapping[str, Any], system: object) -> dict[str, Any]:
     return {**spec, "table": _Called(system)}
 
 
-def stand_in(spec: Mapping[str, Any], system: OwnSystem) -> dict[str, Any]:
-    """The spec of an observer with a model of the same size that is 0: for the sizes of things."""
-    called = _Called(system)
-    table = {
-        "inputs": [f"input[{i}]" for i in range(called.inputs)],
-        "constants": [0.0],
-        "ops": [],
-        "outputs": [called.inputs] * len(called.outputs),
-    }
+def called_spec(spec: Mapping[str, Any], model: Model) -> dict[str, Any]:
+    """The spec of an observer as the core runs it: its table calls the model's right-hand sides."""
+    symbols = model.arguments
+    calls, results = [], 0
+    for group in model.groups.values():
+        arguments = [symbols.index(symbol) for symbol in group.arguments.symbols]
+        call = group.call(model.parameters)
+        calls.append((_called(call, group.arguments), arguments, group.size))
+        results += group.size
+    inputs = [*symbols, *model.parameters]
+    outputs = list(range(len(inputs), len(inputs) + results))
+    table = {"inputs": inputs, "calls": calls, "outputs": outputs}
+    return {**spec, "model": {**spec["model"], "table": table}}
+
+
+def _called(
+    call: Callable[..., Array], arguments: Arguments
+) -> Callable[[list[float]], list[float]]:
+    """A right-hand side as a function of one list of numbers."""
+
+    def flat(values: list[float]) -> list[float]:
+        given = dict(zip(arguments.symbols, values, strict=True))
+        with np.errstate(all="ignore"):  # a value that is not finite is told by the observer
+            made: list[float] = call(*arguments.given(given)).tolist()
+        return made
+
+    return flat
+
+
+def stand_in(spec: Mapping[str, Any], model: Model) -> dict[str, Any]:
+    """The spec of an observer with a model of the same size that is 0, for comparison."""
+    called = called_spec(spec, model)["model"]["table"]
+    inputs, outputs = called["inputs"], called["outputs"]
+    table = {"inputs": inputs, "constants": [0.0], "outputs": [len(inputs)] * len(outputs)}
     return {**spec, "model": {**spec["model"], "table": table}}
 
 

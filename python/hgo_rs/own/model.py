@@ -151,6 +151,18 @@ class Model(OwnSystem):
             output=self.outputs[0],
         )
 
+    # --- for the observers ------------------------------------------------------------------------
+
+    @property
+    def groups(self) -> Mapping[str, Group]:
+        """The right-hand sides by name."""
+        return self._groups
+
+    @property
+    def arguments(self) -> list[str]:
+        """What the right-hand sides depend on: the table's inputs but the parameters."""
+        return list(self._form.table_inputs())
+
     # --- what it is ---------------------------------------------------------------------------
 
     @property
@@ -175,7 +187,7 @@ class Model(OwnSystem):
 
     @property
     def spec(self) -> dict[str, Any]:
-        """The plain dict that the core reads; "table" is None where it is not compiled."""
+        """What the core reads, read-only; "table" is None where it is not compiled."""
         return self._spec(kind="own", **self._form.own, n_u=self.n_u)
 
     @property

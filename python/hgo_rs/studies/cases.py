@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
 import itertools
 import re
@@ -20,7 +21,7 @@ Parameters = dict[str, Any]
 
 RESERVED = frozenset(
     (
-        *("case", "run", "runs", "diverged", "finished", "time"),
+        *("case", "run", "runs", "diverged", "finished", "time", "checksum"),
         *("window", "signal", "entry", "state", "frame", "output"),
         *("mean", "rms", "max", "peak", "settling_time", "diverged_at", "undefined_at"),
         *("final_x", "final_memory", "x", "memory", "y"),
@@ -90,7 +91,11 @@ def _check_name(name: str, key: Any) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """A NumPy number as Python's, so that it prints and saves as one."""
+    """A NumPy number as Python's, so that it prints and saves as one; a copy of what may be edited
+    later.
+    """
+    if isinstance(value, (np.ndarray, list, dict)):
+        return copy.deepcopy(value)
     return value.item() if isinstance(value, np.generic) else value
 
 
