@@ -42,22 +42,50 @@ ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="written for GNU's tools")
 # --- observers ------------------------------------------------------------------------------------
 
+# what the papers write down, and what is best for data
+PAPER: dict[str, Any] = {"method": "euler", "timing": "predictor"}
+BEST: dict[str, Any] = {"method": "zoh", "timing": "current"}
+
 KINDS = {
-    "standard": lambda: StandardObserver(3, 20.0, method="rk4", model=InputGain(1.7)),
-    "adaptive": lambda: StandardObserver(2, hgo_rs.AdaptiveGain(0.05, 0.5, 0.2)),
-    "low_power": lambda: LowPowerObserver(4, 5.0, method="staggered-euler", model=InputGain(2.0)),
+    "standard": lambda: StandardObserver(
+        3, 20.0, method="rk4", timing="predictor", model=InputGain(1.7)
+    ),
+    "adaptive": lambda: StandardObserver(2, hgo_rs.AdaptiveGain(0.05, 0.5, 0.2), **PAPER),
+    "low_power": lambda: LowPowerObserver(
+        4, 5.0, method="staggered-euler", timing="predictor", model=InputGain(2.0)
+    ),
     "peaking_free": lambda: hgo_rs.PeakingFreeObserver(
-        5, 4.0, model=hgo_rs.Crackle(), saturation=[1.0, 0.5, 0.5, 0.5], method="bogacki-shampine"
+        5,
+        4.0,
+        model=hgo_rs.Crackle(),
+        saturation=[1.0, 0.5, 0.5, 0.5],
+        method="bogacki-shampine",
+        timing="predictor",
     ),
     "sampled": hgo_rs.SampledDataObserver,
-    "current": lambda: StandardObserver(2, 20.0, timing="current", model=InputGain(1.7)),
-    "exact": lambda: StandardObserver(2, 20.0, method="zoh", timing="current"),
-    "arm": lambda: two_links(),
+    "current": lambda: StandardObserver(
+        2, 20.0, method="euler", timing="current", model=InputGain(1.7)
+    ),
+    "exact": lambda: StandardObserver(2, 20.0, **BEST),
+    "moving": lambda: StandardObserver(
+        2, hgo_rs.AdaptiveGain(0.05, 0.5, 0.2), method="rk4", timing="current"
+    ),
+    "arm": lambda: two_links(**PAPER),
+    "filtered_arm": lambda: two_links(**BEST),
     "pendulum": lambda: pendulum(),
+    "driven": lambda: driven(**BEST),
 }
 
 
-def two_links() -> Observer:
+def driven(**manner: Any) -> Observer:
+    """A model with time and input in it."""
+    model = hgo_rs.Model(
+        states=["q", "v"], inputs=["u"], parameters={"c": 0.4}, phi="u - c*v - sin(q) + cos(3*t)"
+    )
+    return StandardObserver(2, 15.0, model=model, **manner)
+
+
+def two_links(**manner: Any) -> Observer:
     """Two coupled joints with an encoder each."""
     model = hgo_rs.Model(
         states=["q1", "w1", "q2", "w2"],
@@ -65,7 +93,7 @@ def two_links() -> Observer:
         parameters={"c": 2.0},
         phi=["-sin(q1) + c*tanh(q2 - q1)", "c*(q1 - q2) - 0.1*w2"],
     )
-    joint = [StandardObserver(2, ell) for ell in (12.0, 15.0)]
+    joint = [StandardObserver(2, ell, **manner) for ell in (12.0, 15.0)]
     return hgo_rs.MultiOutputObserver(joint, model=model)
 
 
@@ -85,7 +113,7 @@ def pendulum() -> Observer:
         "outputs": [11],
         "output_names": ["phi"],
     }
-    observer = StandardObserver(2, 15.0)
+    observer = StandardObserver(2, 15.0, **PAPER)
     names = {"states": ["theta", "omega"], "inputs": ["torque"], "parameters": ["g_l", "Fv"]}
     model = {"kind": "own", "form": "phase", "n": 2, "n_u": 1, "table": table}
     return Observer(
@@ -102,12 +130,12 @@ def test_a_program_has_the_bits_of_the_core(tmp_path: Path, kind: str) -> None:
     every = FLAGS.values() if kind == "pendulum" else [FLAGS["gnu11 -O3 native"]]
     for flags in every:
         assert says_ok(in_c(tmp_path, kind, flags), 100)
-    if kind in ("pendulum", "adaptive", "sampled", "arm"):
+    if kind in ("pendulum", "adaptive", "sampled", "arm", "current", "filtered_arm", "driven"):
         observer.export(to="rust", out=tmp_path, name=kind)
         assert says_ok(in_rust(tmp_path, kind), 100)
 
 
-@pytest.mark.parametrize("kind", ["pendulum", "sampled"])
+@pytest.mark.parametrize("kind", ["pendulum", "sampled", "filtered_arm", "driven"])
 def test_single_precision_is_the_cores_in_both_languages(tmp_path: Path, kind: str) -> None:
     observer = KINDS[kind]()
     observer.export(to="c", out=tmp_path, name=kind, precision="single")
@@ -127,14 +155,70 @@ def test_the_vector_is_what_run_gives(tmp_path: Path) -> None:
     assert [row.status for row in described.vector] == [0, 0, 1, 0, 0]
 
 
-def test_the_single_vector_is_what_the_core_runs_in_single_precision() -> None:
-    observer = pendulum()
+def test_the_vector_of_current_timing_is_what_run_gives() -> None:
+    observer = driven(**BEST)
+    start = observer.initial_memory([0.4, -0.2])
+    observer.reset(memory0=start)
+    t = np.cumsum([0.0, 0.01, 0.012, 0.01, 0.02, 0.01, 0.01])
+    y, u = [0.5, 0.49, np.nan, np.nan, 0.46, 0.41, 0.0], [0.1, 0.2, 0.0, -0.1, 0.3, 0.0, 0.0]
+    described = program(observer, name="p", precision="double", log=(t, y, u))
+    # a row of run stands behind the use of its sample, as a step does
+    result = observer.run(t, y, u, memory0=start)
+    assert [row.memory for row in described.vector] == [tuple(m) for m in result.memory[:-1]]
+    assert [row.status for row in described.vector] == [0, 0, 1, 1, 0, 0]
+    # u and dt are those of the period that ends with the sample
+    assert [row.u[0] for row in described.vector[1:]] == u[:5]
+    assert [row.dt for row in described.vector[1:]] == list(np.diff(t)[:5])
+
+
+@pytest.mark.parametrize("manner", [PAPER, BEST], ids=["predictor", "current"])
+def test_the_single_vector_is_what_the_core_runs_in_single_precision(manner: Any) -> None:
+    observer = driven(**manner)
     t = np.cumsum(np.full(40, 0.0125)).astype(np.float32).astype(float)
     y, u = np.sin(t), 0.2 * np.cos(t)
     y[7] = np.nan
     described = program(observer, name="p", precision="single", log=(t, y, u))
-    memory = _core.run_single(observer.spec, t.tolist(), y[:, None], u[:, None], [0.0, 0.0])
-    assert [row.memory for row in described.vector] == [tuple(map(float, m)) for m in memory[1:]]
+    start = observer.memory.tolist()
+    memory = _core.run_single(observer.spec, t.tolist(), y[:, None], u[:, None], start)
+    rows = memory[:-1] if manner is BEST else memory[1:]
+    assert [row.memory for row in described.vector] == [tuple(map(float, m)) for m in rows]
+
+
+def test_time_and_input_of_a_sampled_model_reach_the_source(tmp_path: Path) -> None:
+    model = hgo_rs.Model(
+        states=["q", "v"],
+        inputs=["u"],
+        f=["v", "20*sin(5*t) - q + u"],
+        K_T=["0.5*(y - q)*(1 + t)", "u*(y - q)"],
+    )
+    t = 0.01 * np.arange(30)
+    y, u = np.cos(t), 0.5 + np.sin(t)
+    observer = hgo_rs.SampledDataObserver(model)
+    observer.export(to="c", out=tmp_path, name="sd", log=(t, y, u))
+    assert says_ok(in_c(tmp_path, "sd"), 29)
+    rows = program(observer, name="sd", precision="double", log=(t, y, u)).vector
+    q, v = 0.0, 0.0
+    for k, row in enumerate(rows):
+        e = y[k] - q
+        rate = 20.0 * np.sin(5.0 * t[k]) - q + u[k]
+        q, v = q + 0.01 * v + 0.5 * e * (1.0 + t[k]), v + 0.01 * rate + u[k] * e
+        np.testing.assert_allclose(row.memory, [q, v], rtol=1e-12)
+
+
+def test_time_keeps_its_digits_in_single_precision(tmp_path: Path) -> None:
+    model = hgo_rs.Model(states=["q", "v"], phi="t - 36000")
+    observer = StandardObserver(2, 2.0, model=model, **PAPER)
+    t = 36000.0 + 0.001 * np.arange(9)
+    log = (t, np.full(9, np.nan), np.zeros((9, 0)))
+    observer.export(to="c", out=tmp_path, name="slow", precision="single", log=log)
+    assert "float y, double t, float dt" in (tmp_path / "slow.h").read_text()
+    assert says_ok(in_c(tmp_path, "slow"), 8)
+    v = np.float32(0.0)
+    for row, now in zip(program(observer, name="slow", precision="single", log=log).vector, t,
+                        strict=False):  # fmt: skip
+        v += np.float32(row.dt) * (np.float32(now) - np.float32(36000.0))
+        assert row.memory[1] == v
+    assert v > 0.0  # a sum of 0.001 in single precision stands still from 16384 s on
 
 
 def test_a_source_is_readable() -> None:
@@ -166,8 +250,28 @@ def test_a_step_without_a_value_keeps_the_memory(tmp_path: Path) -> None:
     assert says_ok(in_c(tmp_path, "arm"), 3)
 
 
+def test_a_prediction_without_a_value_keeps_the_estimate_and_counts_the_time(
+    tmp_path: Path,
+) -> None:
+    model = hgo_rs.Model(states=["q", "v"], inputs=["u"], phi="sqrt(u)")
+    observer = StandardObserver(2, 5.0, model=model, **BEST)
+    observer.reset([1.0, 2.0])
+    t, y, u = 0.25 * np.arange(5), [1.0, 1.0, 1.0, 1.0, 1.0], [-1.0, -1.0, 4.0, 4.0, 4.0]
+    observer.export(to="c", out=tmp_path, name="root", log=(t, y, u))
+    assert says_ok(in_c(tmp_path, "root"), 4)
+    observer.export(to="rust", out=tmp_path, name="root", log=(t, y, u))
+    assert says_ok(in_rust(tmp_path, "root"), 4)
+    rows = program(observer, name="root", precision="double", log=(t, y, u)).vector
+    assert [row.status for row in rows] == [0, 2, 2, 0]
+    assert rows[2].memory == (1.0, 2.0, 0.5)
+    # moved by 2 dt + sqrt(4) dt^2/2 to 1.5625; corrected with the poles exp(-5 * 0.75 * [1, 2])
+    poles = np.exp(-3.75 * np.array([1.0, 2.0]))
+    q = 1.5625 + (1.0 - poles.prod()) * (1.0 - 1.5625)
+    np.testing.assert_allclose(rows[3].memory[0], q, rtol=1e-12)
+
+
 def test_a_wrong_bit_is_found(tmp_path: Path) -> None:
-    texts = sources(StandardObserver(2, 37.0), to="c", name="axis")
+    texts = sources(StandardObserver(2, 37.0, **PAPER), to="c", name="axis")
     texts["axis.c"] = texts["axis.c"].replace("isfinite(y) ? y - x1", "isfinite(y) ? x1 - y")
     put(tmp_path, texts)
     run("cc", *STRICT, tmp_path / "main.c", tmp_path / "axis.c", "-o", tmp_path / "d")
@@ -436,7 +540,7 @@ def test_the_source_that_is_read_is_the_cores() -> None:
 
 
 def test_only_functions_that_are_used_are_printed() -> None:
-    text = sources(StandardObserver(2, 37.0), to="c")["observer.c"]
+    text = sources(StandardObserver(2, 37.0, **PAPER), to="c")["observer.c"]
     assert "_exp" not in text and "memcpy" not in text
 
 
@@ -482,7 +586,7 @@ def test_names_are_identifiers_and_never_the_same_twice() -> None:
 
 
 def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
-    observer = StandardObserver(2, 37.0)
+    observer = StandardObserver(2, 37.0, **PAPER)
     with pytest.raises(HgoError, match="to = 'ada': must be one of c, rust"):
         sources(observer, to="ada")
     with pytest.raises(HgoError, match="precision = 'half'"):
@@ -572,7 +676,7 @@ def test_a_control_system_of_current_timing() -> None:
     t = np.arange(200) * 0.005
     y, u = np.sin(3.0 * t), np.cos(2.0 * t)
     system = observer.to_control(0.005)
-    assert system.state_labels == ["x1", "x2", "elapsed", "period", "held_u"]
+    assert system.state_labels == ["x1", "x2", "elapsed"]
     response = control.input_output_response(system, t, np.vstack([y, u]), observer.memory)
     np.testing.assert_allclose(response.outputs.T, observer.run(0.005, y, u).x_hat, atol=1e-12)
 

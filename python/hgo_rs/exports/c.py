@@ -17,7 +17,7 @@ GUARD = """\
 #if {mantissa}
 #error "{real} is not of {width} bits here: export in the precision that this compiler has"
 #endif
-#if defined(__FAST_MATH__)
+#if defined(__FAST_MATH__) || defined(_M_FP_FAST) || (__FINITE_MATH_ONLY__ + 0)
 #error "compile without -ffast-math: every operation is meant as it stands"
 #endif
 #if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16
@@ -113,7 +113,7 @@ extern "C" {{
 #endif
 
 /* What a call made of its sample: used it; predicted over a missing one (NaN or infinite); or the
- * model has no finite value there, and the memory was kept. */
+ * model has no finite value there, and the estimate was kept. */
 enum {{
 {codes}
 }};
@@ -140,14 +140,10 @@ def _loop(program: Program) -> str:
     correct, predict = program.moves
     name, controls = program.name, program.words.controls
     calls = [", ".join(["&state", *program.arguments(move)]) for move in (correct, predict)]
-    computed = [
-        f"{', '.join(controls)}: computed from state.{program.memory[0].name}, ..., and applied"
-    ]
-    lines = [
-        f"{name}_correct({calls[0]});",
-        *computed * bool(controls),
-        f"{name}_predict({calls[1]});",
-    ]
+    them = "it" if len(controls) == 1 else "them"
+    first = f"state.{program.memory[0].name}"
+    computed = [f"compute {', '.join(controls)} from {first}, ...; apply {them};"] * bool(controls)
+    lines = [f"{name}_correct({calls[0]});", *computed, f"{name}_predict({calls[1]});"]
     return "In an interrupt, at every sample:\n" + "\n".join(f"    {line}" for line in lines)
 
 
@@ -286,12 +282,10 @@ class _Translation:
         consts, functions = self.elementary.needed(wanted)
         out = [_comment("Elementary functions, bit for bit those of hgo_rs.") + "\n"]
         bodies = [self.function(function) for function in functions]
-        if any(
-            f"{self.prefix}_to_bits" in body or f"{self.prefix}_from_bits" in body
-            for body in bodies
-        ):
-            out += [self.copier("to_bits", self.real, self.bits)]
-            out += [self.copier("from_bits", self.bits, self.real)]
+        copiers = {"to_bits": (self.real, self.bits), "from_bits": (self.bits, self.real)}
+        for copier, types in copiers.items():
+            if any(f"{self.prefix}_{copier}(" in body for body in bodies):
+                out.append(self.copier(copier, *types))
         out += [self.const(const, {}, "static const ") for const in consts]
         return [*out, *bodies]
 

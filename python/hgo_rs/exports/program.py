@@ -166,11 +166,11 @@ class Program:
         if verb == "predict":
             begins = f", from time t [s]{under}" if at else under
             return f"Move over the period of length dt [s] that begins now{begins}."
-        belongs = [control] * bool(control) + ["the time t [s] of its beginning"] * bool(at)
+        belong = [*self.words.controls, "dt [s]", *["t [s], the time of its beginning,"] * bool(at)]
         return (
             f"One call a sample: predict over the period that has just ended, then correct by "
-            f"{sample} of now. {_and([*belongs, 'dt [s]'])} to the period that has ended; the "
-            "first call only corrects and does not use them."
+            f"{sample} of now. {_and(belong)} to the period that has ended; the first call only "
+            "corrects and does not use them."
         )
 
     def written(self, move: Move, dialect: Dialect) -> Written:
@@ -289,8 +289,7 @@ class _Traced:
         )
 
         def table(missing: bool) -> dict[str, Any]:
-            part = {} if verb == "step" else {"part": verb}
-            given = _core.trace_step(spec, single, missing=missing, **part)
+            given = _core.trace_step(spec, single, missing=missing, part=verb)
             # behind the memory, a table tells the innovation
             return {**given, "outputs": given["outputs"][: len(m)]}
 
@@ -383,8 +382,7 @@ def wrapped(head: str, text: str) -> str:
 
 def _and(words: Sequence[str]) -> str:
     *first, last = words
-    text = f"{', '.join(first)} and {last} belong" if first else f"{last} belongs"
-    return f"{text[0].upper()}{text[1:]}" if first else text
+    return f"{', '.join(first)} and {last} belong" if first else f"{last} belongs"
 
 
 def _list(what: str, words: Sequence[str]) -> str:
