@@ -144,8 +144,8 @@ class Program:
             words += self.words.samples
         if any(move.takes("u") for move in moves):
             words += self.words.controls
-        # with predictor timing t is always taken, so that two steps look alike
-        if not self.is_current or any("t" in move.used for move in moves):
+        # a step always takes t, so that the steps of two models are called alike
+        if moves == self.moves or any("t" in move.used for move in moves):
             words.append("t")
         return words + ["dt"] * any(move.takes(LENGTH) for move in moves)
 
@@ -153,10 +153,10 @@ class Program:
         """What a function does."""
         sample = _list("sample", self.words.samples)
         control = _list("input", self.words.controls)
-        at = " at time t [s]" if "t" in self.arguments(*self.moves) else ""
+        at = any("t" in move.used for move in self.moves)
         if not self.is_current:
             taken = f"{sample} and {control}" if control else sample
-            return f"Take {taken}{at}; advance by dt [s]."
+            return f"Take {taken} at time t [s]; advance by dt [s]."
         if verb == "correct":
             return (
                 f"Take {sample} of now: the estimate is then that of now. The correction is for "
@@ -166,7 +166,7 @@ class Program:
         if verb == "predict":
             begins = f", from time t [s]{under}" if at else under
             return f"Move over the period of length dt [s] that begins now{begins}."
-        belong = [*self.words.controls, "dt [s]", *["t [s], the time of its beginning,"] * bool(at)]
+        belong = [*self.words.controls, "dt [s]", "t [s], the time of its beginning,"]
         return (
             f"One call a sample: predict over the period that has just ended, then correct by "
             f"{sample} of now. {_and(belong)} to the period that has ended; the first call only "
