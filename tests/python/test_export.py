@@ -609,6 +609,10 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
         export(observer, to="c", out=blocked)
     with pytest.raises(HgoError, match="reduced-order"):
         hgo_rs.ReducedOrderObserver(0.5).export(to="c", out=tmp_path)
+    for method in ("zoh", "bilinear"):
+        observer = LowPowerObserver(3, 5.0, method=method)
+        with pytest.raises(HgoError, match=f"method = '{method}': .* low-power .*\"rk4\""):
+            observer.export(to="c", out=tmp_path)
 
 
 def test_the_command_writes_what_the_file_says(

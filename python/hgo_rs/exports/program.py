@@ -207,16 +207,7 @@ def program(
     dt : float, optional
         Sampling period, for the comment and the made-up samples [s].
     """
-    if _model(observer.spec).get("table", {}) is None:
-        raise HgoError(
-            "the model is made of Python callables that could not be compiled: an export must be of"
-            " operations; write its equations as expressions"
-        )
-    if observer.spec["kind"] == "reduced-order":
-        raise HgoError(
-            "the reduced-order observer decides on its memory, so that its step is not one table of"
-            " operations: export another law"
-        )
+    _check_table(observer.spec)
     if precision == "single":
         _check_single(observer)
     verbs = ("correct", "predict") if observer._core.is_current else ("step",)
@@ -249,6 +240,30 @@ def program(
             elapsed,
         ),
     )
+
+
+def _check_table(spec: Mapping[str, Any]) -> None:
+    """Refuse laws that are no tables of operations."""
+    if _model(spec).get("table", {}) is None:
+        raise HgoError(
+            "the model is made of Python callables that could not be compiled: an export must be of"
+            " operations; write its equations as expressions"
+        )
+    if spec["kind"] == "reduced-order":
+        raise HgoError(
+            "the reduced-order observer decides on its memory, so that its step is not one table of"
+            " operations: export another law"
+        )
+    for law in spec.get("observers", (spec,)):
+        placed = law.get("method") in ("zoh", "bilinear")
+        check(
+            not (placed and law["kind"] in ("low-power", "peaking-free")),
+            "method",
+            law.get("method"),
+            f"another in an export of the {law['kind']} law, whose placed gains are found by "
+            "decisions on the length of a period",
+            'choose method="rk4", or the standard law',
+        )
 
 
 def _check_single(observer: Observer) -> None:
