@@ -57,9 +57,9 @@ MISSED, USAGE, INTERRUPTED, TERMINATED = 1, 2, 130, 143
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the command and exit with its status; every error is one clear line."""
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, _terminated)  # workers end, half-written files go
     try:
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, _terminated)  # workers end, half-written files go
         status = command.main(args=args, prog_name="hgo", standalone_mode=False)
     except click.ClickException as error:
         _complain(error.format_message())
@@ -752,7 +752,7 @@ class _Trace:
         title = f"{kind}, order {law.n}" + ("" if moves else gain)
         if self.stride > 1:
             title += f" (every {self.stride}th row)"
-        name = f"column {output}" if str(output).isdigit() else str(output)
+        name = f"column {output}" if str(output).isdigit() else printable(str(output))
         return plotting.estimate_figure(
             signals.pop("time"),
             signals.pop("x_hat"),

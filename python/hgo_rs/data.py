@@ -850,22 +850,24 @@ def _merged(
         path, {n: (clocks[n][0], parts[n][0].assumed) for n in parts}, set(times[: len(outputs)])
     )
     t = np.unique(np.concatenate([seconds for seconds, _ in clocks.values()]))
+    t = t[np.diff(t, prepend=-math.inf) > 4.0 * np.spacing(np.abs(t))]  # one time, rounded apart
+    row = {name: np.searchsorted(t, s, side="right") - 1 for name, (s, _) in clocks.items()}
     y = np.full((len(t), len(outputs)), np.nan)
     for j, (name, own_time) in enumerate(zip(outputs, times, strict=False)):
-        seconds, at = clocks[own_time]
+        at = clocks[own_time][1]
         values = _values(table, path, name)[at]
         own = _Table({}, _rows_at(table, at))
         _refuse(own, path, np.isinf(values), f"{name!r} is infinite; leave a missing sample empty")
         if np.isnan(values).all():
             raise DataError(f"{path}: column {name!r} holds no sample")
-        y[np.searchsorted(t, seconds), j] = values
+        y[row[own_time], j] = values
     u = np.empty((len(t), len(inputs)))
     for j, (name, own_time) in enumerate(zip(inputs, times[len(outputs) :], strict=True)):
         seconds, at = clocks[own_time]
         values = _values(table, path, name)[at]
         what = f"the input {name!r} is missing or infinite; fill it in"
         _refuse(_Table({}, _rows_at(table, at)), path, ~np.isfinite(values), what)
-        held = np.searchsorted(seconds, t, side="right") - 1
+        held = np.searchsorted(row[own_time], np.arange(len(t)), side="right") - 1
         if held[0] < 0:
             raise DataError(
                 f"{path}: the input {name!r} begins at {seconds[0]:g} s, after the first sample at "

@@ -54,6 +54,7 @@ def estimate(log: str | Path | Log, config: str | Path | Config) -> RunResult:
             "pieces one by one: [estimate(piece, config) for piece in read_log(...).pieces]"
         )
     check_fit(observer, log.names)
+    observer._check_start(observer.memory)
     return _run(observer, log, observer.memory)
 
 
@@ -86,6 +87,7 @@ def run_chunks(observer: Observer, chunks: Iterable[Log]) -> Iterator[tuple[Log,
         What `Observer.run` refuses; samples are counted within the chunk, whose begin is named.
     """
     start = observer.memory
+    observer._check_start(start)
     memory = start
     stretches = itertools.chain(_stretches(chunks), [(None, True)])
     log, _ = next(stretches)

@@ -6,6 +6,7 @@ stands) that `step` moves. `run` works on a memory of its own and leaves the obj
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from hgo_rs.own import Model
 
 __all__ = [
+    "CopiesMetWarning",
     "LowPowerObserver",
     "ModifiedObserver",
     "MultiOutputObserver",
@@ -55,6 +57,10 @@ Poles = Sequence[complex] | npt.ArrayLike
 _TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
 _MARK = "mark a missing sample as NaN"
 _HUGE = 1e100  # beyond it a step overflows, whatever the model
+
+
+class CopiesMetWarning(UserWarning):
+    """Copies of a collection have become identical, which they stay."""
 
 
 class Observer(_core.Online):
@@ -90,9 +96,9 @@ class Observer(_core.Online):
             self._model = model
         self._interpreted = getattr(model, "compiled", True) is False
         if self._interpreted:
-            from hgo_rs.own.callables import called_spec
+            from hgo_rs.own.callables import runnable
 
-            self._core = _core.Observer(called_spec(spec, cast("Model", model)))
+            self._core = _core.Observer(runnable(spec, model))
         else:
             self._core = _core.Observer(spec)
         super().__init__(self._core, _lift(spec), bool(allow_unstable))
@@ -192,7 +198,7 @@ class Observer(_core.Online):
     @property
     def _law_len(self) -> int:
         """Entries of the memory without what current timing holds beside the law's own."""
-        held = 1 if self.spec.get("timing") == "current" else 0
+        held = int(self.spec.get("timing") == "current")
         return int(self._core.memory_len) - held
 
     def with_timing(self, timing: str) -> Observer:
@@ -213,11 +219,18 @@ class Observer(_core.Online):
         Observer.__init__(other, spec, model=self.model, allow_unstable=self.allow_unstable)
         return other
 
-    def _check_start(self, memory: Array) -> None:
-        """Refuse memories (..., m) from which the law cannot start."""
+    def _check_start(self, memory: Array, told: bool | None = None) -> None:
+        """Refuse memories (..., m) from which the law cannot start.
+
+        `told`: whether the whole memory was given, as one that a run has reached; default: as the
+        observer's own was.
+        """
         index = self._gain_index()
         if index is not None:
             _initial_gain(float(np.min(memory[..., index])))
+
+    def _tell_end(self, start: Array, end: Array) -> None:
+        """Warn of what a run from memory to memory has lost for good."""
 
     def initial_memory(
         self, x_hat0: npt.ArrayLike | None = None, *, r0: float | None = None
@@ -256,7 +269,7 @@ class Observer(_core.Online):
     ) -> None:
         """Start again at time 0, see `initial_memory`; or from the whole memory."""
         self.memory = self._start(x_hat0, r0, memory0)
-        self._time = 0.0
+        self._told, self._time = memory0 is not None, 0.0
 
     def _start(
         self,
@@ -269,7 +282,7 @@ class Observer(_core.Online):
         alone = x_hat0 is None and r0 is None
         check(alone, "memory0", memory0, "given alone", "give memory0, or x_hat0 and r0")
         start = _vector(memory0, "memory0", self._core.memory_len)
-        self._check_start(start)
+        self._check_start(start, told=True)
         return start
 
     # --- use ----------------------------------------------------------------------------------
@@ -393,8 +406,8 @@ class Observer(_core.Online):
         u : (N,) or (N, n_u), optional
             Known inputs, each held until the next sample.
         x_hat0, r0, memory0 : optional
-            Where to start, see `initial_memory`; or the whole memory, at the first sample before its
-            use.
+            Where to start, see `initial_memory`; or the whole memory, as the first sample finds
+            it.
         until : float, optional
             Time [s] of the sample after the last one, where the record goes on elsewhere:
             `next_memory` of the result is the memory there, a `memory0` to go on with.
@@ -425,7 +438,8 @@ class Observer(_core.Online):
         clock = _clock(t_or_dt, len(samples))
         told = _inputs(u, len(samples), self.n_u)
         start = self._start(x_hat0, r0, memory0)
-        self._check_start(start)
+        if memory0 is None:
+            self._check_start(start, told=False)
         # elsewhere the innovation is y - x_hat_1, which is computed when it is asked for
         own_sampled = self.spec["kind"] == "sampled-data" and self.spec["model"]["kind"] == "own"
         tells = self._core.is_current or self.spec["kind"] == "chains" or own_sampled
@@ -464,6 +478,7 @@ class Observer(_core.Online):
         if diverged < len(memory) and not allow:
             k = diverged
             raise HgoError(f"the estimate diverged at sample {k} (t = {time(k):g} s): {_TAMER}")
+        self._tell_end(start, memory[-1])
         result = RunResult.of_run(
             clock,
             track.get("innovation"),
@@ -763,8 +778,12 @@ class _Copies(Observer):
             "model": _model(model, 2),
             **_manner(method, timing),
         }
-        self.copies = copies
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
+
+    @property
+    def copies(self) -> int:
+        """Number of copies."""
+        return int(self.spec["copies"])
 
     def _starts(self, x_hat0: npt.ArrayLike, r0: npt.ArrayLike) -> Array:
         """Flat memory [x_hat_1, r_1, x_hat_2, r_2, ...] of starts that differ."""
@@ -792,11 +811,36 @@ class _Copies(Observer):
         end = self._law_len
         return np.asarray(memory, dtype=float)[..., end - self.copies * (self.n + 1) : end]
 
-    def _check_start(self, memory: Array) -> None:
-        """Every r_i >= 1, and copies that start apart."""
+    def _check_start(self, memory: Array, told: bool | None = None) -> None:
+        """Every r_i >= 1, and copies that start apart.
+
+        In a memory that was given as a whole copies may have met: `step` goes on from there, so all
+        goes on, with a warning.
+        """
         for value in np.ravel(memory[..., self.n : self._law_len : self.n + 1]):
             _initial_gain(float(value))
-        self._check_apart(self._copies_of(memory))
+        if not (self._told if told is None else told):
+            self._check_apart(self._copies_of(memory))
+        else:
+            self._warn_met(memory)
+
+    def _tell_end(self, start: Array, end: Array) -> None:
+        if self._distinct(end) < self._distinct(start):
+            self._warn_met(end)
+
+    def _distinct(self, memory: Array) -> int:
+        """How many copies differ; of several memories in the worst of them."""
+        rows = self._copies_of(memory).reshape(-1, self.copies, self.n + 1)
+        return min(len(np.unique(copies, axis=0)) for copies in rows)
+
+    def _warn_met(self, memory: Array) -> None:
+        if (left := self._distinct(memory)) < self.copies:
+            warnings.warn(
+                f"copies have met: {left} of {self.copies} differ, and identical copies never "
+                f"separate; for {self.copies} again, start from spread(...)",
+                CopiesMetWarning,
+                stacklevel=4,
+            )
 
     def _check_apart(self, copies: Array) -> None:
         for starts in copies.reshape(-1, self.copies, self.n + 1):

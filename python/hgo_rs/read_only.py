@@ -18,8 +18,8 @@ class ReadOnlyError(HgoError, TypeError):
 
 def _refuse(self: Any, *_: Any, **__: Any) -> NoReturn:
     raise ReadOnlyError(
-        "this description is read-only: editing it would not change the object that it describes; "
-        "make a new object, or edit a copy: copy.deepcopy(spec)"
+        "this description is read-only: an edit would not change the object that it describes; "
+        "make a new object, or edit what copy.deepcopy gives"
     )
 
 

@@ -160,8 +160,6 @@ def simulate(
     given = locals()
     backend = check_choice("backend", given.pop("backend"), BACKENDS)
     experiment = plan(**given)
-    if any(getattr(system, "compiled", True) is False for system in (plant, observer.model)):
-        backend = "numpy"  # Python callables: `run` says how slow they are
     kept = runs * experiment.numbers
     remedy = f"as it is the result would hold {kept:.3g} numbers; fewer runs or a larger every"
     check(kept <= _LARGEST, "runs", runs, f"such that {_LARGEST:.3g} numbers do", remedy)
@@ -226,7 +224,7 @@ def plan(
     nx, m = 6 if isinstance(plant, Ship) else plant.order or observer.n, len(observer.memory)
     x0 = _start(x0, "x0", nx, runs)
     start = observer.initial_memory() if memory0 is None else _start(memory0, "memory0", m, runs)
-    observer._check_start(start)
+    observer._check_start(start, told=memory0 is not None)
     if isinstance(plant, Ship) and np.any(x0[..., 3] == 0.0):
         raise HgoError(
             "x0: z_1 = 0 makes atan(0/0) in the ship's model (Katayama, assumption A1); start "
@@ -339,12 +337,12 @@ def _plant_method(plant: System) -> str:
 
 
 def _runnable(spec: dict[str, Any], system: System | None) -> dict[str, Any]:
-    """The spec, with Python callables where its system is not compiled."""
+    """The spec, with calls where its system is not compiled."""
     if getattr(system, "compiled", True):
         return spec
-    from hgo_rs.own.callables import interpreted_spec
+    from hgo_rs.own.callables import runnable
 
-    return interpreted_spec(spec, system)
+    return runnable(spec, system)
 
 
 def _is_own(plant: System) -> bool:

@@ -48,8 +48,9 @@ FAST = 1e-4
 """A median step below [s] is refused where the numbers look like dates in days."""
 FARTHEST = 1e12
 """A time from here on [s] lies millennia away from every origin in use."""
-COUNTED = 2**42
-"""Ticks from here on count from the first sample: as float64 seconds they would lose digits."""
+COUNTED = 2**40
+"""Ticks from here on, as of Unix times in ms, us and ns, count from the first sample: as float64
+seconds they would lose digits."""
 LARGEST = 2**62
 """Ticks from here on are refused: their differences may leave int64."""
 

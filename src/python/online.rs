@@ -368,7 +368,9 @@ fn call<'py>(
     let refusal = match outcome {
         Outcome::Taken => None,
         Outcome::Diverged => Some(slf.call_method0(intern!(py, "_divergence"))?),
-        Outcome::Undefined => Some(slf.call_method1(intern!(py, "_no_value"), (sample.to_vec(),))?),
+        Outcome::Undefined => {
+            Some(slf.call_method1(intern!(py, "_no_value"), (sample.to_vec(), input.to_vec()))?)
+        }
     };
     if let Some(error) = refusal {
         return Err(PyErr::from_value(error));

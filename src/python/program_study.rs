@@ -27,6 +27,8 @@ use crate::vectors::Task;
 use nalgebra::SVector;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Room for a plant's state and for an observer's memory.
 const X: usize = 12;
@@ -143,6 +145,46 @@ impl Plant<Traced> for Tabled<'_> {
     }
 }
 
+/// The first error of a function that is called: the study ends by it.
+#[derive(Default)]
+struct Failure {
+    occurred: AtomicBool,
+    error: Mutex<Option<PyErr>>,
+}
+
+/// A function of single runs: a program, or a table with calls.
+enum Part {
+    Compiled(Compiled),
+    Called(Table, Arc<Failure>),
+}
+
+impl Part {
+    fn of(table: Table, failure: &Arc<Failure>) -> PyResult<Self> {
+        if table.calls.is_empty() {
+            return Ok(Self::Compiled(table.compile()?));
+        }
+        Ok(Self::Called(table, failure.clone()))
+    }
+
+    /// The outputs; NaN once a function has failed.
+    fn evaluate(&self, inputs: &[f64]) -> Vec<f64> {
+        let (table, failure) = match self {
+            Self::Compiled(compiled) => return compiled.evaluate(inputs),
+            Self::Called(table, failure) => (table, failure),
+        };
+        let nothing = || vec![f64::NAN; table.outputs.len()];
+        if failure.occurred.load(Ordering::Relaxed) {
+            return nothing();
+        }
+        table.evaluate(inputs).unwrap_or_else(|error| {
+            failure.occurred.store(true, Ordering::Relaxed);
+            let mut first = failure.error.lock().unwrap_or_else(PoisonError::into_inner);
+            first.get_or_insert(error);
+            nothing()
+        })
+    }
+}
+
 /// A plant as programs, for single runs.
 #[derive(Clone, Copy)]
 struct Evaluated<'a> {
@@ -150,7 +192,7 @@ struct Evaluated<'a> {
     noisy: bool,
     /// Whether it supports Euler-Maruyama, Milstein, the order 1.5 scheme.
     supports: [bool; 3],
-    parts: &'a Parts<Compiled>,
+    parts: &'a Parts<Part>,
 }
 
 /// The functions of a plant.
@@ -170,7 +212,7 @@ struct Parts<F> {
 }
 
 impl Evaluated<'_> {
-    fn state(part: &Compiled, given: &[&[f64]]) -> PlantState<f64> {
+    fn state(part: &Part, given: &[&[f64]]) -> PlantState<f64> {
         PlantState::read(&part.evaluate(&given.concat()))
     }
     fn known<'a>(&self, x: &'a PlantState<f64>) -> &'a [f64] {
@@ -226,14 +268,14 @@ impl Plant<f64> for Evaluated<'_> {
 /// An observer as programs of (t, dt, z, y), for single runs.
 #[derive(Clone, Copy)]
 struct Recursion<'a, const CURRENT: bool> {
-    correct: Option<&'a Compiled>,
-    advance: &'a Compiled,
+    correct: Option<&'a Part>,
+    advance: &'a Part,
     n: usize,
     memory: usize,
 }
 
 impl<const CURRENT: bool> Recursion<'_, CURRENT> {
-    fn moved(&self, of: &Compiled, z: &mut SVector<f64, Z>, y: f64, t: f64, dt: f64) -> Status {
+    fn moved(&self, of: &Part, z: &mut SVector<f64, Z>, y: f64, t: f64, dt: f64) -> Status {
         let mut given = vec![t, dt];
         given.extend_from_slice(&z.as_slice()[..self.memory]);
         given.push(y);
@@ -273,8 +315,8 @@ impl<const CURRENT: bool> Observer<f64> for Recursion<'_, CURRENT> {
 /// innovation is the sample itself, from which the rate takes what it needs.
 #[derive(Clone, Copy)]
 struct Evolution<'a> {
-    rate: &'a Compiled,
-    admissible: &'a Compiled,
+    rate: &'a Part,
+    admissible: &'a Part,
     n: usize,
     memory: usize,
 }
@@ -324,15 +366,21 @@ struct PlantTables {
 }
 
 impl Parts<Table> {
-    fn compile(&self) -> PyResult<Parts<Compiled>> {
+    fn made(&self, failure: &Arc<Failure>) -> PyResult<Parts<Part>> {
+        let part = |table: &Table| Part::of(table.clone(), failure);
         Ok(Parts {
-            drift: self.drift.compile()?,
-            output: self.output.compile()?,
-            diffusion: self.diffusion.compile()?,
-            slope: self.slope.compile()?,
-            jacobian_times: self.jacobian_times.compile()?,
-            curvature: self.curvature.compile()?,
+            drift: part(&self.drift)?,
+            output: part(&self.output)?,
+            diffusion: part(&self.diffusion)?,
+            slope: part(&self.slope)?,
+            jacobian_times: part(&self.jacobian_times)?,
+            curvature: part(&self.curvature)?,
         })
+    }
+    /// Whether functions are called.
+    fn calls(&self) -> bool {
+        let Self { drift, output, diffusion, .. } = self;
+        [drift, output, diffusion].iter().any(|table| !table.calls.is_empty())
     }
 }
 
@@ -581,7 +629,7 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
     }
     let integrator = plan.joint_integrator(&spec.sub("observer")?)?;
     let alone = integrator.is_some() && !plan.has_no_sines();
-    let mut result = if !alone && vectors(&plan)?.is_some() {
+    let mut result = if !alone && !study.calls() && vectors(&plan)?.is_some() {
         study.in_blocks(py, integrator)?
     } else {
         study.one_by_one(py, integrator)?
@@ -593,14 +641,14 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
 }
 
 impl Study<'_> {
-    fn evaluated<'a>(&self, parts: &'a Parts<Compiled>) -> Evaluated<'a> {
+    fn evaluated<'a>(&self, parts: &'a Parts<Part>) -> Evaluated<'a> {
         let PlantTables { noisy, supports, .. } = self.plant;
         Evaluated { n: self.plan.plant.len(), noisy, supports, parts }
     }
 
     fn in_blocks(&self, py: Python<'_>, integrator: Option<Integrator>) -> PyResult<StudyResult> {
         let (plan, observer) = (self.plan, self.observer);
-        let parts = self.plant.parts.compile()?;
+        let parts = self.plant.parts.made(&Arc::default())?;
         let plants = self.plant.step.compile()?;
         let (observers, joint) = match integrator {
             None => (self.observers()?, false),
@@ -639,16 +687,17 @@ impl Study<'_> {
 
     fn one_by_one(&self, py: Python<'_>, integrator: Option<Integrator>) -> PyResult<StudyResult> {
         let (plan, observer) = (self.plan, self.observer);
-        let parts = self.plant.parts.compile()?;
+        let failure = Arc::<Failure>::default();
+        let parts = self.plant.parts.made(&failure)?;
         let (n, memory) = (observer.n(), plan.memory_len());
         // what is known of the observer's inputs and parameters, taken in
         let alone = |table: &Table, own: usize| {
-            trace(DOUBLE, || {
+            let alone = trace(DOUBLE, || {
                 let given = inputs("given", own);
                 let outputs = trace::inline(table, &[given, self.told()].concat());
                 Ok(named("z", &outputs))
-            })?
-            .compile()
+            })?;
+            Part::of(alone, &failure)
         };
         let half = |table: &Table| alone(table, 2 + memory + 1);
         let current = observer.is_current();
@@ -657,11 +706,13 @@ impl Study<'_> {
         let law = match (integrator, observer.law()) {
             (None, _) => None,
             (Some(_), None) => return Err(refused(SAMPLED_ONLY)),
-            (Some(integrator), Some((rate, admissible))) => {
-                Some((integrator, alone(rate, 1 + memory + 1)?, admissible.compile()?))
-            }
+            (Some(integrator), Some((rate, admissible))) => Some((
+                integrator,
+                alone(rate, 1 + memory + 1)?,
+                Part::of(admissible.clone(), &failure)?,
+            )),
         };
-        interruptible(py, |stop| {
+        let result = interruptible(py, |stop| {
             let plant = self.evaluated(&parts);
             let tell = |u: &NoInput<f64>| *u;
             if let Some((integrator, rate, admissible)) = &law {
@@ -682,6 +733,14 @@ impl Study<'_> {
                     experiment.sampled(&observer, tell, run, x, z, watch)
                 })
             }
-        })
+        });
+        let failed = failure.error.lock().unwrap_or_else(PoisonError::into_inner).take();
+        failed.map_or(result, Err)
+    }
+
+    /// Whether Python functions are called.
+    fn calls(&self) -> bool {
+        let tables = [&self.taking, self.observer.advance()];
+        self.plant.parts.calls() || tables.iter().any(|table| !table.calls.is_empty())
     }
 }

@@ -1430,18 +1430,20 @@ pub fn run_single(
             step.program().run(&mut r);
             let next = step.outputs.iter().take(memory).map(|output| r.0[usize::from(*output)]);
             let next: Vec<f32> = next.collect();
-            if next.iter().all(|value| value.is_finite()) {
-                *z = next;
+            if !next.iter().all(|value| value.is_finite()) {
+                return Err(refused(&format!("the model has no value at sample {k}")));
             }
+            *z = next;
+            Ok(())
         };
         if let Some(correct) = &correct {
             let of = take(&z, correct);
-            evaluate(&mut z, of, 0.0);
+            evaluate(&mut z, of, 0.0)?;
         }
         rows.push(z.clone());
         if let Some(dt) = dt {
             let of = if correct.is_some() { &advance } else { take(&z, &advance) };
-            evaluate(&mut z, of, dt);
+            evaluate(&mut z, of, dt)?;
         }
     }
     Ok(rows)

@@ -211,7 +211,8 @@ def test_what_an_observer_was_made_from_may_be_edited():
 
 
 def test_a_memory_that_was_given_may_be_edited():
-    observer, start = StandardObserver(2, 20.0), np.array([1.0, 2.0])
+    observer = StandardObserver(2, 20.0, method="euler", timing="predictor")
+    start = np.array([1.0, 2.0])
     observer.memory = start
     start[0] = 9.0
     assert observer.memory.tolist() == [1.0, 2.0]
@@ -229,7 +230,8 @@ def test_a_memory_that_was_given_may_be_edited():
 
 
 def test_the_arrays_of_a_run_are_read_only():
-    observer = StandardObserver(2, AdaptiveGain(10.0, 0.0025, 0.183))
+    law = AdaptiveGain(10.0, 0.0025, 0.183)
+    observer = StandardObserver(2, law, method="euler", timing="predictor")
     y = np.array([0.1, np.nan, 0.3, 0.4])
     t = np.arange(4) * 1e-3
     for clock in (1e-3, t):
@@ -289,6 +291,14 @@ def test_what_a_study_was_made_from_may_be_edited():
     poles[0] = -9.0
     assert result.table["poles"].tolist() == ["[-1.0, -2.0]", "[-3.0, -4.0]"]
     assert result.parameters[0]["poles"] == [-1.0, -2.0]
+    for edit in (
+        lambda: result.parameters[0].update(poles=[-5.0]),
+        lambda: result.parameters[0]["poles"].append(-5.0),
+        lambda: result.parameters.clear(),
+        lambda: result.axes["poles"].reverse(),
+    ):
+        with pytest.raises(HgoError, match="read-only"):
+            edit()
 
 
 def test_a_configuration_is_read_only():

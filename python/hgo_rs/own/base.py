@@ -35,6 +35,7 @@ class OwnSystem(System):
     _names: Names
     _groups: dict[str, Group]
     _table: dict[str, Any] | None
+    _of_table: tuple[str, ...]
 
     def _compile(self, inputs: Mapping[str, str], groups: Sequence[Group]) -> None:
         """Make the table of the groups, if all of them are expressions.
@@ -42,6 +43,7 @@ class OwnSystem(System):
         ``inputs``: symbol -> name of the table's input; the parameters are added.
         """
         self._groups = {group.name: group for group in groups}
+        self._of_table = tuple(inputs)
         self._table = None
         if not self.compiled:
             return
@@ -83,6 +85,16 @@ class OwnSystem(System):
     def compiled(self) -> bool:
         """Whether all of it are expressions, so that it runs at native speed."""
         return all(group.nodes is not None for group in self._groups.values())
+
+    @property
+    def groups(self) -> Mapping[str, Group]:
+        """The right-hand sides by name."""
+        return self._groups
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """What the right-hand sides depend on: the inputs of the table but the parameters."""
+        return self._of_table
 
     @property
     def why_not_compiled(self) -> str:

@@ -151,18 +151,6 @@ class Model(OwnSystem):
             output=self.outputs[0],
         )
 
-    # --- for the observers ------------------------------------------------------------------------
-
-    @property
-    def groups(self) -> Mapping[str, Group]:
-        """The right-hand sides by name."""
-        return self._groups
-
-    @property
-    def arguments(self) -> list[str]:
-        """What the right-hand sides depend on: the table's inputs but the parameters."""
-        return list(self._form.table_inputs())
-
     # --- what it is ---------------------------------------------------------------------------
 
     @property

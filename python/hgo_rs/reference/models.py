@@ -262,12 +262,17 @@ class Ship(Plant):
 
     @staticmethod
     def rudder(z: Array) -> tuple[Array, Array, Array, Array]:
-        """lambda21, lambda22, lambda31, lambda32: appendix.  Undefined (0/0) at z1 = s = 0."""
+        """lambda21, lambda22, lambda31, lambda32: appendix.  Undefined (0/0) at z1 = s = 0.
+
+        lambda22 jumps where z1 changes its sign; a z1 of nothing but rounding, and 0 of either
+        sign, is +0.
+        """
         z1 = z[0]
         s = z[1] - 1.18 * z[2]
         z1_2, s_2 = z1 * z1, s * s
+        ahead = np.where(np.abs(z1) > 1e-12 * np.abs(s), z1, 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            lambda22 = -0.0232 * (z1_2 + s_2) * np.arctan(s / z1)
+            lambda22 = -0.0232 * (z1_2 + s_2) * np.arctan(s / ahead)
         return (
             0.102 * z1_2 - 0.0232 * s_2,
             lambda22,

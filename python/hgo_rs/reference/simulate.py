@@ -46,6 +46,7 @@ KEYS = (
     "settle",
     "histogram",
     "every",
+    "truth",
 )
 METRICS = ("mean", "rms", "max", "peak")
 PLANT_METHODS = (*integrate.DETERMINISTIC, *integrate.STOCHASTIC, "held")
@@ -261,7 +262,7 @@ def simulate(spec: Spec) -> dict[str, Any]:
 
     ``spec`` needs "plant", "observer", "steps", "schedule", "x0" and "memory0"; optional are
     "mode", "plant_schedule", "plant_method", "substeps", "noise", "runs", "seed", "first_run",
-    "windows", "metrics", "settle", "histogram" and "every".
+    "windows", "metrics", "settle", "histogram", "every" and "truth".
 
     Returns "mean", "rms", "max" (runs, windows, signals), signals = error (n) then extras;
     "peak" (runs, memory_len), "settling_time" (runs,) [s], "histogram" (if asked for), "final_x",
@@ -306,6 +307,8 @@ def simulate(spec: Spec) -> dict[str, Any]:
     x = columns(member(spec, "x0", "spec"), "x0", plant.n, runs)
     memory = columns(member(spec, "memory0", "spec"), "memory0", law.memory_len, runs)
     law.check(memory)
+    # which entries of x are estimated, where they are not the plant's own choice
+    truth: Any = spec.get("truth") or target
 
     advance: _Sampled | _Joint
     if mode == "joint":
@@ -348,7 +351,7 @@ def simulate(spec: Spec) -> dict[str, Any]:
             length = _find_divergence(
                 start, xs, memories, diverged_at, final_x, final_memory, stop - start
             )
-            metrics.update(start, t, memories[:, : law.n] - xs[:, target], memories, length)
+            metrics.update(start, t, memories[:, : law.n] - xs[:, truth], memories, length)
             if frames is not None:
                 frames.update(start, t, [xs, memories, part.ys], length)
             if np.all(diverged_at >= 0):

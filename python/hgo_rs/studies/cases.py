@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import inspect
 import itertools
 import re
@@ -91,11 +90,7 @@ def _check_name(name: str, key: Any) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """A NumPy number as Python's, so that it prints and saves as one; a copy of what may be edited
-    later.
-    """
-    if isinstance(value, (np.ndarray, list, dict)):
-        return copy.deepcopy(value)
+    """A NumPy number as Python's, so that it prints and saves as one."""
     return value.item() if isinstance(value, np.generic) else value
 
 

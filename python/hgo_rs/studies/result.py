@@ -52,7 +52,7 @@ class StudyResult:
     Attributes
     ----------
     parameters : list of dict
-        The parameters of each case, as they were given.
+        The parameters of each case, as they were given; read-only.
     axes : dict or None
         Values of each parameter, if the cases are a full grid of them (the last varies fastest).
     finished : (C, R) bool
