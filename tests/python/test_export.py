@@ -609,6 +609,10 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
         export(observer, to="c", out=blocked)
     with pytest.raises(HgoError, match="reduced-order"):
         hgo_rs.ReducedOrderObserver(0.5).export(to="c", out=tmp_path)
+    for method in ("zoh", "bilinear"):
+        observer = LowPowerObserver(3, 5.0, method=method)
+        with pytest.raises(HgoError, match=f"method = '{method}': .* low-power .*\"rk4\""):
+            observer.export(to="c", out=tmp_path)
 
 
 def test_the_command_writes_what_the_file_says(
@@ -639,7 +643,7 @@ def test_the_command_writes_what_the_file_says(
 
 def test_a_control_system_runs_as_the_observer_does() -> None:
     control = pytest.importorskip("control")
-    observer = StandardObserver(2, 20.0, model=InputGain(1.5))
+    observer = StandardObserver(2, 20.0, model=InputGain(1.5), **PAPER)
     t = np.arange(300) * 0.005
     y, u = np.sin(3.0 * t), np.cos(2.0 * t)
     system = observer.to_control(0.005)
@@ -684,6 +688,6 @@ def test_a_control_system_of_current_timing() -> None:
 def test_a_control_system_needs_a_stable_step() -> None:
     pytest.importorskip("control")
     with pytest.raises(HgoError, match="dt"):
-        StandardObserver(2, 20.0).to_control(1.0)
+        StandardObserver(2, 20.0, **PAPER).to_control(1.0)
     with pytest.raises(HgoError, match="dt = nan"):
         StandardObserver(2, 20.0).to_control(math.nan)

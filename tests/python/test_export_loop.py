@@ -157,7 +157,7 @@ def test_the_loop_in_python(expected: Any) -> None:
 def test_the_loop_in_c(tmp_path: Path, expected: Any, verbs: str) -> None:
     put(tmp_path, sources(observer(), to="c", name="axis", dt=DT))
     halves = ("axis_correct(&state, q)", "axis_predict(&state, u, 0.01)")
-    whole = ("axis_step(&state, q, u, 0.01)", "")
+    whole = ("axis_step(&state, q, u, 0.0, 0.01)", "")
     correct, predict = whole if verbs == "step" else halves
     loop = C_LOOP.replace("CORRECT", correct).replace("PREDICT", predict)
     put(tmp_path, {"loop.c": loop.replace("STEPS", str(STEPS))})

@@ -236,6 +236,7 @@ def _both(program: Program) -> str:
         [
             _signature(program, "step", program.moves),
             "{",
+            *["    (void)t;"] * (not any("t" in move.used for move in program.moves)),
             wrapped("    if (", f"state->{program.words.started} && {call} == {up}_UNDEFINED) {{"),
             f"        return {up}_UNDEFINED;",
             "    }",

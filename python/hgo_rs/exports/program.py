@@ -144,8 +144,8 @@ class Program:
             words += self.words.samples
         if any(move.takes("u") for move in moves):
             words += self.words.controls
-        # with predictor timing t is always taken, so that two steps look alike
-        if not self.is_current or any("t" in move.used for move in moves):
+        # a step always takes t, so that the steps of two models are called alike
+        if moves == self.moves or any("t" in move.used for move in moves):
             words.append("t")
         return words + ["dt"] * any(move.takes(LENGTH) for move in moves)
 
@@ -153,10 +153,10 @@ class Program:
         """What a function does."""
         sample = _list("sample", self.words.samples)
         control = _list("input", self.words.controls)
-        at = " at time t [s]" if "t" in self.arguments(*self.moves) else ""
+        at = any("t" in move.used for move in self.moves)
         if not self.is_current:
             taken = f"{sample} and {control}" if control else sample
-            return f"Take {taken}{at}; advance by dt [s]."
+            return f"Take {taken} at time t [s]; advance by dt [s]."
         if verb == "correct":
             return (
                 f"Take {sample} of now: the estimate is then that of now. The correction is for "
@@ -166,7 +166,7 @@ class Program:
         if verb == "predict":
             begins = f", from time t [s]{under}" if at else under
             return f"Move over the period of length dt [s] that begins now{begins}."
-        belong = [*self.words.controls, "dt [s]", *["t [s], the time of its beginning,"] * bool(at)]
+        belong = [*self.words.controls, "dt [s]", "t [s], the time of its beginning,"]
         return (
             f"One call a sample: predict over the period that has just ended, then correct by "
             f"{sample} of now. {_and(belong)} to the period that has ended; the first call only "
@@ -207,16 +207,7 @@ def program(
     dt : float, optional
         Sampling period, for the comment and the made-up samples [s].
     """
-    if _model(observer.spec).get("table", {}) is None:
-        raise HgoError(
-            "the model is made of Python callables that could not be compiled: an export must be of"
-            " operations; write its equations as expressions"
-        )
-    if observer.spec["kind"] == "reduced-order":
-        raise HgoError(
-            "the reduced-order observer decides on its memory, so that its step is not one table of"
-            " operations: export another law"
-        )
+    _check_table(observer.spec)
     if precision == "single":
         _check_single(observer)
     verbs = ("correct", "predict") if observer._core.is_current else ("step",)
@@ -249,6 +240,30 @@ def program(
             elapsed,
         ),
     )
+
+
+def _check_table(spec: Mapping[str, Any]) -> None:
+    """Refuse laws that are no tables of operations."""
+    if _model(spec).get("table", {}) is None:
+        raise HgoError(
+            "the model is made of Python callables that could not be compiled: an export must be of"
+            " operations; write its equations as expressions"
+        )
+    if spec["kind"] == "reduced-order":
+        raise HgoError(
+            "the reduced-order observer decides on its memory, so that its step is not one table of"
+            " operations: export another law"
+        )
+    for law in spec.get("observers", (spec,)):
+        placed = law.get("method") in ("zoh", "bilinear")
+        check(
+            not (placed and law["kind"] in ("low-power", "peaking-free")),
+            "method",
+            law.get("method"),
+            f"another in an export of the {law['kind']} law, whose placed gains are found by "
+            "decisions on the length of a period",
+            'choose method="rk4", or the standard law',
+        )
 
 
 def _check_single(observer: Observer) -> None:

@@ -233,6 +233,7 @@ def _both(program: Program) -> str:
     return "\n".join(
         [
             _head(program, "step", program.moves),
+            *["        let _ = t;"] * (not any("t" in move.used for move in program.moves)),
             wrapped("        if ", f"{started} && {call} == Status::Undefined {{"),
             "            return Status::Undefined;",
             "        }",
