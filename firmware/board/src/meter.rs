@@ -204,12 +204,7 @@ fn dt<T: Scalar, S: Schedule<T>>(schedule: &S, k: u64) -> T {
 }
 
 impl<T: Scalar> Instrument<T> for Meter {
-    fn correct<O: Observer<T>>(
-        observer: &O,
-        z: &mut O::State,
-        y: &O::Measurement,
-        t: T,
-    ) -> Status {
+    fn correct<O: Observer<T>>(observer: &O, z: &mut O::State, y: &O::Measurement, t: T) -> Status {
         if O::TIMING == Timing::Predictor {
             return observer.correct(z, y, t); // no half of a step: nothing moves
         }

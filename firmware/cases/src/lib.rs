@@ -79,12 +79,7 @@ where
 /// its two halves.
 pub trait Instrument<T: Scalar> {
     /// The first half of a step: the sample is taken, with current timing.
-    fn correct<O: Observer<T>>(
-        observer: &O,
-        z: &mut O::State,
-        y: &O::Measurement,
-        t: T,
-    ) -> Status;
+    fn correct<O: Observer<T>>(observer: &O, z: &mut O::State, y: &O::Measurement, t: T) -> Status;
     /// The second half: the period passes.
     fn advance<O: Observer<T>>(
         observer: &O,
@@ -102,12 +97,7 @@ pub trait Instrument<T: Scalar> {
 pub struct Plain;
 
 impl<T: Scalar> Instrument<T> for Plain {
-    fn correct<O: Observer<T>>(
-        observer: &O,
-        z: &mut O::State,
-        y: &O::Measurement,
-        t: T,
-    ) -> Status {
+    fn correct<O: Observer<T>>(observer: &O, z: &mut O::State, y: &O::Measurement, t: T) -> Status {
         observer.correct(z, y, t)
     }
     fn advance<O: Observer<T>>(
@@ -164,13 +154,7 @@ impl<T: Scalar, O: Observer<T>, I: Instrument<T>> Observer<T> for Watched<O, I> 
     fn estimate<'a>(&self, z: &'a O::State) -> &'a [T] {
         self.watched.estimate(z)
     }
-    fn innovation(
-        &self,
-        t: T,
-        z: &O::State,
-        y: &O::Measurement,
-        u: &O::Input,
-    ) -> O::Measurement {
+    fn innovation(&self, t: T, z: &O::State, y: &O::Measurement, u: &O::Input) -> O::Measurement {
         self.watched.innovation(t, z, y, u)
     }
 }
