@@ -6,6 +6,7 @@ stands) that `step` moves. `run` works on a memory of its own and leaves the obj
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -14,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs import _core
-from hgo_rs.design.discrete import METHODS, TIMINGS
+from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING, METHODS, TIMINGS
 from hgo_rs.design.discretisation import StepLimit, check_step, step_limit
 from hgo_rs.design.response import bandwidth, noise_gain, peaking, settling
 from hgo_rs.errors import (
@@ -29,12 +30,15 @@ from hgo_rs.errors import (
 )
 from hgo_rs.gains import AdaptiveGain, ConstantGain, DeadZoneGain
 from hgo_rs.models import Ship, System, Unknown, VanDerPol
+from hgo_rs.read_only import ReadOnlyDict
+from hgo_rs.read_only import shown as frozen
 from hgo_rs.results import RunResult
 
 if TYPE_CHECKING:
     from hgo_rs.own import Model
 
 __all__ = [
+    "CopiesMetWarning",
     "LowPowerObserver",
     "ModifiedObserver",
     "MultiOutputObserver",
@@ -55,35 +59,41 @@ _MARK = "mark a missing sample as NaN"
 _HUGE = 1e100  # beyond it a step overflows, whatever the model
 
 
+class CopiesMetWarning(UserWarning):
+    """Copies of a collection have become identical, which they stay."""
+
+
 class Observer(_core.Online):
     """An observer of the compiled core. Use one of its subclasses.
 
     Attributes
     ----------
     spec : dict
-        What the observer is, as plain data.
+        What the observer is, as plain data, read-only.
     n, n_y, n_u : int
         Numbers of estimated states, measured outputs, known inputs.
     timing : "predictor" or "current"
         Whether the estimate at sample k uses samples up to k - 1, or up to k.
     memory : (m,) ndarray
         Where it stands: x_hat first, then auxiliary states, then the gain r where it moves; with
-        current timing then the time from the last sample used to the next one, the period and the
-        inputs before that one. A step makes a new one.
+        current timing then the time that the next correction is for [s]. A step makes a new one; an
+        array that is set is copied.
     model : System or None
         What it knows of the system; None: nothing, or what its class takes by default.
     allow_unstable : bool
         Let `step` and `run` use a step beyond the stability limit.
     """
 
-    model: System | None = None
+    _model: System | None = None
+    _told = False  # whether the whole memory was given
 
     def __init__(
         self, spec: dict[str, Any], *, model: System | None = None, allow_unstable: bool = False
     ) -> None:
-        self.spec = spec
+        spec = self._spec = ReadOnlyDict(spec)
+        self._told = False
         if model is not None:
-            self.model = model
+            self._model = model
         self._interpreted = getattr(model, "compiled", True) is False
         if self._interpreted:
             from hgo_rs.own.callables import runnable
@@ -91,24 +101,64 @@ class Observer(_core.Online):
             self._core = _core.Observer(runnable(spec, model))
         else:
             self._core = _core.Observer(spec)
-        self.n: int = self._core.n
-        self.n_y: int = self._core.n_y
-        self.n_u: int = self._core.n_u
-        self.timing: str = TIMINGS[self._core.is_current]
         super().__init__(self._core, _lift(spec), bool(allow_unstable))
 
-    def __getstate__(self) -> tuple[dict[str, Any], bool, Array, float]:
+    # what an observer is does not change
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """What it is, as plain data, read-only."""
+        return self._spec
+
+    @property
+    def model(self) -> System | None:
+        """What it knows of the system."""
+        return self._model
+
+    @property
+    def n(self) -> int:
+        """Number of estimated states."""
+        return self._core.n
+
+    @property
+    def n_y(self) -> int:
+        """Number of measured outputs."""
+        return self._core.n_y
+
+    @property
+    def n_u(self) -> int:
+        """Number of known inputs."""
+        return self._core.n_u
+
+    @property
+    def timing(self) -> str:
+        """ "predictor" or "current"."""
+        return TIMINGS[self._core.is_current]
+
+    def __getstate__(self) -> tuple[dict[str, Any], bool, Array, float, bool]:
         """All that a copy needs, or a pickle."""
         own = {name: value for name, value in self.__dict__.items() if name != "_core"}
-        return own, self.allow_unstable, self.memory.copy(), self._time
+        return own, self.allow_unstable, self.memory.copy(), self._time, self._started
 
-    def __setstate__(self, state: tuple[dict[str, Any], bool, Array, float]) -> None:
-        own, allow_unstable, memory, time = state
-        Observer.__init__(self, own["spec"], model=own.get("model"), allow_unstable=allow_unstable)
+    def __setstate__(self, state: tuple[dict[str, Any], bool, Array, float, bool]) -> None:
+        own, allow_unstable, memory, time, started = state
+        model = own.get("_model")
+        Observer.__init__(self, own["_spec"], model=model, allow_unstable=allow_unstable)
+        self.memory, self._time, self._started = memory, time, started
         self.__dict__.update(own)
-        self.memory, self._time = memory, time
+        self._spec = ReadOnlyDict(self._spec)
 
     # --- memory -------------------------------------------------------------------------------
+
+    @property
+    def memory(self) -> Array:
+        """Where it stands, (m,); a step makes a new one, an array that is set is copied."""
+        return super().memory
+
+    @memory.setter
+    def memory(self, memory: npt.ArrayLike) -> None:
+        _core.Online.__dict__["memory"].__set__(self, self._checked_memory(memory))
+        self._told = True
 
     @property
     def x_hat(self) -> Array:
@@ -169,11 +219,18 @@ class Observer(_core.Online):
         Observer.__init__(other, spec, model=self.model, allow_unstable=self.allow_unstable)
         return other
 
-    def _check_start(self, memory: Array) -> None:
-        """Refuse memories (..., m) from which the law cannot start."""
+    def _check_start(self, memory: Array, told: bool | None = None) -> None:
+        """Refuse memories (..., m) from which the law cannot start.
+
+        `told`: whether the whole memory was given, as one that a run has reached; default: as the
+        observer's own was.
+        """
         index = self._gain_index()
         if index is not None:
             _initial_gain(float(np.min(memory[..., index])))
+
+    def _tell_end(self, start: Array, end: Array) -> None:
+        """Warn of what a run from memory to memory has lost for good."""
 
     def initial_memory(
         self, x_hat0: npt.ArrayLike | None = None, *, r0: float | None = None
@@ -212,7 +269,7 @@ class Observer(_core.Online):
     ) -> None:
         """Start again at time 0, see `initial_memory`; or from the whole memory."""
         self.memory = self._start(x_hat0, r0, memory0)
-        self._time = 0.0
+        self._told, self._time = memory0 is not None, 0.0
 
     def _start(
         self,
@@ -225,7 +282,7 @@ class Observer(_core.Online):
         alone = x_hat0 is None and r0 is None
         check(alone, "memory0", memory0, "given alone", "give memory0, or x_hat0 and r0")
         start = _vector(memory0, "memory0", self._core.memory_len)
-        self._check_start(start)
+        self._check_start(start, told=True)
         return start
 
     # --- use ----------------------------------------------------------------------------------
@@ -251,6 +308,13 @@ class Observer(_core.Online):
         if values.shape != (self._core.memory_len,):
             allowed = f"must have {self._core.memory_len} entries"
             raise HgoError(f"memory of shape {values.shape}: {allowed}")
+        finite = bool(np.all(np.isfinite(values)))
+        check(finite, "memory", memory, "finite", "leave out NaN and infinity, or call reset()")
+        if self.spec.get("timing") == "current":
+            elapsed = float(values[self._law_len])
+            allowed = ">= 0, the time that the next correction is for [s]"
+            remedy = "keep what memory shows, or 0 at a start; an input is told to predict(u, dt)"
+            check(elapsed >= 0.0, f"memory[{self._law_len}]", elapsed, allowed, remedy)
         return values
 
     def _no_place(self, out: Any) -> HgoError:
@@ -330,13 +394,15 @@ class Observer(_core.Online):
         x_hat0: npt.ArrayLike | None = None,
         r0: float | None = None,
         memory0: npt.ArrayLike | None = None,
+        until: float | None = None,
         timing: str | None = None,
         allow_unstable: bool | None = None,
     ) -> RunResult:
         """Run over a record of N samples.
 
-        Predictor timing: row k of the result uses samples up to k - 1; current timing: up to k.
-        Uneven steps are honoured.
+        Predictor timing: row k of the result uses samples up to k - 1; current timing: up to k, by
+        `correct(y[k])`, after which `predict(u[k], dt)` moves to the next row, with the bits of
+        these calls. Uneven steps are honoured.
 
         Parameters
         ----------
@@ -347,7 +413,11 @@ class Observer(_core.Online):
         u : (N,) or (N, n_u), optional
             Known inputs, each held until the next sample.
         x_hat0, r0, memory0 : optional
-            Where to start, see `initial_memory`; or the whole memory.
+            Where to start, see `initial_memory`; or the whole memory, as the first sample finds
+            it.
+        until : float, optional
+            Time [s] of the sample after the last one, where the record goes on elsewhere:
+            `next_memory` of the result is the memory there, a `memory0` to go on with.
         timing : "predictor" or "current", optional
             Default: the observer's own. The result says which.
         allow_unstable : bool, optional
@@ -367,6 +437,7 @@ class Observer(_core.Online):
                 x_hat0=x_hat0,
                 r0=r0,
                 memory0=memory0,
+                until=until,
                 allow_unstable=allow_unstable,
             )
         allow = self.allow_unstable if allow_unstable is None else bool(allow_unstable)
@@ -374,16 +445,18 @@ class Observer(_core.Online):
         clock = _clock(t_or_dt, len(samples))
         told = _inputs(u, len(samples), self.n_u)
         start = self._start(x_hat0, r0, memory0)
-        self._check_start(start)
+        if memory0 is None:
+            self._check_start(start, told=False)
         # elsewhere the innovation is y - x_hat_1, which is computed when it is asked for
         own_sampled = self.spec["kind"] == "sampled-data" and self.spec["model"]["kind"] == "own"
         tells = self._core.is_current or self.spec["kind"] == "chains" or own_sampled
+        end = None if until is None else _after(until, clock, len(samples))
         slowdown = 1.0
         if self._interpreted:
             record = (clock, samples, told, start)
-            track, slowdown = self._called_run(*record, innovation=tells)
+            track, slowdown = self._called_run(*record, innovation=tells, until=end)
         else:
-            track = self._core.run(clock, samples, told, start, innovation=tells)
+            track = self._core.run(clock, samples, told, start, innovation=tells, until=end)
         if not track["sound"]:
             _check_samples(track["y"], self.n_y)
             _check_times(clock)
@@ -412,6 +485,7 @@ class Observer(_core.Online):
         if diverged < len(memory) and not allow:
             k = diverged
             raise HgoError(f"the estimate diverged at sample {k} (t = {time(k):g} s): {_TAMER}")
+        self._tell_end(start, memory[-1])
         result = RunResult.of_run(
             clock,
             track.get("innovation"),
@@ -424,6 +498,7 @@ class Observer(_core.Online):
             timing=self.timing,
         )
         result.__dict__["slowdown"] = slowdown
+        result.__dict__["next_memory"] = None if until is None else frozen(track["next"])
         if track["missing"].any():  # for the error to expect after the gaps
             result.__dict__["_run_of"] = (self, told.copy())
         return result
@@ -559,8 +634,9 @@ class StandardObserver(Observer):
         The coefficients themselves, in place of `poles`.
     model : System, optional
         What is known of the system. Default: nothing, phi = 0.
-    method : str
-        Discretisation, one of `METHODS`.
+    method : str, optional
+        Discretisation, one of `METHODS`; the papers' recursions are "euler". Default: "zoh", or
+        "rk4" for a low-power or peaking-free law with a gain that moves.
     timing : "predictor" or "current"
         Whether the estimate at sample k uses samples up to k - 1, as the papers' recursions do, or
         up to k.
@@ -582,8 +658,8 @@ class StandardObserver(Observer):
         poles: Poles | None = None,
         k: npt.ArrayLike | None = None,
         model: System | None = None,
-        method: str = "euler",
-        timing: str = "predictor",
+        method: str | None = None,
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         n = _order(n)
@@ -593,7 +669,7 @@ class StandardObserver(Observer):
             "k": _coefficients(n, poles, k),
             "gain": _gain(gain, epsilon),
             "model": _model(model, n),
-            **_manner(method, timing),
+            **_manner(DEFAULT_METHOD if method is None else method, timing),
         }
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
@@ -624,8 +700,8 @@ class LowPowerObserver(Observer):
         alpha: npt.ArrayLike | None = None,
         beta: npt.ArrayLike | None = None,
         model: System | None = None,
-        method: str = "euler",
-        timing: str = "predictor",
+        method: str | None = None,
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         spec = _low_power("low-power", n, gain, epsilon, poles, alpha, beta, model, method, timing)
@@ -663,8 +739,8 @@ class PeakingFreeObserver(Observer):
         alpha: npt.ArrayLike | None = None,
         beta: npt.ArrayLike | None = None,
         model: System | None = None,
-        method: str = "euler",
-        timing: str = "predictor",
+        method: str | None = None,
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         spec = _low_power(
@@ -709,8 +785,12 @@ class _Copies(Observer):
             "model": _model(model, 2),
             **_manner(method, timing),
         }
-        self.copies = copies
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
+
+    @property
+    def copies(self) -> int:
+        """Number of copies."""
+        return int(self.spec["copies"])
 
     def _starts(self, x_hat0: npt.ArrayLike, r0: npt.ArrayLike) -> Array:
         """Flat memory [x_hat_1, r_1, x_hat_2, r_2, ...] of starts that differ."""
@@ -738,11 +818,36 @@ class _Copies(Observer):
         end = self._law_len
         return np.asarray(memory, dtype=float)[..., end - self.copies * (self.n + 1) : end]
 
-    def _check_start(self, memory: Array) -> None:
-        """Every r_i >= 1, and copies that start apart."""
+    def _check_start(self, memory: Array, told: bool | None = None) -> None:
+        """Every r_i >= 1, and copies that start apart.
+
+        In a memory that was given as a whole copies may have met: `step` goes on from there, so all
+        goes on, with a warning.
+        """
         for value in np.ravel(memory[..., self.n : self._law_len : self.n + 1]):
             _initial_gain(float(value))
-        self._check_apart(self._copies_of(memory))
+        if not (self._told if told is None else told):
+            self._check_apart(self._copies_of(memory))
+        else:
+            self._warn_met(memory)
+
+    def _tell_end(self, start: Array, end: Array) -> None:
+        if self._distinct(end) < self._distinct(start):
+            self._warn_met(end)
+
+    def _distinct(self, memory: Array) -> int:
+        """How many copies differ; of several memories in the worst of them."""
+        rows = self._copies_of(memory).reshape(-1, self.copies, self.n + 1)
+        return min(len(np.unique(copies, axis=0)) for copies in rows)
+
+    def _warn_met(self, memory: Array) -> None:
+        if (left := self._distinct(memory)) < self.copies:
+            warnings.warn(
+                f"copies have met: {left} of {self.copies} differ, and identical copies never "
+                f"separate; for {self.copies} again, start from spread(...)",
+                CopiesMetWarning,
+                stacklevel=4,
+            )
 
     def _check_apart(self, copies: Array) -> None:
         for starts in copies.reshape(-1, self.copies, self.n + 1):
@@ -785,7 +890,7 @@ class RepelledCollection(_Copies):
         copies: int = 3,
         model: System | None = None,
         method: str = "rk4",
-        timing: str = "predictor",
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         super().__init__(
@@ -812,7 +917,7 @@ class ModifiedObserver(_Copies):
         copies: int = 3,
         model: System | None = None,
         method: str = "rk4",
-        timing: str = "predictor",
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         super().__init__("modified", gain, k, k_bar, copies, model, method, timing, allow_unstable)
@@ -1037,20 +1142,22 @@ def _low_power(
     alpha: npt.ArrayLike | None,
     beta: npt.ArrayLike | None,
     model: System | None,
-    method: str,
+    method: str | None,
     timing: str,
 ) -> dict[str, Any]:
     """What (5) and (11) share, as a spec."""
     n = _order(n, least=2)
     a, b = _low_power_coefficients(n, poles, alpha, beta)
+    law = _gain(gain, epsilon)
+    usual = DEFAULT_METHOD if law["law"] == "constant" else "rk4"
     return {
         "kind": kind,
         "n": n,
         "alpha": a,
         "beta": b,
-        "gain": _gain(gain, epsilon),
+        "gain": law,
         "model": _model(model, n),
-        **_manner(method, timing),
+        **_manner(usual if method is None else method, timing),
     }
 
 
@@ -1156,6 +1263,16 @@ def _clock(t_or_dt: npt.ArrayLike, count: int) -> float | Array:
     if given.shape != (count,):
         raise HgoError(f"t of shape {given.shape}: must be ({count},), one time a sample")
     return given
+
+
+def _after(until: float, clock: float | Array, count: int) -> float:
+    """A time after the last sample."""
+    end = check_number(until, "until")
+    last = clock * (count - 1) if isinstance(clock, float) else float(clock[-1])
+    check(
+        end > last, "until", until, f"after the last sample, > {last:.9g} s", "give the next time"
+    )
+    return end
 
 
 def _check_times(clock: float | Array) -> None:

@@ -18,6 +18,7 @@ from hgo_rs.gains import FixedStep, StochasticApproximation
 from hgo_rs.models import Ship, System, VanDerPol
 from hgo_rs.noise import Noise, RecordedNoise
 from hgo_rs.observers import Observer
+from hgo_rs.read_only import ReadOnlyDict
 from hgo_rs.results import SimulationResult
 
 __all__ = ["simulate"]
@@ -51,7 +52,7 @@ class Experiment:
     Attributes
     ----------
     spec : dict
-        What the core and the reference read: numbers, strings, lists, dicts and arrays.
+        What the core and the reference read: numbers, strings, lists, dicts and arrays; read-only.
     n : int
         Order of the observer.
     shapes : dict
@@ -223,7 +224,7 @@ def plan(
     nx, m = 6 if isinstance(plant, Ship) else plant.order or observer.n, len(observer.memory)
     x0 = _start(x0, "x0", nx, runs)
     start = observer.initial_memory() if memory0 is None else _start(memory0, "memory0", m, runs)
-    observer._check_start(start)
+    observer._check_start(start, told=memory0 is not None)
     if isinstance(plant, Ship) and np.any(x0[..., 3] == 0.0):
         raise HgoError(
             "x0: z_1 = 0 makes atan(0/0) in the ship's model (Katayama, assumption A1); start "
@@ -264,7 +265,7 @@ def plan(
         spec["histogram"] = _window(check_array(histogram, "histogram"), "histogram", period, steps)
     # a ship's filters are no signals, nor is what current timing holds beside the law's memory
     signals = observer.n if isinstance(plant, Ship) else observer._law_len
-    return Experiment(spec, observer.n, _shapes(spec, signals, nx, m, n_y))
+    return Experiment(ReadOnlyDict(spec), observer.n, _shapes(spec, signals, nx, m, n_y))
 
 
 def _shapes(spec: Mapping[str, Any], signals: int, nx: int, m: int, n_y: int) -> dict[str, Any]:

@@ -301,6 +301,8 @@ pub struct Tables {
 
 /// A chain whose corrections are placed.
 struct PlacedChain {
+    /// Which sample corrects it.
+    channel: usize,
     /// Where the time stands in the memory that a correction is for, with current timing; else it is the
     /// step's length.
     elapsed: Option<usize>,
@@ -435,7 +437,8 @@ impl Tables {
             missing: None,
             unstarted: None,
             placed: law.gains().map_or_else(Vec::new, |gains| {
-                vec![PlacedChain { elapsed: current.then_some(law.len), gains: gains.clone() }]
+                let elapsed = current.then_some(law.len);
+                vec![PlacedChain { channel: 0, elapsed, gains: gains.clone() }]
             }),
             law: if together { Some(law.together(setting)?) } else { None },
             parameters: given.parameters().to_vec(),
@@ -720,8 +723,9 @@ impl Tables {
         for (of, place) in chains.iter().zip(&place) {
             place.iter().zip(&of.shape.initial).for_each(|(place, value)| initial[*place] = *value);
         }
-        let placed = chains.iter().zip(&place).flat_map(|(of, place)| {
-            of.placed.iter().map(|PlacedChain { elapsed, gains }| PlacedChain {
+        let placed = chains.iter().zip(&place).enumerate().flat_map(|(channel, (of, place))| {
+            of.placed.iter().map(move |PlacedChain { elapsed, gains, .. }| PlacedChain {
+                channel,
                 elapsed: elapsed.map(|elapsed| place[elapsed]),
                 gains: gains.clone(),
             })
@@ -1022,10 +1026,10 @@ impl Tables {
         (t, dt): (f64, f64),
     ) -> Vec<f64> {
         let mut inputs = [&[t, dt], memory, y, u, self.parameters.as_slice()].concat();
-        for PlacedChain { elapsed, gains } in &self.placed {
-            let first = inputs.len();
+        for placed in &self.placed {
+            let (first, gains) = (inputs.len(), &placed.gains);
             inputs.resize(first + gains.count, 0.0);
-            gains.write(f64::from_bits(length_of(*elapsed, memory, dt)), &mut inputs[first..]);
+            gains.write(f64::from_bits(length_of(placed, memory, y, dt)), &mut inputs[first..]);
         }
         inputs
     }
@@ -1107,19 +1111,19 @@ impl Step {
 
 impl Programmed {
     /// The times that a sample's corrections are for.
-    fn lengths(&self, memory: &[f64], dt: f64) -> Lengths {
+    fn lengths(&self, memory: &[f64], y: &[f64], dt: f64) -> Lengths {
         let mut lengths = [0; CHAINS];
         for (length, placed) in lengths.iter_mut().zip(&self.tables.placed) {
-            *length = length_of(placed.elapsed, memory, dt);
+            *length = length_of(placed, memory, y, dt);
         }
         lengths
     }
 
     /// Whether these are they.
     #[inline(always)]
-    fn are_lengths(&self, known: &Lengths, memory: &[f64], dt: f64) -> bool {
+    fn are_lengths(&self, known: &Lengths, memory: &[f64], y: &[f64], dt: f64) -> bool {
         let mut chains = known.iter().zip(&self.tables.placed);
-        chains.all(|(known, placed)| *known == length_of(placed.elapsed, memory, dt))
+        chains.all(|(known, placed)| *known == length_of(placed, memory, y, dt))
     }
 
     /// Gains for corrections of these lengths into their registers.
@@ -1195,8 +1199,8 @@ impl Programmed {
             let dt = dt.get(k).copied().unwrap_or(0.0);
             if !self.tables.placed.is_empty() {
                 let memory = &r.0[place.clone()];
-                if !lengths.is_some_and(|known| self.are_lengths(&known, memory, dt)) {
-                    let new = self.lengths(memory, dt);
+                if !lengths.is_some_and(|known| self.are_lengths(&known, memory, sample, dt)) {
+                    let new = self.lengths(memory, sample, dt);
                     self.put_gains(&new, &mut r);
                     lengths = Some(new);
                 }
@@ -1241,18 +1245,19 @@ impl Programmed {
         let present = y.iter().all(|y| y.is_finite());
         let step = steps.choose(memory, present);
         let mut r = step.at_rest;
-        self.put_gains(&self.lengths(memory, dt), &mut r);
+        self.put_gains(&self.lengths(memory, y, dt), &mut r);
         r.0[MEMORY..MEMORY + memory.len()].copy_from_slice(memory);
         let moved = step.advance(&mut r, memory.len(), (t, dt), (y, u), (memory, &mut []));
         status(moved, present)
     }
 }
 
-/// The time that a correction is for, in bits; `place` is where it stands in the memory.
+/// The time that a chain's correction is for, in bits; with current timing none for a missing sample.
 #[inline(always)]
-fn length_of(place: Option<usize>, memory: &[f64], dt: f64) -> u64 {
-    let elapsed = place.and_then(|place| memory.get(place)).copied();
-    elapsed.unwrap_or(dt).to_bits()
+fn length_of(placed: &PlacedChain, memory: &[f64], y: &[f64], dt: f64) -> u64 {
+    let elapsed = placed.elapsed.and_then(|place| memory.get(place)).copied();
+    let sample = y.get(placed.channel).copied().unwrap_or(f64::NAN);
+    elapsed.map_or(dt, |elapsed| elapsed - elapsed.while_missing(sample)).to_bits()
 }
 
 /// An entry of the memory into its place in a row, if there is one, and its largest magnitude so far.

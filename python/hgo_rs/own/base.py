@@ -19,6 +19,7 @@ from hgo_rs.own import analysis, show
 from hgo_rs.own.analysis import Jacobian
 from hgo_rs.own.names import Names
 from hgo_rs.own.sources import Group
+from hgo_rs.read_only import ReadOnlyDict
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -47,12 +48,13 @@ class OwnSystem(System):
         if not self.compiled:
             return
         parameters = self._names.parameters
-        self._table = compile_table(
+        table = compile_table(
             [node for group in groups for node in group.nodes or ()],
             {**inputs, **{name: name for name in parameters}},
             [label for group in groups for label in group.labels(group.name)],
             fixed=tuple(parameters),
         )
+        self._table = ReadOnlyDict(table)
 
     @property
     def n(self) -> int:
@@ -278,16 +280,18 @@ class OwnSystem(System):
 
     def _spec(self, **own: Any) -> dict[str, Any]:
         """The spec: what is the class's own, then the table, values and names."""
-        return {
-            **own,
-            "table": self._table,
-            "parameters": list(self._names.parameters.values()),
-            "names": {
-                "states": list(self.states),
-                "inputs": list(self.inputs),
-                "parameters": list(self._names.parameters),
-            },
-        }
+        return ReadOnlyDict(
+            {
+                **own,
+                "table": self._table,
+                "parameters": list(self._names.parameters.values()),
+                "names": {
+                    "states": list(self.states),
+                    "inputs": list(self.inputs),
+                    "parameters": list(self._names.parameters),
+                },
+            }
+        )
 
     def _same(self) -> tuple[Any, ...]:
         """What two equal systems have in common."""
