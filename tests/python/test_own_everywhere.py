@@ -469,3 +469,14 @@ def test_an_error_of_a_callable_ends_a_simulation(of: str) -> None:
         hgo.simulate(
             plant, hgo.StandardObserver(2, 10.0, model=model), x0=[1, 0], dt=1e-2, steps=90, runs=4
         )
+
+
+def test_a_reduced_order_observer_tells_its_states() -> None:
+    model = hgo.Model(states=["x", "z"], f1=["0"], g=[["1"]], f2=["log(z)"])
+    observer = hgo.ReducedOrderObserver(0.05, h_bar=[0.5], model=model)
+    told = r"f2\[0\] = log\(z\) is not finite at x = -1, z = 0"
+    with pytest.raises(hgo.HgoError, match=rf"sample 1 .*{told}"):
+        observer.run(1e-2, -np.arange(5.0))
+    observer.step(0.0, dt=1e-2)
+    with pytest.raises(hgo.HgoError, match=told):
+        observer.step(-1.0, dt=1e-2)
