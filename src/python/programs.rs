@@ -275,6 +275,8 @@ struct Shape {
     n_y: usize,
     n_u: usize,
     memory: usize,
+    /// Entries of the memory without the time that current timing holds beside them.
+    signals: usize,
     current: bool,
     initial: Vec<f64>,
 }
@@ -431,7 +433,15 @@ impl Tables {
         let placed = matches!(manner.method, AnyMethod::Placed(_));
         let together = !current && !placed;
         Ok(Self {
-            shape: Shape { n: law.n, n_y: 1, n_u: given.n_u()?, memory, current, initial },
+            shape: Shape {
+                n: law.n,
+                n_y: 1,
+                n_u: given.n_u()?,
+                memory,
+                signals: law.len,
+                current,
+                initial,
+            },
             correct: law.correct(setting, manner)?,
             advance: law.advance(setting, manner)?,
             missing: None,
@@ -458,7 +468,7 @@ where
     })?;
     let (n, n_y, memory) = (O::ESTIMATED, O::Measurement::LEN, O::State::LEN);
     let current = O::TIMING == Timing::Current;
-    Ok(Shape { n, n_y, n_u, memory, current, initial })
+    Ok(Shape { n, n_y, n_u, memory, signals: memory, current, initial })
 }
 
 /// A gain that does not move.
@@ -760,7 +770,7 @@ impl Tables {
         let advance = joined(&|of| of.advance.clone())?;
         let current = chains.first().is_some_and(|of| of.shape.current);
         let (n, n_y, n_u, memory) = (own.n, chains.len(), own.n_u, rest);
-        let shape = Shape { n, n_y, n_u, memory, current, initial };
+        let shape = Shape { n, n_y, n_u, memory, signals: memory, current, initial };
         Ok(Self {
             shape,
             correct,
@@ -929,6 +939,10 @@ impl Tables {
     }
     pub fn memory_len(&self) -> usize {
         self.shape.memory
+    }
+    /// Entries of the memory that studies have metrics of.
+    pub fn signals(&self) -> usize {
+        self.shape.signals
     }
     pub fn is_current(&self) -> bool {
         self.shape.current
