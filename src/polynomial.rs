@@ -92,8 +92,9 @@ impl<T: Number> Ascending<T> {
 
     /// self − a·other.
     fn less(mut self, a: T, other: &Self) -> Self {
-        for (c, other) in self.c.iter_mut().zip(other.c) {
-            *c = *c - a * other;
+        let terms = self.degree.max(other.degree) + 1;
+        for (c, other) in self.c.iter_mut().zip(&other.c).take(terms) {
+            *c = *c - a * *other;
         }
         self
     }
@@ -101,7 +102,7 @@ impl<T: Number> Ascending<T> {
     /// The derivative.
     fn slope(&self) -> Self {
         let mut slope = self.without_zero();
-        for (c, power) in slope.c.iter_mut().zip(1..=MAX_DEGREE) {
+        for (c, power) in slope.c.iter_mut().zip(1..=self.degree) {
             *c = *c * T::from_f64(power as f64);
         }
         slope
@@ -114,7 +115,7 @@ impl<T: Number> Ascending<T> {
         for _ in 0..40 {
             step = self.at(s) / slope.at(s);
             s = s - step;
-            if step.abs() <= T::from_f64(4.0 * T::EPSILON) * s.abs() {
+            if step.abs() <= T::from_f64(T::SETTLED) * s.abs() {
                 break;
             }
         }
