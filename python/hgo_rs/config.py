@@ -47,6 +47,16 @@ OBSERVERS = {
 """The structures, and the class of hgo_rs behind each name."""
 
 
+LARGEST = 2**18
+"""Bytes of the largest file that is read."""
+LONGEST = 300
+"""Lines of the longest value that is read."""
+DEEPEST = 16
+"""Parts of the longest key that is read."""
+_PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
+_DEEP = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*\.[ \t]*{_PART}){{{DEEPEST},}}")
+
+
 class ConfigError(HgoError):
     """A configuration that is refused: names the file, the line and the remedy."""
 
@@ -125,8 +135,7 @@ TOP: dict[str, Kind] = {
 }
 """The keys at the head of the file. From `order` to `allow_unstable` they are the arguments of the
 observer's class; `order` is its n. `observers` are those of a model of several chains, each with
-keys as at the head. A file that does not say its `timing` means "current", what a user of a log
-expects."""
+keys as at the head. What a file leaves open is as in the class."""
 
 GAINS: dict[str, tuple[str, dict[str, Kind]]] = {
     "constant": ("ConstantGain", {"ell": NUMBER}),
@@ -170,7 +179,7 @@ LOG: dict[str, Kind] = {
     "output": TEXT_OR_TEXTS,
     "input": TEXT_OR_TEXTS,
     "dt": NUMBER,
-    "unit": TEXT,
+    "unit": TEXT_OR_TEXTS,
     "resets": TEXT,
     "schedule": TABLE,
 }
@@ -221,19 +230,32 @@ class Config:
     @classmethod
     def from_toml(cls, text: str, source: str = "") -> Config:
         """A configuration from the text of an `observer.toml`."""
+        place = source or "configuration"
+        if len(text) > LARGEST:
+            raise _too_large(place)
+        deep = _DEEP.search(text)
+        if deep:
+            line = text.count("\n", 0, deep.start()) + 1
+            raise ConfigError(
+                f"{place}, line {line}: a key of more than {DEEPEST} parts; write key = value, "
+                "with at most two dots in the key"
+            )
         try:
             data = tomllib.loads(text)
+            places: dict[tuple[str, ...], int] = {}
+            for path, number in _places(text, place):
+                places.setdefault(path, number)
         except tomllib.TOMLDecodeError as error:
             said = re.fullmatch(r"(.*) \(at (.*)\)", str(error), re.S)
             what, where = said.groups() if said else (str(error), "end of document")
             where = where.replace("end of document", f"line {len(text.splitlines())}")
-            place = ", ".join(part for part in (source or "configuration", where) if part)
             raise ConfigError(
-                f"{place}: not TOML: {what}; write key = value, text in quotes, each key once"
+                f"{place}, {where}: not TOML: {what}; write key = value, text in quotes, each key "
+                "once"
             ) from None
         except RecursionError:
-            raise ConfigError(f"{source or 'configuration'}: nested too deeply") from None
-        return cls(data, source, dict(_places(text)))
+            raise ConfigError(f"{place}: nested too deeply; write flat tables") from None
+        return cls(data, source, places)
 
     def to_toml(self) -> str:
         """The text of this configuration; reading it gives an equal one, to the last bit."""
@@ -310,8 +332,6 @@ class Config:
         }
         if "observers" in given:
             given["observers"] = [inner.observer() for inner in self._inner()]
-        if "timing" in inspect.signature(law).parameters:
-            given.setdefault("timing", "current")
         if isinstance(given.get("gain"), dict):
             given["gain"] = self._gain(given["gain"])
         if "poles" in given:
@@ -529,7 +549,16 @@ def load(path: str | Path) -> Config:
     """
     path = Path(path)
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise ConfigError(
+                f"{path} is a pipe or a device, which may have no end; write what it gives to a "
+                "file"
+            )
+        with path.open("rb") as file:
+            content = file.read(LARGEST + 1)
+        if len(content) > LARGEST:
+            raise _too_large(str(path))
+        text = content.decode("utf-8-sig")
     except FileNotFoundError:
         beside = (p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else ()
         near = _nearest(path.name, sorted(beside))
@@ -542,10 +571,16 @@ def load(path: str | Path) -> Config:
     return Config.from_toml(text, str(path))
 
 
+def _too_large(place: str) -> ConfigError:
+    return ConfigError(
+        f"{place}: has more than {LARGEST} bytes, the most that are read; name an observer.toml"
+    )
+
+
 # --- parts ------------------------------------------------------------------------------------
 
 
-def _places(text: str) -> Iterator[tuple[tuple[str, ...], int]]:
+def _places(text: str, source: str) -> Iterator[tuple[tuple[str, ...], int]]:
     """(path of keys, line) of every key in a text that is TOML.
 
     A statement is the shortest run of lines that TOML reads by itself; its keys stand at its first
@@ -559,6 +594,11 @@ def _places(text: str) -> Iterator[tuple[tuple[str, ...], int]]:
         try:
             found = tomllib.loads(fragment)
         except tomllib.TOMLDecodeError:
+            if number - first >= LONGEST:
+                raise ConfigError(
+                    f"{source}, line {first}: a value of more than {LONGEST} lines; write more of "
+                    "it on a line"
+                ) from None
             continue
         paths = list(_paths(found))
         if fragment.lstrip().startswith("[["):  # one more of several tables

@@ -11,11 +11,11 @@ import errno
 import os
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO
 
-__all__ = ["replacing", "write_bytes", "write_text"]
+__all__ = ["replacing", "together", "write_bytes", "write_text"]
 
 
 @contextlib.contextmanager
@@ -30,31 +30,71 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     OSError
         The file cannot be written; the earlier one is as it was.
     """
-    try:
-        mode = Path(path).stat().st_mode
-    except FileNotFoundError:
-        mode = None
-    if mode is not None and stat.S_ISDIR(mode):
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    if mode is not None and not stat.S_ISREG(mode):
-        with Path(path).open("wb") as file:
-            yield file
-        return
-    target = Path(os.path.realpath(path))
-    if mode is not None and not os.access(target, os.W_OK):  # a rename would not ask
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
-    beside = target.with_name(f".hgo-{secrets.token_hex(8)}.tmp")
-    try:
-        with beside.open("xb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        if mode is not None:
-            beside.chmod(stat.S_IMODE(mode))
-        beside.replace(target)
-    finally:
+    with together([path]) as (file,):
+        yield file
+
+
+@contextlib.contextmanager
+def together(paths: Sequence[str | os.PathLike[str]]) -> Iterator[list[IO[bytes]]]:
+    """As `replacing`, for several files: they take their places when all are on the disk."""
+    with contextlib.ExitStack() as stack:
+        files = [_Beside(path, stack) for path in paths]
+        yield [beside.file for beside in files]
+        for beside in files:
+            beside.keep()
+        placed: list[str] = []
+        for beside in files:
+            try:
+                beside.place()
+            except OSError as error:
+                if placed:  # what is in its place stays there
+                    told = f"{error.strerror}; written before it: {', '.join(placed)}"
+                    raise OSError(error.errno, told, str(beside.path)) from error
+                raise
+            placed.append(str(beside.path))
+
+
+class _Beside:
+    """A file beside the one whose place it will take."""
+
+    def __init__(self, path: str | os.PathLike[str], stack: contextlib.ExitStack) -> None:
+        self.path = path
+        try:
+            self._mode: int | None = Path(path).stat().st_mode
+        except FileNotFoundError:
+            self._mode = None
+        self._beside: Path | None = None
+        if self._mode is not None and stat.S_ISDIR(self._mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        if self._mode is not None and not stat.S_ISREG(self._mode):
+            file: IO[bytes] = Path(path).open("wb")  # noqa: SIM115
+            self.file = stack.enter_context(file)
+            return
+        self._target = Path(os.path.realpath(path))
+        if self._mode is not None and not os.access(self._target, os.W_OK):
+            # a rename would not ask
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        self._beside = self._target.with_name(f".hgo-{secrets.token_hex(8)}.tmp")
+        stack.callback(self._remove)
+        self.file = stack.enter_context(self._beside.open("xb"))
+
+    def _remove(self) -> None:
         with contextlib.suppress(OSError):
-            beside.unlink()
+            if self._beside is not None:
+                self._beside.unlink()
+
+    def keep(self) -> None:
+        """All of it on the disk."""
+        self.file.flush()
+        if self._beside is not None:
+            os.fsync(self.file.fileno())
+            self.file.close()
+            if self._mode is not None:
+                self._beside.chmod(stat.S_IMODE(self._mode))
+
+    def place(self) -> None:
+        if self._beside is not None:
+            self._beside.replace(self._target)
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:

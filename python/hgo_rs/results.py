@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +65,8 @@ class RunResult:
     slowdown : float
         How many times longer the run took than with a compiled model of the same size: 1 for every
         compiled model, more for a Python callable that could not be compiled.
+    next_memory : (m,) or None
+        The memory at `until`, where the run was given one.
     """
 
     time: Array
@@ -94,6 +96,7 @@ class RunResult:
         return made
 
     slowdown = 1.0
+    next_memory: ClassVar[Array | None] = None
 
     if not TYPE_CHECKING:
 
@@ -242,8 +245,7 @@ class SimulationResult:
         First step at which a state was not finite or beyond 1e12, -1 if none. Such a run stops
         there and its metrics cover the steps before.
     undefined_at : (R,) int
-        First step at which the observer's model had no value and the estimate was held (a ship at
-        rest), -1 if none.
+        First step at which the observer's model had no value and the estimate was held, -1 if none.
     final_x, final_memory : (R, ·)
     time : (F,) [s];  x : (R, F, nx);  memory : (R, F, m);  y : (R, F, n_y)
         Kept frames, None without `every`.
@@ -269,6 +271,12 @@ class SimulationResult:
     def timing(self) -> str:
         """Whether the estimate at sample k uses samples up to k - 1, or up to k."""
         return timing_of(self.spec["observer"])
+
+    @property
+    def _estimated(self) -> list[int]:
+        """Which states of the plant are estimated."""
+        first = 3 if self.spec["plant"]["kind"] == "ship" else 0
+        return list(self.spec.get("truth", range(first, first + self.n)))
 
     def _metric(self, name: str) -> Array:
         if name not in self.metrics:
@@ -324,5 +332,5 @@ class SimulationResult:
         if self.time is None or self.x is None or self.x_hat is None:
             raise HgoError("plot: simulate was called without every=, so no frame was kept")
         run = check_integer(run, "run", least=0, most=len(self.x) - 1)
-        truth = self.x[run][:, -self.n :] if self.x.shape[-1] != self.n else self.x[run]
+        truth = self.x[run][:, self._estimated]
         return estimate_figure(self.time, self.x_hat[run], x=truth, figure=figure)

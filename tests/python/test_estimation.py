@@ -1,6 +1,5 @@
 """Observers over logs: chunks, configurations, gaps and the error to expect after them."""
 
-import inspect
 import math
 from functools import lru_cache
 from itertools import pairwise
@@ -14,13 +13,6 @@ from hgo_rs import Config, HgoError
 from hgo_rs.data import DataError, Log, read_log
 from hgo_rs.estimation import run_chunks
 
-# What a log is run with unless told otherwise, where the classes have both timings.
-LOGGED = (
-    {"timing": "current"}
-    if "timing" in inspect.signature(hgo_rs.StandardObserver).parameters
-    else {}
-)
-
 ADAPTIVE = hgo_rs.AdaptiveGain(5.0, 1e-4, 0.2)
 LAWS = {
     "standard": hgo_rs.StandardObserver(3, gain=12.0),
@@ -30,10 +22,9 @@ LAWS = {
     "low-power": hgo_rs.LowPowerObserver(3, gain=8.0),
     "peaking-free": hgo_rs.PeakingFreeObserver(3, gain=8.0, saturation=9.0),
     "sampled-data": hgo_rs.SampledDataObserver(),
+    "current": hgo_rs.StandardObserver(2, gain=12.0, model=hgo_rs.InputGain(0.7), timing="current"),
+    "current-low-power": hgo_rs.LowPowerObserver(3, gain=8.0, method="zoh", timing="current"),
 }
-if LOGGED:
-    LAWS["current"] = hgo_rs.StandardObserver(2, gain=12.0, model=hgo_rs.InputGain(0.7), **LOGGED)
-    LAWS["current-low-power"] = hgo_rs.LowPowerObserver(3, gain=8.0, method="zoh", **LOGGED)
 
 
 def record(n_u=0, count=400, seed=3, starts=(0, 150, 151)):
@@ -124,7 +115,7 @@ def axis(tmp_path):
 def test_estimate(axis):
     result = hgo_rs.estimate(axis / "axis.csv", axis / "observer.toml")
     log = read_log(axis / "axis.csv", "t_ms", "q")
-    expected = hgo_rs.StandardObserver(2, gain=12.0, **LOGGED).run(log.t, log.y)
+    expected = hgo_rs.StandardObserver(2, gain=12.0).run(log.t, log.y)
     assert result.x_hat.tobytes() == expected.x_hat.tobytes()
     assert log.t[-1] == 4.995
     config = hgo_rs.load(axis / "observer.toml")
@@ -136,7 +127,7 @@ def test_estimate(axis):
     # with an input, from a state of its own
     changes = {"model": {"kind": "input", "b0": -1.0}, "start": {"x_hat": [0.0, 1.0]}}
     config = config.replace({"input": "F"}, **changes)
-    law = hgo_rs.StandardObserver(2, gain=12.0, model=hgo_rs.InputGain(-1.0), **LOGGED)
+    law = hgo_rs.StandardObserver(2, gain=12.0, model=hgo_rs.InputGain(-1.0))
     log = read_log(axis / "axis.csv", "t_ms", "q", "F")
     expected = law.run(log.t, log.y, log.u, x_hat0=[0.0, 1.0])
     result = hgo_rs.estimate(axis / "axis.csv", config)
@@ -160,6 +151,22 @@ def test_logs_that_do_not_fit(axis, log, message):
     time = {} if log == {"output": "q"} else {"time": "t_ms"}
     with pytest.raises(HgoError, match=message):
         hgo_rs.estimate(axis / "axis.csv", Config({**data, "log": {**time, **log}}))
+
+
+def test_a_guessed_unit_that_leaves_nothing_to_filter_is_refused(tmp_path):
+    """Milliseconds taken as seconds, by a law that has no step limit."""
+    path = tmp_path / "log.csv"
+    path.write_text("t,q\n" + "".join(f"{5 * k},{math.sin(0.01 * k)}\n" for k in range(400)))
+    data = {"format": 1, "observer": "standard", "order": 2, "gain": 20.0, "method": "zoh"}
+    log = {"time": "t", "output": "q"}
+    with pytest.raises(DataError, match=r"median step 5 s is 100 times 1/gain.*say unit = one of"):
+        hgo_rs.estimate(path, Config({**data, "log": log}))
+    with pytest.raises(DataError, match="the unit of the time 't' is a guess"):
+        list(run_chunks(Config(data).observer(), [read_log(path, "t", "q")]))
+    result = hgo_rs.estimate(path, Config({**data, "log": log | {"unit": "ms"}}))
+    assert abs(result.x_hat[-1, 1] - 2.0 * math.cos(3.99)) < 0.3
+    assert len(hgo_rs.estimate(path, Config({**data, "log": log | {"unit": "s"}})).time) == 400
+    assert len(hgo_rs.estimate(path, Config({**data, "gain": 1.0, "log": log})).time) == 400
 
 
 def test_a_log_of_pieces_is_estimated_piece_by_piece():

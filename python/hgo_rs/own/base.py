@@ -35,6 +35,7 @@ class OwnSystem(System):
     _names: Names
     _groups: dict[str, Group]
     _table: dict[str, Any] | None
+    _of_table: tuple[str, ...]
 
     def _compile(self, inputs: Mapping[str, str], groups: Sequence[Group]) -> None:
         """Make the table of the groups, if all of them are expressions.
@@ -42,6 +43,7 @@ class OwnSystem(System):
         ``inputs``: symbol -> name of the table's input; the parameters are added.
         """
         self._groups = {group.name: group for group in groups}
+        self._of_table = tuple(inputs)
         self._table = None
         if not self.compiled:
             return
@@ -85,6 +87,16 @@ class OwnSystem(System):
         return all(group.nodes is not None for group in self._groups.values())
 
     @property
+    def groups(self) -> Mapping[str, Group]:
+        """The right-hand sides by name."""
+        return self._groups
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """What the right-hand sides depend on: the inputs of the table but the parameters."""
+        return self._of_table
+
+    @property
     def why_not_compiled(self) -> str:
         """What kept a callable from being compiled; empty for a compiled one."""
         reasons = [f"{name}: {g.reason}" for name, g in self._groups.items() if g.reason]
@@ -116,6 +128,30 @@ class OwnSystem(System):
                 f"{type(self).__name__} is not compiled ({'; '.join(reasons)}): must be made of "
                 "expressions for this; write it with np.where, np.maximum, np.sin and the like"
             )
+
+    def not_finite(self, values: Mapping[str, float]) -> list[tuple[str, str]]:
+        """Label and text of each right-hand side that is no finite number for these values by name.
+
+        What depends on a value that is not given, or is NaN, is left out.
+        """
+        known = {name: value for name, value in values.items() if not np.isnan(value)}
+        known |= self._names.parameters
+        found = []
+        for name, group in self._groups.items():
+            for label, shown, call in group.entries(name, self._names.parameters):
+                value = call(known)
+                if value is not None and not np.isfinite(value):
+                    found.append((label, shown))
+        return found
+
+    def shown_sides(self) -> list[tuple[str, str]]:
+        """Label and text of each right-hand side."""
+        groups, parameters = self._groups.items(), self._names.parameters
+        return [
+            (label, shown)
+            for name, group in groups
+            for label, shown, _ in group.entries(name, parameters)
+        ]
 
     def with_parameters(self, values: Mapping[str, float] | None = None, /, **named: float) -> Self:
         """The same system with other values of some parameters; the table is shared.
