@@ -433,6 +433,8 @@ class TableWriter:
             self._file.__exit__(kind, error, trace)
         except OSError as failure:
             raise self._refused(failure) from failure
+        if kind is None and self._text is None and self._parquet is None:
+            raise DataError(f"cannot write {self.path}: no columns were given; call write before")
 
     def _refused(self, error: OSError) -> DataError:
         return DataError(f"cannot write {self.path}: {error.strerror or error}")
