@@ -738,7 +738,7 @@ class _Clock:
         if days:
             raise DataError(
                 f"{self.path}: the times {self.time!r} begin at {self._first:.9g} with a median "
-                f"step of {median:.3g}, as {days} dates in days, taken in s; say unit = one of s, d"
+                f"step of {median:.3g}, a {days} date in days, taken in s; say unit = one of s, d"
             )
         if median < (SLOW if self.assumed else SLOWEST):
             return
