@@ -620,6 +620,12 @@ def test_rows_out_of_order_are_no_pieces(tmp_path, resets, order):
         assert "newest first: sort it by time" in said
 
 
+def test_times_written_with_too_few_digits(tmp_path):
+    times = [f"{1.7e9 + 0.005 * k:.6g}" for k in range(50)]
+    path = write(tmp_path, "t,q\n" + "".join(f"{t},1\n" for t in times))
+    assert "or write times with all their digits" in refusal(path, "t", "q")
+
+
 def test_a_last_piece_of_one_row_is_refused(tmp_path):
     path = write(tmp_path, "t,q\n" + "".join(f"{k},1\n" for k in range(50)) + "0,1\n")
     assert "line 52: the last piece has 1 row" in refusal(path, "t", "q", resets="split")
