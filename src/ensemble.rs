@@ -177,6 +177,16 @@ trait Mover<T: Scalar, P: Plant<T>, S: Schedule<T>> {
         worst: &mut Lane<T>,
     ) -> Moved;
 
+    /// Every observer that filters moves to the next sample, after its estimate was shown.
+    #[inline(always)]
+    fn predict(
+        &mut self,
+        _at: &Instant<T>,
+        _running: &RunningOf<T, P>,
+        _block: &mut BlockOf<T, P, Self::Memory>,
+    ) {
+    }
+
     /// Every plant moves to the next sample, from time `running.plant_t` over `at.plant_dt`.
     fn advance(
         &mut self,
@@ -226,9 +236,14 @@ impl<O> Sampled<'_, O> {
             let mut z = O::State::load(&block.z.0, lane);
             worst.0[lane] = z.largest(x.largest(worst.0[lane]));
             let noise = P::Output::load(&running.given.0.0, lane);
-            let y = study.plant.output(&x).plus(noise).plus(P::Output::fill(Same(at.sines)));
-            let u = study.plant.control(&x, at.dt);
-            let status = self.0.step(&mut z, &y, &u, at.t, at.dt);
+            let u = study.plant.control(running.plant_t, &x, at.dt);
+            let output = study.plant.output(running.plant_t, &x, &u);
+            let y = output.plus(noise).plus(P::Output::fill(Same(at.sines)));
+            let status = if O::TIMING == Timing::Current {
+                self.0.correct(&mut z, &y, at.t)
+            } else {
+                self.0.advance(&mut z, &y, &u, at.t, at.dt)
+            };
             let here = if status == Status::ModelUndefined { at.k } else { u64::MAX };
             block.undefined_at.0[lane] = block.undefined_at.0[lane].min(here);
             z.store(&mut block.z.0, lane);
@@ -240,7 +255,8 @@ impl<O> Sampled<'_, O> {
                 } else {
                     next.store(&mut block.x.0, lane);
                 }
-            } else {
+            }
+            if scheme.is_none() || O::TIMING == Timing::Current {
                 u.store(&mut running.given.0.1, lane);
             }
         }
@@ -297,6 +313,23 @@ where
             }
         }
         if O::TIMING == Timing::Current { Moved::Aside } else { Moved::Yes }
+    }
+
+    #[inline(always)]
+    fn predict(
+        &mut self,
+        at: &Instant<T>,
+        running: &RunningOf<T, P>,
+        block: &mut BlockOf<T, P, O::State>,
+    ) {
+        for lane in 0..LANES {
+            let mut z = O::State::load(&block.z.0, lane);
+            let u = P::Input::load(&running.given.0.1, lane);
+            let status = self.0.predict(&mut z, &u, at.t, at.dt);
+            let here = if status == Status::ModelUndefined { at.k } else { u64::MAX };
+            block.undefined_at.0[lane] = block.undefined_at.0[lane].min(here);
+            z.store(&mut block.z.0, lane);
+        }
     }
 
     #[inline(always)]
@@ -385,7 +418,7 @@ where
         for lane in 0..LANES {
             let x = P::State::load(&block.x.0, lane);
             let z = L::State::load(&block.z.0, lane);
-            let u = study.plant.control(&x, at.dt);
+            let u = study.plant.control(at.t, &x, at.dt);
             let both = study.both(*law, &[], running.given.0.0[lane], frozen, &u, &u);
             let (x, z) = integrator.step(both, at.t, &(x, z), at.dt);
             x.store(&mut block.x.0, lane);
@@ -399,14 +432,17 @@ where
 /// Inputs stand in the first registers, results where the programs' outputs say.
 #[derive(Debug)]
 pub struct Programs<'a, T, const Z: usize> {
-    /// Observers' step: (t, dt, z, x, drawn noise, sum of the sines) → z⁺; or both's, see `joint`.
+    /// What observers make of a sample: (t, dt, z, x, drawn noise, sum of the sines, the plant's time) →
+    /// z⁺; or both's, see `joint`.
     pub observers: Program<'a>,
+    /// How observers that filter go on after it: (t, dt, z) → z⁺.
+    pub predictors: Option<Program<'a>>,
     /// Plants' step: (t, h, x, ξ₁, ξ₂) → x⁺, ξ two normal values. `None`: they do not move by it.
     pub plants: Option<Program<'a>>,
     /// Whether `observers` moves both: (t, dt, z, x, drawn noise) → (z⁺, x⁺).
     pub joint: bool,
-    /// Registers of the two programs, constants in their places.
-    pub registers: [&'a mut Registers<Lane<T>>; 2],
+    /// Registers of the programs for observers, plants and predictors, constants in their places.
+    pub registers: [&'a mut Registers<Lane<T>>; 3],
     /// Entries of a plant's state and of an observer's memory.
     pub entries: (usize, usize),
     /// How many states are estimated.
@@ -437,6 +473,37 @@ fn look<T: Scalar>(columns: &[[T; LANES]], worst: &mut Lane<T>) {
 fn take<T: Scalar>(r: &[Lane<T>; REGISTERS], outputs: &[u8], to: &mut [[T; LANES]]) {
     for (to, output) in to.iter_mut().zip(outputs) {
         *to = r[usize::from(*output)].0;
+    }
+}
+
+/// Where the memory after a step is not finite although all was sound before it, the model has no value:
+/// the memory is held.
+#[inline(always)]
+fn hold<T: Scalar, X: Memory<T>, M: Memory<T>>(
+    r: &[Lane<T>; REGISTERS],
+    outputs: &[u8],
+    stood: &Aligned<Columns<T, M>>,
+    block: &mut Block<Columns<T, X>, Columns<T, M>>,
+    k: u64,
+) {
+    let mut spoilt = Lane([T::ZERO; LANES]); // NaN where an entry is not finite
+    for output in outputs {
+        let column = r[usize::from(*output)].0;
+        for lane in 0..LANES {
+            spoilt.0[lane] += T::ZERO * column[lane];
+        }
+    }
+    if spoilt.0.iter().fold(true, |sound, spoilt| sound & spoilt.is_finite()) {
+        return;
+    }
+    let bound = T::from_f64(DIVERGED);
+    for lane in 0..LANES {
+        let held = M::load(&stood.0, lane);
+        let sound = held.within(bound) && X::load(&block.x.0, lane).within(bound);
+        if !spoilt.0[lane].is_finite() && sound {
+            held.store(&mut block.z.0, lane);
+            block.undefined_at.0[lane] = block.undefined_at.0[lane].min(k);
+        }
     }
 }
 
@@ -479,10 +546,10 @@ where
         put(x, &block.x.0);
         look(block.z.0.get(..n_z).unwrap_or_default(), worst);
         look(block.x.0.get(..n_x).unwrap_or_default(), worst);
-        if let [noise, sines, ..] = rest {
+        if let [noise, sines, plant_t, ..] = rest {
             noise.0 = running.given.0.0;
             if !self.joint {
-                sines.0 = [at.sines; LANES];
+                (sines.0, plant_t.0) = ([at.sines; LANES], [running.plant_t; LANES]);
             }
         }
         if !at.more && self.joint {
@@ -490,9 +557,30 @@ where
         }
         program.run_lanes(r);
         let (of_z, of_x) = program.outputs.split_at(n_z.min(program.outputs.len()));
+        let stood = block.z;
         take(&r.0, of_z, &mut block.z.0);
         take(&r.0, of_x, &mut block.x.0);
+        hold::<T, P::State, SVector<T, Z>>(&r.0, of_z, &stood, block, at.k);
         if self.joint { Moved::Yes } else { Moved::No }
+    }
+
+    #[inline(always)]
+    fn predict(
+        &mut self,
+        at: &Instant<T>,
+        _: &RunningOf<T, P>,
+        block: &mut BlockOf<T, P, SVector<T, Z>>,
+    ) {
+        let (Some(program), (_, n_z)) = (self.predictors, self.entries) else { return };
+        let r = &mut *self.registers[2];
+        let [t, dt, rest @ ..] = &mut r.0;
+        (t.0, dt.0) = ([at.t; LANES], [at.dt; LANES]);
+        let (z, _) = rest.split_at_mut(n_z.min(REGISTERS / 4));
+        put(z, &block.z.0);
+        program.run_lanes(r);
+        let stood = block.z;
+        take(&r.0, program.outputs, &mut block.z.0);
+        hold::<T, P::State, SVector<T, Z>>(&r.0, program.outputs, &stood, block, at.k);
     }
 
     #[inline(always)]
@@ -649,6 +737,9 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
                 metrics.sample::<P::State, M::Memory>(t, &shown, dead);
             }
             if more {
+                if filters {
+                    mover.predict(&at, running, block);
+                }
                 match moved {
                     Moved::No => mover.advance(self, &at, running, block),
                     Moved::Aside => block.x = running.next,
@@ -815,7 +906,7 @@ pub fn coupled_block<T: Scalar, P: Plant<T>>(
         let t = T::from_f64(f64::from(i)) * h_coarse;
         for lane in 0..LANES {
             let x = P::State::load(&x_fine.0, lane);
-            plant.control(&x, h_coarse).store(&mut inputs.0, lane);
+            plant.control(t, &x, h_coarse).store(&mut inputs.0, lane);
         }
         let [mut dw, mut dz] = [Lane([T::ZERO; LANES]); 2];
         for j in 0..fine {

@@ -134,18 +134,19 @@ impl StochasticIntegrator {
         w: WienerIncrement<T>,
     ) -> P::State {
         let a = plant.drift(t, x, u);
-        let b = plant.diffusion(x);
+        let b = plant.diffusion(t, x, u);
         let half = T::from_f64(0.5);
         let euler_maruyama = x.plus(h, &a).plus(w.dw, &b);
         match self {
             Self::EulerMaruyama => euler_maruyama,
             Self::Milstein => {
                 let quadratic = half * (w.dw * w.dw - h);
-                euler_maruyama.plus(quadratic, &plant.diffusion_slope(x))
+                euler_maruyama.plus(quadratic, &plant.diffusion_slope(t, x, u))
             }
             Self::Taylor15 => {
-                let l0_a = plant.jacobian_times(t, x, &a).plus(T::ONE, &plant.curvature(t, x));
-                let l1_a = plant.jacobian_times(t, x, &b);
+                let along = plant.jacobian_times(t, x, u, &a);
+                let l0_a = along.plus(T::ONE, &plant.curvature(t, x, u));
+                let l1_a = plant.jacobian_times(t, x, u, &b);
                 euler_maruyama.plus(w.dz, &l1_a).plus(half * h * h, &l0_a)
             }
         }

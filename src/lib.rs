@@ -18,7 +18,7 @@
 //! # Floors
 //!
 //! A file uses lower floors only, or what is named before it on its own: `vectors`, `elementary`,
-//! `scalar`, `error`, `memory`, `measurement`, `polynomial` (0); `gain`, `schedule`, `saturation`, `model`,
+//! `scalar`, `error`, `memory`, `measurement`, `wide`, `polynomial` (0); `gain`, `schedule`, `saturation`, `model`,
 //! `integrate`, `observer`, `injection`, `noise`, `metrics`, `lanes`, `program` (1); `models`,
 //! `observers` (2); `simulate`, `covariance`, `ensemble`, `estimator` (3); the Python module (4). Up to
 //! floor 3 nothing names `std`, `alloc` or Python, nothing allocates and nothing panics.
@@ -53,6 +53,7 @@ pub mod scalar;
 pub mod schedule;
 pub mod simulate;
 pub mod vectors;
+mod wide;
 
 pub use error::DesignError;
 pub use estimator::Estimator;

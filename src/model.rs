@@ -74,7 +74,7 @@ pub fn no_input<T: Scalar>() -> SVector<T, 0> {
     SVector::from_array_storage(nalgebra::ArrayStorage([[]]))
 }
 
-/// A system to be observed: dx = a(t, x, u) dt + b(x) dW, y = h(x), with one Wiener process W.
+/// A system to be observed: dx = a(t, x, u) dt + b(t, x, u) dW, y = h(t, x, u), with one Wiener process W.
 ///
 /// A plant without process noise leaves the last six methods as they are.
 pub trait Plant<T: Scalar>: Copy {
@@ -90,12 +90,12 @@ pub trait Plant<T: Scalar>: Copy {
     const NOISY: bool = false;
     /// a(t, x, u).
     fn drift(&self, t: T, x: &Self::State, u: &Self::Input) -> Self::State;
-    /// h(x).
-    fn output(&self, x: &Self::State) -> Self::Output;
+    /// h(t, x, u).
+    fn output(&self, t: T, x: &Self::State, u: &Self::Input) -> Self::Output;
     /// The entries of x that an observer is asked for.
     fn truth<'a>(&self, x: &'a Self::State) -> &'a [T];
-    /// Control input at a sampling instant, held over the period `dt`.
-    fn control(&self, x: &Self::State, dt: T) -> Self::Input;
+    /// Control input at the sampling instant t, held over the period `dt`.
+    fn control(&self, t: T, x: &Self::State, dt: T) -> Self::Input;
     /// Whether there is process noise, so that a deterministic scheme would leave it out.
     #[inline(always)]
     fn has_process_noise(&self) -> bool {
@@ -106,24 +106,30 @@ pub trait Plant<T: Scalar>: Copy {
     fn supports(&self, _: StochasticIntegrator) -> bool {
         false
     }
-    /// b(x).
+    /// b(t, x, u).
     #[inline(always)]
-    fn diffusion(&self, _: &Self::State) -> Self::State {
+    fn diffusion(&self, _t: T, _x: &Self::State, _u: &Self::Input) -> Self::State {
         Self::State::zero()
     }
     /// (∂b/∂x)·b, for Milstein's scheme. Zero for additive noise.
     #[inline(always)]
-    fn diffusion_slope(&self, _: &Self::State) -> Self::State {
+    fn diffusion_slope(&self, _t: T, _x: &Self::State, _u: &Self::Input) -> Self::State {
         Self::State::zero()
     }
     /// (∂a/∂x)·v, for the strong order 1.5 scheme.
     #[inline(always)]
-    fn jacobian_times(&self, _: T, _: &Self::State, _: &Self::State) -> Self::State {
+    fn jacobian_times(
+        &self,
+        _t: T,
+        _x: &Self::State,
+        _u: &Self::Input,
+        _v: &Self::State,
+    ) -> Self::State {
         Self::State::zero()
     }
-    /// ½ bᵀ(∂²a/∂x²)b, for the strong order 1.5 scheme.
+    /// ∂a/∂t + ½ bᵀ(∂²a/∂x²)b, for the strong order 1.5 scheme.
     #[inline(always)]
-    fn curvature(&self, _: T, _: &Self::State) -> Self::State {
+    fn curvature(&self, _t: T, _x: &Self::State, _u: &Self::Input) -> Self::State {
         Self::State::zero()
     }
 }
@@ -141,28 +147,44 @@ pub enum StochasticIntegrator {
     Taylor15,
 }
 
-/// What a sampled-data observer knows: f and the correction `K_T` (Fu, Kang and Li (5)).
+/// What a sampled-data observer knows: f, the correction `K_T` (Fu, Kang and Li (5)) and the output h.
 pub trait SampledModel<T: Scalar, const N: usize, const M: usize = 0>: Copy {
-    /// f(x̂, u).
-    fn f(&self, x_hat: &SVector<T, N>, u: &SVector<T, M>) -> SVector<T, N>;
-    /// `K_T(x̂, y)` for the period `dt`.
-    fn correction(&self, x_hat: &SVector<T, N>, y: T, dt: T) -> SVector<T, N>;
+    /// f(t, x̂, u).
+    fn f(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, M>) -> SVector<T, N>;
+    /// `K_T(t, x̂, u, y)` for the period `dt`.
+    fn correction(
+        &self,
+        t: T,
+        x_hat: &SVector<T, N>,
+        u: &SVector<T, M>,
+        y: T,
+        dt: T,
+    ) -> SVector<T, N>;
+    /// h(t, x̂, u), of which the innovation is y − h.
+    fn output(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, M>) -> T;
 }
 
-/// Strict-feedback form (Katayama (1)): ẋ = f₁(x) + g(x)z, ż = f₂(x, z, u), y = x.
+/// Strict-feedback form (Katayama (1)): ẋ = f₁(t, x, u) + g(t, x, u)z, ż = f₂(t, x, z, u), y = x.
 pub trait StrictFeedback<T: Scalar, const NX: usize, const NZ: usize, const M: usize>:
     Copy
 {
-    /// f₁(x).
-    fn f1(&self, x: &SVector<T, NX>) -> SVector<T, NX>;
-    /// g(x), NX by NZ, of full column rank (A2).
-    fn g(&self, x: &SVector<T, NX>) -> nalgebra::SMatrix<T, NX, NZ>;
-    /// f₂(x, z, u).
-    fn f2(&self, x: &SVector<T, NX>, z: &SVector<T, NZ>, u: &SVector<T, M>) -> SVector<T, NZ>;
-    /// Φ⁻¹(x)gᵀ(x)v with Φ = gᵀg: the z that explains v = g(x)z best.
+    /// f₁(t, x, u).
+    fn f1(&self, t: T, x: &SVector<T, NX>, u: &SVector<T, M>) -> SVector<T, NX>;
+    /// g(t, x, u), NX by NZ, of full column rank (A2).
+    fn g(&self, t: T, x: &SVector<T, NX>, u: &SVector<T, M>) -> nalgebra::SMatrix<T, NX, NZ>;
+    /// f₂(t, x, z, u).
+    fn f2(&self, t: T, x: &SVector<T, NX>, z: &SVector<T, NZ>, u: &SVector<T, M>)
+    -> SVector<T, NZ>;
+    /// Φ⁻¹gᵀv with Φ = gᵀg: the z that explains v = g(t, x, u)z best.
     #[inline(always)]
-    fn explain(&self, x: &SVector<T, NX>, v: &SVector<T, NX>) -> SVector<T, NZ> {
-        least_squares(&self.g(x), v)
+    fn explain(
+        &self,
+        t: T,
+        x: &SVector<T, NX>,
+        u: &SVector<T, M>,
+        v: &SVector<T, NX>,
+    ) -> SVector<T, NZ> {
+        least_squares(&self.g(t, x, u), v)
     }
 }
 

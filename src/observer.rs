@@ -20,11 +20,11 @@ pub enum Timing {
 }
 
 impl Timing {
-    /// How many entries a memory has beside its law's, with that many inputs: see [`Current`].
-    pub const fn held(self, inputs: usize) -> usize {
+    /// How many entries a memory has beside its law's: see [`Current`].
+    pub const fn held(self) -> usize {
         match self {
             Self::Predictor => 0,
-            Self::Current => 2 + inputs,
+            Self::Current => 1,
         }
     }
 }
@@ -49,6 +49,14 @@ pub enum Status {
     Diverged = 5,
 }
 
+impl Status {
+    /// Of a sample that a law takes.
+    #[inline(always)]
+    pub fn of<T: Scalar>(y: &impl Measurement<T>) -> Self {
+        if y.is_present() { Self::Updated } else { Self::Predicted }
+    }
+}
+
 /// A law in continuous time: ẑ = rate(t, z, e, u), e the innovation.
 pub trait ContinuousLaw<T: Scalar>: Copy {
     /// Memory z.
@@ -66,17 +74,7 @@ pub trait ContinuousLaw<T: Scalar>: Copy {
     /// ż.
     fn rate(&self, t: T, z: &Self::State, e: &Self::Innovation, u: &Self::Input) -> Self::State;
     /// What of the rate is due to the innovation: the rate less that of a missing sample.
-    #[inline(always)]
-    fn injection(
-        &self,
-        t: T,
-        z: &Self::State,
-        e: &Self::Innovation,
-        u: &Self::Input,
-    ) -> Self::State {
-        let free = self.rate(t, z, &self.innovation(z, missing()), u);
-        self.rate(t, z, e, u).zip(&free, |rate, free| rate - free)
-    }
+    fn injection(&self, z: &Self::State, e: &Self::Innovation) -> Self::State;
     /// Turn a forward Euler step `new` from `old` into a staggered one, in which every state is
     /// moved by the new value of the state above it in the chain.
     fn stagger(&self, old: &Self::State, new: Self::State, dt: T) -> Self::State;
@@ -92,6 +90,17 @@ pub trait ContinuousLaw<T: Scalar>: Copy {
 }
 
 /// An observer in discrete time, as it is used on line.
+///
+/// A loop over samples y(k) at the times t(k) is the same for both timings:
+///
+/// ```text
+/// correct(y(k), t(k))                    the estimate is shown, an input u(k) computed from it
+/// advance(y(k), u(k), t(k), dt(k))       to t(k + 1) = t(k) + dt(k)
+/// ```
+///
+/// With current timing `correct` takes the sample and `advance` predicts; with predictor timing
+/// `correct` does nothing and `advance` is the papers' recursion. [`step`](Observer::step) is one call
+/// a sample: with current timing it begins with the period that is over.
 pub trait Observer<T: Scalar>: Copy {
     /// Memory.
     type State: Memory<T>;
@@ -99,14 +108,24 @@ pub trait Observer<T: Scalar>: Copy {
     type Measurement: Measurement<T>;
     /// Known input u.
     type Input: Copy;
-    /// Whether `estimate` after a step with y(k) is meant for k or for k + 1.
+    /// Whether the estimate at sample k uses y(k).
     const TIMING: Timing;
     /// How many states are estimated: the first entries of the memory.
     const ESTIMATED: usize;
     /// Memory to start from when nothing is known.
     fn initial(&self) -> Self::State;
-    /// Take the sample y and the input u at time t; advance by `dt`.
-    fn step(
+    /// Take the sample y at time t, for the time that has passed since the last sample used.
+    ///
+    /// With current timing the estimate is then x̂(k|k). A correction for no time, as the first one at
+    /// the start, changes no estimate. With predictor timing nothing moves: [`Observer::advance`]
+    /// takes the sample.
+    #[inline(always)]
+    fn correct(&self, _z: &mut Self::State, y: &Self::Measurement, _t: T) -> Status {
+        Status::of(y)
+    }
+    /// Move over the period `dt` that begins at time t, under the input u that is held over it. With
+    /// predictor timing the sample y of its beginning is used; with current timing it was already.
+    fn advance(
         &self,
         z: &mut Self::State,
         y: &Self::Measurement,
@@ -114,6 +133,39 @@ pub trait Observer<T: Scalar>: Copy {
         t: T,
         dt: T,
     ) -> Status;
+    /// Move over the period `dt` that begins at time t without a sample.
+    #[inline(always)]
+    fn predict(&self, z: &mut Self::State, u: &Self::Input, t: T, dt: T) -> Status {
+        self.advance(z, &absent(), u, t, dt)
+    }
+    /// One call a sample, from time t over `dt`.
+    ///
+    /// With predictor timing y is the sample at t, u the input from t on, and `dt` the time until the
+    /// next sample. With current timing y is the sample at t + dt, u the input over the period that has
+    /// just ended, and `dt` its length: predict, then correct.
+    #[inline(always)]
+    fn step(
+        &self,
+        z: &mut Self::State,
+        y: &Self::Measurement,
+        u: &Self::Input,
+        t: T,
+        dt: T,
+    ) -> Status {
+        match Self::TIMING {
+            Timing::Predictor => self.advance(z, y, u, t, dt),
+            Timing::Current => match self.predict(z, u, t, dt) {
+                Status::ModelUndefined => Status::ModelUndefined,
+                _ => self.correct(z, y, t + dt),
+            },
+        }
+    }
+    /// The memory after a period over which the model had no value: the estimate is held, and the time
+    /// of the next correction counts.
+    #[inline(always)]
+    fn held(&self, z: &Self::State, _dt: T) -> Self::State {
+        *z
+    }
     /// By how much a gain that moves has shortened the stability limit: r, or 1.
     #[inline(always)]
     fn speed(&self, _: &Self::State) -> T {
@@ -121,9 +173,15 @@ pub trait Observer<T: Scalar>: Copy {
     }
     /// The estimate.
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T];
-    /// What the sample y at time t tells beyond what the memory before the step predicts for it: y − ŷ,
-    /// written entry by entry.
-    fn innovation(&self, t: T, z: &Self::State, y: &Self::Measurement) -> Self::Measurement;
+    /// What the sample y at time t tells beyond what the memory before its use predicts for it under the
+    /// input u: y − ŷ, written entry by entry.
+    fn innovation(
+        &self,
+        t: T,
+        z: &Self::State,
+        y: &Self::Measurement,
+        u: &Self::Input,
+    ) -> Self::Measurement;
     /// The same observer with all computed that steps of length `dt` need again and again.
     #[inline(always)]
     #[must_use]
@@ -131,6 +189,9 @@ pub trait Observer<T: Scalar>: Copy {
         *self
     }
 }
+
+/// An observer with current timing, whose two halves a control loop calls apart.
+pub trait Causal<T: Scalar>: Observer<T> {}
 
 /// What is frozen over a step of a Runge-Kutta scheme.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -145,8 +206,8 @@ pub enum Hold {
 
 /// A sample that is missing.
 #[inline(always)]
-fn missing<T: Scalar>() -> T {
-    T::from_f64(f64::NAN)
+pub fn absent<T: Scalar, Y: Measurement<T>>() -> Y {
+    Y::fill(|| T::from_f64(f64::NAN))
 }
 
 /// How a continuous law becomes a recursion.
@@ -154,21 +215,22 @@ fn missing<T: Scalar>() -> T {
 /// With predictor timing z⁻(k+1) = `advance`(z⁻(k), y(k)). With current timing the step is cut in two:
 /// z⁻(k) = `predict`(z⁺(k−1)) over the past period, then z⁺(k) = `correct`(z⁻(k), y(k)).
 pub trait Scheme<T: Scalar, L: ContinuousLaw<T>>: Copy {
-    /// Whether `correct` is for all the time since the last sample, not for the past step alone: true
-    /// if it is stable for any time. A sample after a gap, or of a slow sensor, then counts in full.
+    /// True if `correct` covers all the time since the last sample, because it is stable for any time:
+    /// a sample after a gap, or of a slow sensor, then counts in full. False if it covers the last
+    /// period alone.
     const OVER_GAPS: bool = false;
     /// Memory after a step of length dt from (t, z) with sample y and input u.
     fn advance(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State;
     /// Memory after a step of length dt from (t, z) without a sample.
     #[inline(always)]
     fn predict(&self, law: &L, t: T, z: &L::State, u: &L::Input, dt: T) -> L::State {
-        self.advance(law, t, z, missing(), u, dt)
+        self.advance(law, t, z, absent(), u, dt)
     }
     /// Memory after the use of sample y that ends a time dt: what the sample injects in that time, by
     /// forward Euler.
     #[inline(always)]
-    fn correct(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State {
-        z.plus(dt, &law.injection(t, z, &law.innovation(z, y), u))
+    fn correct(&self, law: &L, z: &L::State, y: T, dt: T) -> L::State {
+        z.plus(dt, &law.injection(z, &law.innovation(z, y)))
     }
     /// The same scheme with all computed that steps of length `dt` need again and again.
     #[inline(always)]
@@ -283,31 +345,37 @@ impl<T: Scalar, L: ContinuousLaw<T>> Scheme<T, L> for Discretisation {
     }
 }
 
-/// A scheme that is fixed in its type: number METHOD of [`METHODS`]. A loop over many runs then has no
-/// choice left in it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Method<const METHOD: usize>;
+macro_rules! fixed_runge_kutta {
+    ($($(#[$doc:meta])* $name:ident = $integrator:ident, $hold:ident;)+) => {$(
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+        pub struct $name;
 
-/// The schemes by number.
-pub const METHODS: [Discretisation; 5] = {
-    use Discretisation::RungeKutta as Rk;
-    use Hold::{Innovation, Measurement};
-    [
-        Discretisation::Euler,
-        Discretisation::StaggeredEuler,
-        Rk(RungeKutta { integrator: Integrator::Rk4, hold: Measurement }),
-        Rk(RungeKutta { integrator: Integrator::Rk4, hold: Innovation }),
-        Rk(RungeKutta { integrator: Integrator::BogackiShampine, hold: Measurement }),
-    ]
-};
+        impl $name {
+            /// The same scheme as a choice at run time.
+            pub const CHOICE: RungeKutta =
+                RungeKutta { integrator: Integrator::$integrator, hold: Hold::$hold };
+        }
 
-impl<T: Scalar, L: ContinuousLaw<T>, const METHOD: usize> Scheme<T, L> for Method<METHOD> {
-    #[inline(always)]
-    fn advance(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State {
-        const { METHODS[METHOD] }.advance(law, t, z, y, u, dt)
-    }
+        impl<T: Scalar, L: ContinuousLaw<T>> Scheme<T, L> for $name {
+            #[inline(always)]
+            fn advance(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State {
+                const { Self::CHOICE }.advance(law, t, z, y, u, dt)
+            }
+        }
+    )+};
+}
+
+// Schemes that are fixed in their type: a loop over many runs then has no choice left in it.
+fixed_runge_kutta! {
+    /// The classical Runge-Kutta scheme, the sample held over the step.
+    Rk4 = Rk4, Measurement;
+    /// The same, the innovation of the step's beginning held.
+    Rk4InnovationHeld = Rk4, Innovation;
+    /// Bogacki and Shampine's third-order scheme, the sample held over the step.
+    BogackiShampine = BogackiShampine, Measurement;
 }
 
 /// A continuous law under a discretisation: an observer with predictor timing.
@@ -339,10 +407,10 @@ where
     }
 
     #[inline(always)]
-    fn step(&self, z: &mut L::State, y: &T, u: &L::Input, t: T, dt: T) -> Status {
+    fn advance(&self, z: &mut L::State, y: &T, u: &L::Input, t: T, dt: T) -> Status {
         let next = self.law.admissible(self.scheme.advance(&self.law, t, z, *y, u, dt));
         *z = z.zip(&next, |_, new| new);
-        if y.is_present() { Status::Updated } else { Status::Predicted }
+        Status::of(y)
     }
 
     #[inline(always)]
@@ -356,11 +424,8 @@ where
     }
 
     #[inline(always)]
-    fn innovation(&self, _: T, z: &L::State, y: &T) -> T {
-        match self.estimate(z).first() {
-            Some(x1) => *y - *x1,
-            None => *y,
-        }
+    fn innovation(&self, _: T, z: &L::State, y: &T, _: &L::Input) -> T {
+        beyond_first(self.estimate(z), *y)
     }
 
     #[inline(always)]
@@ -369,11 +434,19 @@ where
     }
 }
 
+/// y − x̂₁.
+#[inline(always)]
+fn beyond_first<T: Scalar>(x_hat: &[T], y: T) -> T {
+    match x_hat.first() {
+        Some(x1) => y - *x1,
+        None => y,
+    }
+}
+
 /// A continuous law under a discretisation: an observer with current timing.
 ///
-/// A step with y(k) predicts over the period before it, under the input that was held, and corrects;
-/// the first one only corrects, as if a period as long as the next one had passed. Memory: the law's;
-/// the time from the last sample used (or the start) to the next one, the period, the input.
+/// Memory: the law's, and the time that the next correction is for. `advance` predicts and adds to that
+/// time (where the scheme corrects [over gaps](Scheme::OVER_GAPS)) or sets it; `correct` uses it up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -384,34 +457,25 @@ pub struct Current<L, S> {
     pub scheme: S,
 }
 
-/// A law's memory, the time from the last sample used to the next one, the period, the input.
-type WithHeld<Z, T, U> = (Z, (T, (T, U)));
-
 impl<L, S> Current<L, S> {
-    /// The law's memory predicted up to time t.
+    /// The time that a correction after a period is for.
     #[inline(always)]
-    fn before<T>(
-        &self,
-        t: T,
-        (state, (_, (period, u))): &WithHeld<L::State, T, L::Input>,
-    ) -> L::State
+    fn elapsed<T: Scalar>(elapsed: T, dt: T) -> T
     where
-        T: Scalar,
         L: ContinuousLaw<T>,
         S: Scheme<T, L>,
     {
-        let Self { law, scheme } = self;
-        law.admissible(scheme.predict(law, t - *period, state, u, *period))
+        if S::OVER_GAPS { elapsed + dt } else { dt }
     }
 }
 
 impl<T, L, S> Observer<T> for Current<L, S>
 where
     T: Scalar,
-    L: ContinuousLaw<T, Input: Memory<T>>,
+    L: ContinuousLaw<T>,
     S: Scheme<T, L>,
 {
-    type State = WithHeld<L::State, T, L::Input>;
+    type State = (L::State, T);
     type Measurement = T;
     type Input = L::Input;
     const TIMING: Timing = Timing::Current;
@@ -419,19 +483,30 @@ where
 
     #[inline(always)]
     fn initial(&self) -> Self::State {
-        (self.law.initial(), (T::ZERO, (T::ZERO, L::Input::zero())))
+        (self.law.initial(), T::ZERO)
     }
 
     #[inline(always)]
-    fn step(&self, z: &mut Self::State, y: &T, u: &L::Input, t: T, dt: T) -> Status {
+    fn correct(&self, z: &mut Self::State, y: &T, _: T) -> Status {
         let Self { law, scheme } = self;
-        let (_, (elapsed, (period, _))) = *z;
-        let before = self.before(t, z);
-        let time = if S::OVER_GAPS { elapsed } else { period };
-        let next = law.admissible(scheme.correct(law, t, &before, *y, u, time.or(dt)));
-        let elapsed = dt + elapsed.while_missing(*y);
-        *z = (z.0.zip(&next, |_, new| new), (elapsed, (dt, *u)));
-        if y.is_present() { Status::Updated } else { Status::Predicted }
+        let left = z.1.while_missing(*y);
+        // the time of this correction: none for a missing sample, which changes nothing
+        let next = law.admissible(scheme.correct(law, &z.0, *y, z.1 - left));
+        *z = (z.0.zip(&next, |_, new| new), left);
+        Status::of(y)
+    }
+
+    #[inline(always)]
+    fn advance(&self, z: &mut Self::State, _: &T, u: &L::Input, t: T, dt: T) -> Status {
+        let Self { law, scheme } = self;
+        let next = law.admissible(scheme.predict(law, t, &z.0, u, dt));
+        *z = (z.0.zip(&next, |_, new| new), Self::elapsed(z.1, dt));
+        Status::Predicted
+    }
+
+    #[inline(always)]
+    fn held(&self, z: &Self::State, dt: T) -> Self::State {
+        (z.0, Self::elapsed(z.1, dt))
     }
 
     #[inline(always)]
@@ -445,15 +520,20 @@ where
     }
 
     #[inline(always)]
-    fn innovation(&self, t: T, z: &Self::State, y: &T) -> T {
-        match self.law.estimate(&self.before(t, z)).first() {
-            Some(x1) => *y - *x1,
-            None => *y,
-        }
+    fn innovation(&self, _: T, z: &Self::State, y: &T, _: &L::Input) -> T {
+        beyond_first(self.estimate(z), *y)
     }
 
     #[inline(always)]
     fn prepared(&self, dt: T) -> Self {
         Self { law: self.law, scheme: self.scheme.prepared(&self.law, dt) }
     }
+}
+
+impl<T, L, S> Causal<T> for Current<L, S>
+where
+    T: Scalar,
+    L: ContinuousLaw<T>,
+    S: Scheme<T, L>,
+{
 }

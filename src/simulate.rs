@@ -10,7 +10,7 @@ use crate::memory::Memory;
 use crate::metrics::{LogHistogram, Moments, SettlingTime, Window};
 use crate::model::{Plant, StochasticIntegrator};
 use crate::noise::{Channel, Noise, Sine, Stream};
-use crate::observer::{ContinuousLaw, Measurement, Observer, Status, Timing};
+use crate::observer::{ContinuousLaw, Measurement, Observer, Status};
 use crate::schedule::Schedule;
 
 /// Beyond this magnitude a run counts as diverged and is stopped.
@@ -191,29 +191,29 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
             let dt = self.schedule.dt(k);
             held = self.noise.draw(&mut measurement, k, held);
             let sines = self.noise.sines(t);
-            let y = self.plant.output(&end.x).plus(held).plus(P::Output::fill(|| sines));
-            let u = self.plant.control(&end.x, dt);
-            // A filter takes the sample first; a predictor's estimate stands before it.
-            let before = end.z;
-            let mut status = Status::Updated;
-            let more = k < self.steps;
-            if more || O::TIMING == Timing::Current {
-                status = observer.step(&mut end.z, &y, &tell(&u), t, dt);
-            }
-            let shown = if O::TIMING == Timing::Current { &end.z } else { &before };
-            if status == Status::ModelUndefined && end.undefined_at.is_none() {
-                end.undefined_at = Some(k);
-            }
+            let u = self.plant.control(plant_t, &end.x, dt);
+            let output = self.plant.output(plant_t, &end.x, &u);
+            let y = output.plus(held).plus(P::Output::fill(|| sines));
+            let mut status = observer.correct(&mut end.z, &y, t);
             probe.sample(&Sample {
                 k,
                 t,
                 x: &end.x,
-                z: shown,
+                z: &end.z,
                 y: &y,
                 truth: self.plant.truth(&end.x),
-                estimate: observer.estimate(shown),
+                estimate: observer.estimate(&end.z),
             });
-            if probe.interrupted(k) {
+            let interrupted = probe.interrupted(k);
+            let more = k < self.steps && !interrupted;
+            if more {
+                let moved = observer.advance(&mut end.z, &y, &tell(&u), t, dt);
+                status = if moved == Status::ModelUndefined { moved } else { status };
+            }
+            if status == Status::ModelUndefined && end.undefined_at.is_none() {
+                end.undefined_at = Some(k);
+            }
+            if interrupted {
                 break;
             }
             if more {
@@ -275,7 +275,8 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
             }
             let dt = self.schedule.dt(k);
             held = self.noise.draw(&mut measurement, k, held);
-            let y = self.plant.output(&end.x) + held + self.noise.sines(t);
+            let u = self.plant.control(t, &end.x, dt);
+            let y = self.plant.output(t, &end.x, &u) + held + self.noise.sines(t);
             probe.sample(&Sample {
                 k,
                 t,
@@ -289,12 +290,18 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
                 break;
             }
             if k < self.steps {
-                let u = self.plant.control(&end.x, dt);
                 let told = tell(&u);
                 let both = self.both(law, self.noise.sines, held, frozen, &u, &told);
                 let (x, z) = integrator.step(both, t, &(end.x, end.z), dt);
+                let z = law.admissible(z);
+                let mut spoilt = T::ZERO; // NaN where an entry is not finite
+                z.visit(&mut |entry| spoilt += T::ZERO * entry);
+                if spoilt.is_finite() || !x.within(bound) {
+                    end.z = z;
+                } else {
+                    end.undefined_at = end.undefined_at.or(Some(k)); // no value: the memory is held
+                }
                 end.x = x;
-                end.z = law.admissible(z);
                 t = self.schedule.next_time(t, k, dt);
             }
         }
@@ -318,7 +325,7 @@ impl<T: Scalar, P: Plant<T, Output = T>, L: ContinuousLaw<T>> RightHandSide<T, (
 {
     #[inline(always)]
     fn at(&self, t: T, (x, z): &(P::State, L::State)) -> (P::State, L::State) {
-        let y = self.plant.output(x) + self.held + Sine::sum(self.sines, t);
+        let y = self.plant.output(t, x, self.u) + self.held + Sine::sum(self.sines, t);
         let x_rate = if self.frozen { P::State::zero() } else { self.plant.drift(t, x, self.u) };
         (x_rate, self.law.rate(t, z, &self.law.innovation(z, y), self.told))
     }
@@ -422,7 +429,7 @@ pub fn coupled_paths<T: Scalar, P: Plant<T>>(
     let (mut x_coarse, mut x_fine) = (x0, x0);
     for i in 0..coarse {
         let t = T::from_f64(f64::from(i)) * h_coarse;
-        let u = plant.control(&x_fine, h_coarse);
+        let u = plant.control(t, &x_fine, h_coarse);
         let mut sum = WienerIncrement { dw: T::ZERO, dz: T::ZERO };
         for j in 0..fine {
             if (i.wrapping_mul(fine).wrapping_add(j)).is_multiple_of(4096) && stop() {

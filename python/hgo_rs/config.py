@@ -19,6 +19,7 @@ import numpy as np
 
 from hgo_rs.errors import HgoError
 from hgo_rs.files import write_text
+from hgo_rs.read_only import read_only
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -170,8 +171,8 @@ MODELS: dict[str, tuple[str, dict[str, Kind]]] = {
 }
 """`[model]`: the class behind each `kind`, and its keys. A table without `kind` is an own model."""
 
-START: dict[str, Kind] = {"x_hat": NUMBERS, "r": NUMBER, "memory": NUMBERS}
-"""`[start]`: the estimate and the gain to start from, or the whole memory."""
+START: dict[str, Kind] = {"x_hat": NUMBERS, "r": NUMBER, "memory": NUMBERS, "t": NUMBER}
+"""`[start]`: the estimate and the gain to start from, or the whole memory; the time of `step`."""
 
 LOG: dict[str, Kind] = {
     "time": TEXT_OR_TEXTS,
@@ -190,7 +191,7 @@ SCHEDULE: dict[str, Kind] = {"alpha": NUMBER, "epsilon": NUMBER, "k0": NUMBER, "
 _RIVALS = (("gain", "epsilon"), ("poles", "k", "alpha", "beta"))
 """Keys that stand in place of one another: a change of one drops the others."""
 
-_UNITS = {"gain": "1/s", "epsilon": "s", "dt": "s"}
+_UNITS = {"gain": "1/s", "epsilon": "s", "dt": "s", "t": "s"}
 _KEYS = {"n": "order", "ell": "gain", "x_hat0": "x_hat", "r0": "r", "memory0": "memory"}
 """The keys of parameters that have another name in Python."""
 
@@ -205,7 +206,8 @@ class Config:
     Attributes
     ----------
     data : dict
-        What the file says: plain numbers, texts, lists and dicts. See the page of configurations.
+        What the file says: plain numbers, texts, lists and dicts, read-only (`replace` gives
+        another configuration). See the page of configurations.
     source : str
         The file, for errors; "" if there is none.
 
@@ -220,6 +222,7 @@ class Config:
     _lines: Mapping[tuple[str, ...], int] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "data", read_only(self.data))
         self._check()
 
     # --- from and to text -----------------------------------------------------------------------
@@ -308,8 +311,11 @@ class Config:
         model = _model_table(observer)
         if model is not None:
             data["model"] = model
-        if not np.array_equal(observer.memory, observer.initial_memory()):
+        reached = observer._told or observer._time != 0.0
+        if reached or not np.array_equal(observer.memory, observer.initial_memory()):
             data["start"] = {"memory": observer.memory.tolist()}
+        if observer._time != 0.0:
+            data["start"]["t"] = observer._time
         if log:
             data["log"] = {key: value for key, value in log.items() if value is not None}
         return cls(_plain(data))
@@ -339,7 +345,9 @@ class Config:
         start = self.data.get("start")
         if start:
             names = {"x_hat": "x_hat0", "r": "r0", "memory": "memory0"}
-            self._built(("start",), observer.reset, {names[k]: v for k, v in start.items()})
+            given = {names[k]: v for k, v in start.items() if k != "t"}
+            self._built(("start",), observer.reset, given)
+            observer._time = float(start.get("t", 0.0))
         return observer
 
     def _inner(self) -> list[Config]:

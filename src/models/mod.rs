@@ -9,7 +9,7 @@ macro_rules! first_state_measured {
         type Output = T;
         const TRUTH: (usize, usize) = (0, $n);
         #[inline(always)]
-        fn output(&self, x: &Self::State) -> T {
+        fn output(&self, _: T, x: &Self::State, _: &Self::Input) -> T {
             x.x
         }
         #[inline(always)]
@@ -17,7 +17,7 @@ macro_rules! first_state_measured {
             x.as_slice()
         }
         #[inline(always)]
-        fn control(&self, _: &Self::State, _: T) -> Self::Input {
+        fn control(&self, _: T, _: &Self::State, _: T) -> Self::Input {
             crate::model::no_input()
         }
     };

@@ -71,13 +71,15 @@ impl<T: Scalar> Ship<T> {
         )
     }
 
-    /// λ₂₁, λ₂₂, λ₃₁, λ₃₂ of the appendix. λ₂₂ has no value at z = 0: atan(0/0).
+    /// λ₂₁, λ₂₂, λ₃₁, λ₃₂ of the appendix. λ₂₂ has no value at z = 0: atan(0/0). It jumps where z₁ changes
+    /// its sign; a z₁ of nothing but rounding, and 0 of either sign, is +0.
     #[inline(always)]
     fn lambda(z: &Vector3<T>) -> [T; 4] {
         let c = T::from_f64;
         let s = z.y - c(1.18) * z.z;
         let (zz, ss) = (z.x * z.x, s * s);
-        let l22 = -c(0.0232) * (zz + ss) * (s / z.x).atan();
+        let z1 = if z.x.abs() > c(1e-12) * s.abs() { z.x } else { T::ZERO };
+        let l22 = -c(0.0232) * (zz + ss) * (s / z1).atan();
         [c(0.102) * zz - c(0.0232) * ss, l22, c(0.287) * zz + c(0.307) * ss, -c(13.23) * l22]
     }
 
@@ -102,7 +104,7 @@ impl<T: Scalar> Plant<T> for Ship<T> {
         (x_rate, Self::dynamics(z, u) * (T::ONE + self.delta) + self.w) // (20)
     }
     #[inline(always)]
-    fn output(&self, (x, _): &ShipState<T>) -> Vector3<T> {
+    fn output(&self, _: T, (x, _): &ShipState<T>, _: &Vector2<T>) -> Vector3<T> {
         *x
     }
     #[inline(always)]
@@ -112,7 +114,7 @@ impl<T: Scalar> Plant<T> for Ship<T> {
 
     /// (21), state feedback under a zero-order hold of period dt.
     #[inline(always)]
-    fn control(&self, (x, z): &ShipState<T>, dt: T) -> Vector2<T> {
+    fn control(&self, _: T, (x, z): &ShipState<T>, dt: T) -> Vector2<T> {
         let c = T::from_f64;
         let [d1, d2, d3] = Self::d(z).into();
         let [l21, l22, l31, l32] = Self::lambda(z);
@@ -134,22 +136,22 @@ impl<T: Scalar> Plant<T> for Ship<T> {
 
 impl<T: Scalar> StrictFeedback<T, 3, 3, 2> for Ship<T> {
     #[inline(always)]
-    fn f1(&self, _: &Vector3<T>) -> Vector3<T> {
+    fn f1(&self, _: T, _: &Vector3<T>, _: &Vector2<T>) -> Vector3<T> {
         SVector::from_element(T::ZERO)
     }
     #[inline(always)]
-    fn g(&self, x: &Vector3<T>) -> Matrix3<T> {
+    fn g(&self, _: T, x: &Vector3<T>, _: &Vector2<T>) -> Matrix3<T> {
         let (sin, cos) = (x.z.sin(), x.z.cos());
         let (zero, one) = (T::ZERO, T::ONE);
         Matrix3::new(cos, -sin, zero, sin, cos, zero, zero, zero, one)
     }
     #[inline(always)]
-    fn f2(&self, _: &Vector3<T>, z: &Vector3<T>, u: &Vector2<T>) -> Vector3<T> {
+    fn f2(&self, _: T, _: &Vector3<T>, z: &Vector3<T>, u: &Vector2<T>) -> Vector3<T> {
         Self::dynamics(z, u)
     }
     /// R⁻¹ = Rᵀ.
     #[inline(always)]
-    fn explain(&self, x: &Vector3<T>, v: &Vector3<T>) -> Vector3<T> {
+    fn explain(&self, _: T, x: &Vector3<T>, _: &Vector2<T>, v: &Vector3<T>) -> Vector3<T> {
         let (sin, cos) = (x.z.sin(), x.z.cos());
         Vector3::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x, v.z)
     }

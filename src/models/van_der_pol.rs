@@ -98,7 +98,7 @@ impl<T: Scalar> Plant<T> for VanDerPol<T> {
         scheme != StochasticIntegrator::Taylor15 || self.diffusion == Diffusion::Additive
     }
     #[inline(always)]
-    fn diffusion(&self, x: &Vector2<T>) -> Vector2<T> {
+    fn diffusion(&self, _: T, x: &Vector2<T>, _: &SVector<T, 0>) -> Vector2<T> {
         let g = match self.diffusion {
             Diffusion::Additive => self.sigma,
             Diffusion::Multiplicative => self.sigma * x.y,
@@ -106,7 +106,7 @@ impl<T: Scalar> Plant<T> for VanDerPol<T> {
         Vector2::new(T::ZERO, g)
     }
     #[inline(always)]
-    fn diffusion_slope(&self, x: &Vector2<T>) -> Vector2<T> {
+    fn diffusion_slope(&self, _: T, x: &Vector2<T>, _: &SVector<T, 0>) -> Vector2<T> {
         let slope = match self.diffusion {
             Diffusion::Additive => T::ZERO,
             Diffusion::Multiplicative => self.sigma * self.sigma * x.y,
@@ -114,7 +114,13 @@ impl<T: Scalar> Plant<T> for VanDerPol<T> {
         Vector2::new(T::ZERO, slope)
     }
     #[inline(always)]
-    fn jacobian_times(&self, _: T, x: &Vector2<T>, v: &Vector2<T>) -> Vector2<T> {
+    fn jacobian_times(
+        &self,
+        _: T,
+        x: &Vector2<T>,
+        _: &SVector<T, 0>,
+        v: &Vector2<T>,
+    ) -> Vector2<T> {
         let two = T::from_f64(2.0);
         let by_x1 = -T::ONE - two * self.epsilon * x.x * x.y;
         let by_x2 = self.epsilon * (T::ONE - x.x * x.x);
@@ -122,18 +128,18 @@ impl<T: Scalar> Plant<T> for VanDerPol<T> {
     }
     /// Zero: ∂²f₂/∂x₂² = 0 and the noise enters x₂ only.
     #[inline(always)]
-    fn curvature(&self, _: T, _: &Vector2<T>) -> Vector2<T> {
+    fn curvature(&self, _: T, _: &Vector2<T>, _: &SVector<T, 0>) -> Vector2<T> {
         Vector2::new(T::ZERO, T::ZERO)
     }
 }
 
 impl<T: Scalar> SampledModel<T, 2> for VanDerPol<T> {
     #[inline(always)]
-    fn f(&self, x_hat: &Vector2<T>, u: &SVector<T, 0>) -> Vector2<T> {
-        self.drift(T::ZERO, x_hat, u)
+    fn f(&self, t: T, x_hat: &Vector2<T>, u: &SVector<T, 0>) -> Vector2<T> {
+        self.drift(t, x_hat, u)
     }
     #[inline(always)]
-    fn correction(&self, x_hat: &Vector2<T>, y: T, dt: T) -> Vector2<T> {
+    fn correction(&self, _: T, x_hat: &Vector2<T>, _: &SVector<T, 0>, y: T, dt: T) -> Vector2<T> {
         let five = T::from_f64(5.0);
         let mu = self.epsilon * (T::ONE - y * y);
         let l1 = match self.correction {
@@ -142,5 +148,9 @@ impl<T: Scalar> SampledModel<T, 2> for VanDerPol<T> {
         };
         let l2 = (five - self.epsilon * (x_hat.x + y) * x_hat.y + (five + mu) * mu) * dt;
         Vector2::new(l1, l2) * (y - x_hat.x)
+    }
+    #[inline(always)]
+    fn output(&self, _: T, x_hat: &Vector2<T>, _: &SVector<T, 0>) -> T {
+        x_hat.x
     }
 }

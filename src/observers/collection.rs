@@ -4,7 +4,7 @@
 //! oscillate. C copies of the observer, pushed apart by (23), sample its limit cycle; the mean of
 //! their gains is the nominal gain r̄ (24), and the modified observer (25) runs with r·r̄.
 
-use super::{StandardObserver, checked, stagger_chain};
+use super::{StandardObserver, checked, driven, stagger_chain};
 use crate::Scalar;
 use crate::error::{DesignError, require};
 use crate::gain::{AdaptiveGain, GainLaw};
@@ -60,6 +60,36 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
         }
         sum / T::from_f64(C as f64)
     }
+
+    /// The rates of the copies, each pushed away from the others by its output error (23).
+    #[inline(always)]
+    fn repelled(
+        &self,
+        copies: &[CopyState<T, N>; C],
+        e: &[T; C],
+        rate: impl Fn(&CopyState<T, N>, &T) -> CopyState<T, N>,
+    ) -> [CopyState<T, N>; C] {
+        let b = self.copy.gain().b();
+        // eᵢ/rᵢᵇ, the output errors in the scaled coordinates (28)
+        let powers: [T; C] = core::array::from_fn(|i| copies[i].1.powf(b));
+        let scaled: [T; C] = core::array::from_fn(|i| e[i] / powers[i]);
+        core::array::from_fn(|i| {
+            let (mut x_rate, r_rate) = rate(&copies[i], &e[i]);
+            let mut apart = T::ZERO;
+            for (j, other) in scaled.iter().enumerate() {
+                if j != i {
+                    apart += scaled[i] - *other;
+                }
+            }
+            let r = copies[i].1;
+            let mut factor = powers[i] * apart;
+            for (rate, k_bar) in x_rate.iter_mut().zip(self.k_bar.iter()) {
+                factor *= r; // r^{j+b}
+                *rate -= *k_bar * factor; // (23), with eᵢ = −(ŷᵢ − y)
+            }
+            (x_rate, r_rate)
+        })
+    }
 }
 
 impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usize> ContinuousLaw<T>
@@ -82,26 +112,12 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
 
     #[inline(always)]
     fn rate(&self, t: T, copies: &Self::State, e: &[T; C], u: &Self::Input) -> Self::State {
-        let b = self.copy.gain().b();
-        // eᵢ/rᵢᵇ, the output errors in the scaled coordinates (28)
-        let powers: [T; C] = core::array::from_fn(|i| copies[i].1.powf(b));
-        let scaled: [T; C] = core::array::from_fn(|i| e[i] / powers[i]);
-        core::array::from_fn(|i| {
-            let (mut x_rate, r_rate) = self.copy.rate(t, &copies[i], &e[i], u);
-            let mut apart = T::ZERO;
-            for (j, other) in scaled.iter().enumerate() {
-                if j != i {
-                    apart += scaled[i] - *other;
-                }
-            }
-            let r = copies[i].1;
-            let mut factor = powers[i] * apart;
-            for (rate, k_bar) in x_rate.iter_mut().zip(self.k_bar.iter()) {
-                factor *= r; // r^{j+b}
-                *rate -= *k_bar * factor; // (23), with eᵢ = −(ŷᵢ − y)
-            }
-            (x_rate, r_rate)
-        })
+        self.repelled(copies, e, |copy, e| self.copy.rate(t, copy, e, u))
+    }
+
+    #[inline(always)]
+    fn injection(&self, copies: &Self::State, e: &[T; C]) -> Self::State {
+        self.repelled(copies, e, |copy, e| self.copy.injection(copy, e))
     }
 
     #[inline(always)]
@@ -172,6 +188,18 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
         let nominal = self.collection.nominal_gain(copies);
         let x_rate = observer.rate_under(t, x_hat, *r * nominal, *e, u); // (25)
         ((x_rate, observer.gain().rate::<N>(r, *e)), self.collection.rate(t, copies, errors, u))
+    }
+
+    #[inline(always)]
+    fn injection(
+        &self,
+        ((_, r), copies): &Self::State,
+        (e, errors): &Self::Innovation,
+    ) -> Self::State {
+        let observer = &self.collection.copy;
+        let nominal = self.collection.nominal_gain(copies);
+        let main = (observer.injected(*r * nominal, *e), driven::<T, _, N>(observer.gain(), r, *e));
+        (main, self.collection.injection(copies, errors))
     }
 
     #[inline(always)]

@@ -10,10 +10,10 @@ use crate::Scalar;
 use crate::error::{DesignError, positive, require};
 use crate::memory::Memory;
 use crate::model::StrictFeedback;
-use crate::observer::{Measurement, Observer, Status, Timing};
+use crate::observer::{Causal, Measurement, Observer, Status, Timing};
 use nalgebra::SVector;
 
-/// ẑ, the last sample seen, the input held, and the time that has passed (0: no sample yet).
+/// ẑ, the last sample seen, and the step that the next one closes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ReducedOrderState<T, const NX: usize, const NZ: usize, const M: usize> {
@@ -23,7 +23,7 @@ pub struct ReducedOrderState<T, const NX: usize, const NZ: usize, const M: usize
     pub y: SVector<T, NX>,
     /// Input held over the step that the next sample closes.
     pub u: SVector<T, M>,
-    /// Time from that sample to the next one in s.
+    /// Time since that sample in s; −1 before the first one.
     pub elapsed: T,
     /// Length of the step that the next sample closes, in s.
     pub period: T,
@@ -170,29 +170,23 @@ where
 
     #[inline(always)]
     fn initial(&self) -> Self::State {
-        ReducedOrderState::zero()
+        ReducedOrderState { elapsed: -T::ONE, ..ReducedOrderState::zero() }
     }
 
-    /// `u` is the input from this sample on; `dt` the time until the next one.
+    /// Close the step that ends at t.
     #[inline(always)]
-    fn step(
-        &self,
-        z: &mut Self::State,
-        y: &Self::Measurement,
-        u: &Self::Input,
-        _: T,
-        dt: T,
-    ) -> Status {
-        let started = z.elapsed > T::ZERO;
-        let present = y.is_present();
-        let mut status = if present { Status::Updated } else { Status::Predicted };
-        if started {
-            let rate = if present {
-                let moved = (y - z.y).map(|d| d / z.elapsed) - self.model.f1(&z.y);
-                let psi = self.model.explain(&z.y, &moved);
-                self.h.component_mul(&(psi - z.z_hat)) + self.model.f2(&z.y, &psi, &z.u) // (8)
+    fn correct(&self, z: &mut Self::State, y: &Self::Measurement, t: T) -> Status {
+        let mut status = Status::of(y);
+        if z.elapsed > T::ZERO {
+            let (last, begun) = (t - z.elapsed, t - z.period);
+            let rate = if y.is_present() {
+                let slope = (y - z.y).map(|d| d / z.elapsed);
+                let moved = slope - self.model.f1(last, &z.y, &z.u);
+                let psi = self.model.explain(last, &z.y, &z.u, &moved);
+                let f2 = self.model.f2(begun, &z.y, &psi, &z.u);
+                self.h.component_mul(&(psi - z.z_hat)) + f2 // (8)
             } else {
-                self.model.f2(&z.y, &z.z_hat, &z.u)
+                self.model.f2(begun, &z.y, &z.z_hat, &z.u)
             };
             let next = z.z_hat + rate * z.period;
             if next.is_present() {
@@ -201,15 +195,25 @@ where
                 status = Status::ModelUndefined;
             }
         }
-        if present {
-            z.y = *y;
-            z.elapsed = dt;
-        } else if started {
-            z.elapsed += dt;
+        z.period = T::ZERO; // it is closed
+        if y.is_present() {
+            (z.y, z.elapsed) = (*y, T::ZERO);
         }
-        z.u = *u;
-        z.period = dt;
         status
+    }
+
+    #[inline(always)]
+    fn advance(
+        &self,
+        z: &mut Self::State,
+        _: &Self::Measurement,
+        u: &Self::Input,
+        _: T,
+        dt: T,
+    ) -> Status {
+        let started = T::ONE.copysign(z.elapsed).max(T::ZERO); // 1, or 0 before the first sample
+        (z.elapsed, z.u, z.period) = (z.elapsed + started * dt, *u, dt);
+        Status::Predicted
     }
 
     #[inline(always)]
@@ -218,14 +222,30 @@ where
     }
 
     #[inline(always)]
-    fn innovation(&self, _: T, z: &Self::State, y: &Self::Measurement) -> Self::Measurement {
-        let (f1, g) = (self.model.f1(&z.y), self.model.g(&z.y));
+    fn innovation(
+        &self,
+        t: T,
+        z: &Self::State,
+        y: &Self::Measurement,
+        _: &Self::Input,
+    ) -> Self::Measurement {
+        let elapsed = z.elapsed.max(T::ZERO);
+        let last = t - elapsed;
+        let (f1, g) = (self.model.f1(last, &z.y, &z.u), self.model.g(last, &z.y, &z.u));
         SVector::from_fn(|i, _| {
             let mut rate = f1[i];
             for j in 0..NZ {
                 rate += g[(i, j)] * z.z_hat[j];
             }
-            y[i] - z.y[i] - z.elapsed * rate
+            y[i] - z.y[i] - elapsed * rate
         })
     }
+}
+
+impl<T, Md, const NX: usize, const NZ: usize, const M: usize> Causal<T>
+    for ReducedOrderObserver<T, Md, NX, NZ, M>
+where
+    T: Scalar,
+    Md: StrictFeedback<T, NX, NZ, M>,
+{
 }

@@ -1,6 +1,6 @@
 //! The sampled-data observer on an Euler-Maruyama model, Fu, Kang and Li (5):
 //!
-//!   x̂(k+1) = x̂(k) + T f(x̂(k), u(k)) + K_T(x̂(k), y(k))
+//!   x̂(k+1) = x̂(k) + T f(t(k), x̂(k), u(k)) + K_T(t(k), x̂(k), u(k), y(k))
 
 use crate::Scalar;
 use crate::model::SampledModel;
@@ -31,15 +31,14 @@ impl<T: Scalar, Md: SampledModel<T, N, M>, const N: usize, const M: usize> Obser
     }
 
     #[inline(always)]
-    fn step(&self, x_hat: &mut Self::State, y: &T, u: &Self::Input, _: T, dt: T) -> Status {
-        let predicted = *x_hat + self.model.f(x_hat, u) * dt;
-        if y.is_finite() {
-            *x_hat = predicted + self.model.correction(x_hat, *y, dt); // (5)
-            Status::Updated
+    fn advance(&self, x_hat: &mut Self::State, y: &T, u: &Self::Input, t: T, dt: T) -> Status {
+        let predicted = *x_hat + self.model.f(t, x_hat, u) * dt;
+        *x_hat = if y.is_finite() {
+            predicted + self.model.correction(t, x_hat, u, *y, dt) // (5)
         } else {
-            *x_hat = predicted;
-            Status::Predicted
-        }
+            predicted
+        };
+        Status::of(y)
     }
 
     #[inline(always)]
@@ -48,7 +47,7 @@ impl<T: Scalar, Md: SampledModel<T, N, M>, const N: usize, const M: usize> Obser
     }
 
     #[inline(always)]
-    fn innovation(&self, _: T, x_hat: &Self::State, y: &T) -> T {
-        *y - x_hat[0]
+    fn innovation(&self, t: T, x_hat: &Self::State, y: &T, u: &Self::Input) -> T {
+        *y - self.model.output(t, x_hat, u)
     }
 }

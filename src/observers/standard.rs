@@ -87,7 +87,7 @@ where
 
     /// Λ(r) K e.
     #[inline(always)]
-    fn injected(&self, r: T, e: T) -> SVector<T, N> {
+    pub(super) fn injected(&self, r: T, e: T) -> SVector<T, N> {
         let mut injection = e;
         SVector::from_fn(|i, _| {
             injection *= r; // rⁱ e
@@ -129,7 +129,7 @@ where
     }
 
     #[inline(always)]
-    fn injection(&self, _: T, (_, m): &Self::State, e: &T, _: &Self::Input) -> Self::State {
+    fn injection(&self, (_, m): &Self::State, e: &T) -> Self::State {
         (self.injected(self.gain.moving(m), *e), driven::<T, G, N>(&self.gain, m, *e))
     }
 

@@ -4,7 +4,7 @@ use super::spec::Spec;
 use crate::Scalar;
 use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
 use crate::injection::Placement;
-use crate::observer::{Discretisation, METHODS, Timing};
+use crate::observer::{BogackiShampine, Discretisation, Rk4, Rk4InnovationHeld, Timing};
 use crate::observers::{HardClip, NoSaturation, Saturation, SmoothSaturation};
 use pyo3::prelude::*;
 
@@ -94,16 +94,20 @@ impl<T: Scalar, const N: usize> AnySaturation<N, T> {
     }
 }
 
-/// What [`METHODS`] are called.
-const METHOD_NAMES: [&str; 7] = [
-    "euler",
-    "staggered-euler",
-    "rk4",
-    "rk4-innovation-held",
-    "bogacki-shampine",
-    "zoh",
-    "bilinear",
-];
+/// The methods by their names.
+const METHODS: [(&str, AnyMethod); 7] = {
+    use AnyMethod::{Known, Placed};
+    use Discretisation::{Euler, RungeKutta, StaggeredEuler};
+    [
+        ("euler", Known(Euler)),
+        ("staggered-euler", Known(StaggeredEuler)),
+        ("rk4", Known(RungeKutta(Rk4::CHOICE))),
+        ("rk4-innovation-held", Known(RungeKutta(Rk4InnovationHeld::CHOICE))),
+        ("bogacki-shampine", Known(RungeKutta(BogackiShampine::CHOICE))),
+        ("zoh", Placed(Placement::Exact)),
+        ("bilinear", Placed(Placement::Bilinear)),
+    ]
+};
 
 pub const NOT_PLACED: &str = "method = 'zoh' or 'bilinear' is not allowed here: it is defined for the \
     standard, the low-power and the peaking-free law; choose another method";
@@ -124,11 +128,8 @@ pub enum AnyMethod {
 impl Manner {
     pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
         let method = spec.text_or("method", "euler")?;
-        let method = match METHOD_NAMES.iter().position(|name| *name == method) {
-            Some(5) => AnyMethod::Placed(Placement::Exact),
-            Some(6) => AnyMethod::Placed(Placement::Bilinear),
-            Some(k) => AnyMethod::Known(METHODS[k]),
-            None => return Err(spec.unknown("method", &method, &METHOD_NAMES)),
+        let Some((_, method)) = METHODS.iter().find(|(name, _)| *name == method) else {
+            return Err(spec.unknown("method", &method, &METHODS.map(|(name, _)| name)));
         };
         let timing = spec.text_or("timing", "predictor")?;
         let timing = match timing.as_str() {
@@ -136,7 +137,7 @@ impl Manner {
             "current" => Timing::Current,
             other => return Err(spec.unknown("timing", other, &["predictor", "current"])),
         };
-        Ok(Self { method, timing })
+        Ok(Self { method: *method, timing })
     }
 
     /// The scheme of a law that is compiled as one loop.

@@ -21,14 +21,14 @@ use nalgebra::SVector;
 use pyo3::prelude::*;
 use std::sync::{Arc, Mutex};
 
-/// No memory of a law of order 2 or 5 is longer than this, period and input included.
+/// No memory of a law of order 2 or 5 is longer than this.
 const WIDEST: usize = 24;
 
 /// The two halves of a step, on the law's memory as a flat vector.
 pub trait Halves: Send + Sync {
     fn initial(&self) -> Vec<f64>;
-    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64);
-    fn correct(&self, memory: &mut [f64], y: f64, u: &[f64], t: f64, dt: f64);
+    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64) -> PyResult<()>;
+    fn correct(&self, memory: &mut [f64], y: f64, dt: f64);
     /// [`Scheme::OVER_GAPS`].
     fn over_gaps(&self) -> bool;
     /// The same with its gains computed for steps of this length, if that is of use.
@@ -48,14 +48,13 @@ where
     fn initial(&self) -> Vec<f64> {
         flat(&self.law.initial())
     }
-    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64) {
-        self.free.step(memory, &[f64::NAN], u, t, dt);
+    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64) -> PyResult<()> {
+        self.free.advance(memory, &[f64::NAN], u, t, dt).map(|_| ())
     }
-    fn correct(&self, memory: &mut [f64], y: f64, u: &[f64], t: f64, dt: f64) {
-        let (law, z, u) = (&self.law, L::State::read(memory), L::Input::read(u));
+    fn correct(&self, memory: &mut [f64], y: f64, dt: f64) {
+        let (law, z) = (&self.law, L::State::read(memory));
         // the same for every method
-        let scheme = crate::observer::Euler;
-        law.admissible(scheme.correct(law, t, &z, y, &u, dt)).write(memory);
+        law.admissible(crate::observer::Euler.correct(law, &z, y, dt)).write(memory);
     }
     fn over_gaps(&self) -> bool {
         false
@@ -74,13 +73,14 @@ where
     fn initial(&self) -> Vec<f64> {
         flat(&self.law.initial())
     }
-    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64) {
+    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64) -> PyResult<()> {
         let (law, z, u) = (&self.law, L::State::read(memory), L::Input::read(u));
         law.admissible(self.scheme.predict(law, t, &z, &u, dt)).write(memory);
+        Ok(())
     }
-    fn correct(&self, memory: &mut [f64], y: f64, u: &[f64], t: f64, dt: f64) {
-        let (law, z, u) = (&self.law, L::State::read(memory), L::Input::read(u));
-        law.admissible(self.scheme.correct(law, t, &z, y, &u, dt)).write(memory);
+    fn correct(&self, memory: &mut [f64], y: f64, dt: f64) {
+        let (law, z) = (&self.law, L::State::read(memory));
+        law.admissible(self.scheme.correct(law, &z, y, dt)).write(memory);
     }
     fn over_gaps(&self) -> bool {
         true
@@ -96,8 +96,8 @@ fn flat(z: &impl Memory<f64>) -> Vec<f64> {
     values
 }
 
-/// An observer of two halves. Memory: the law's; with current timing then the time since the last
-/// sample, the period and the input before the sample, as in [`crate::observer::Current`].
+/// An observer of two halves. Memory: the law's; with current timing then the time that the next
+/// correction is for, as in [`crate::observer::Current`].
 pub struct Halved {
     pub halves: Box<dyn Halves>,
     pub n: usize,
@@ -132,77 +132,86 @@ impl Halved {
         halves
     }
 
-    /// The time that a correction is for.
-    fn corrected(&self, held: &[f64], dt: f64) -> f64 {
-        match held {
-            [elapsed, period, ..] => if self.over_gaps { *elapsed } else { *period }.or(dt),
-            _ => dt,
-        }
-    }
-
-    /// The law's memory before the sample at time t.
-    fn before(&self, halves: &dyn Halves, memory: &mut [f64], t: f64) {
-        if self.timing == Timing::Current {
-            let (law, held) = memory.split_at_mut(self.law_len);
-            halves.predict(law, &held[2..], t - held[1], held[1]);
-        }
-    }
-
-    /// The rest of a step.
-    fn after(&self, halves: &dyn Halves, memory: &mut [f64], y: f64, u: &[f64], t: f64, dt: f64) {
+    /// Take the sample, with current timing.
+    fn corrected(&self, halves: &dyn Halves, memory: &mut [f64], y: f64) {
         let (law, held) = memory.split_at_mut(self.law_len);
-        match self.timing {
-            Timing::Current => {
-                halves.correct(law, y, u, t, self.corrected(held, dt));
-                held[0] = dt + held[0].while_missing(y);
-                held[1] = dt;
-                held[2..].copy_from_slice(u);
-            }
-            Timing::Predictor => {
-                halves.correct(law, y, u, t, dt);
-                halves.predict(law, u, t, dt);
-            }
+        if let [elapsed] = held {
+            let left = elapsed.while_missing(y);
+            halves.correct(law, y, *elapsed - left);
+            *elapsed = left;
         }
+    }
+
+    /// Move to the next sample; with predictor timing by the sample y.
+    fn moved(
+        &self,
+        halves: &dyn Halves,
+        memory: &mut [f64],
+        y: f64,
+        u: &[f64],
+        (t, dt): (f64, f64),
+    ) -> PyResult<()> {
+        let (law, held) = memory.split_at_mut(self.law_len);
+        match held {
+            [elapsed] => *elapsed = if self.over_gaps { *elapsed + dt } else { dt },
+            _ => halves.correct(law, y, dt),
+        }
+        halves.predict(law, u, t, dt)
     }
 }
 
+fn sample(y: &[f64]) -> f64 {
+    y.first().copied().unwrap_or(f64::NAN)
+}
+
 impl Recursion for Halved {
-    fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
-        let y = y.first().copied().unwrap_or(f64::NAN);
-        let usual = self.usual(self.corrected(&memory[self.law_len..], dt));
-        let halves = usual.as_deref().unwrap_or(&*self.halves);
-        self.before(halves, memory, t);
-        self.after(halves, memory, y, u, t, dt);
-        if y.is_finite() { Status::Updated } else { Status::Predicted }
+    fn correct(&self, memory: &mut [f64], y: &[f64], _: f64) -> PyResult<Status> {
+        let y = sample(y);
+        if let Some(elapsed) = memory.get(self.law_len) {
+            let usual = self.usual(*elapsed);
+            self.corrected(usual.as_deref().unwrap_or(&*self.halves), memory, y);
+        }
+        Ok(Status::of(&y))
     }
 
-    fn advance(&self, memory: &mut [f64], mut block: Block<'_>) -> f64 {
+    fn advance(
+        &self,
+        memory: &mut [f64],
+        y: &[f64],
+        u: &[f64],
+        t: f64,
+        dt: f64,
+    ) -> PyResult<Status> {
+        let y = sample(y);
+        let usual = if self.timing == Timing::Predictor { self.usual(dt) } else { None };
+        let halves = usual.as_deref().unwrap_or(&*self.halves);
+        self.moved(halves, memory, y, u, (t, dt))?;
+        Ok(Status::of(&y))
+    }
+
+    fn over_block(&self, memory: &mut [f64], mut block: Block<'_>) -> PyResult<f64> {
         let usual = block.dt.first().and_then(|dt| self.usual(*dt));
         let halves = usual.as_deref().unwrap_or(&*self.halves);
-        let (m, current) = (memory.len(), self.timing == Timing::Current);
+        let m = memory.len();
         let (mut largest, mut spoilt) = (0.0_f64, 0.0);
         for (k, row) in block.memory.chunks_exact_mut(m).enumerate() {
             let (t, u) = (block.t[k], &block.u[k * self.n_u..][..self.n_u]);
             let y = block.y.take(k, 1)[0];
-            self.before(halves, memory, t);
             if let Some(innovation) = block.innovation.get_mut(k) {
                 *innovation = y - memory[0];
             }
-            if !current {
-                row.copy_from_slice(memory);
-            }
-            self.after(halves, memory, y, u, t, block.dt[k]);
-            if current {
-                row.copy_from_slice(memory);
-            }
-            let status = if y.is_finite() { Status::Updated } else { Status::Predicted };
-            block.status[k] = status as u8;
+            self.corrected(halves, memory, y);
+            row.copy_from_slice(memory);
             for value in row {
                 largest = largest.max(value.abs());
                 spoilt += 0.0 * *value; // NaN once the memory is not finite
             }
+            block.status[k] = Status::of(&y) as u8;
+            if let Some(dt) = block.dt.get(k) {
+                self.moved(halves, memory, y, u, (t, *dt))?;
+            }
         }
-        largest + spoilt
+        Ok(largest + spoilt)
     }
 }
 
@@ -221,7 +230,7 @@ impl AnyObserver for Halved {
     }
     fn initial(&self) -> Vec<f64> {
         let mut memory = self.halves.initial();
-        memory.resize(self.law_len + self.timing.held(self.n_u), 0.0);
+        memory.resize(self.law_len + self.timing.held(), 0.0);
         memory
     }
     fn recursion(&self) -> &dyn Recursion {
@@ -250,6 +259,10 @@ impl<'a, const N: usize, const CURRENT: bool> Watched<'a, N, CURRENT> {
         Self { whole, halves: &*whole.halves }
     }
 
+    fn memory<'z>(&self, z: &'z mut SVector<f64, WIDEST>) -> &'z mut [f64] {
+        &mut z.as_mut_slice()[..self.whole.law_len + self.whole.timing.held()]
+    }
+
     /// With these halves in their place.
     pub fn with(&self, halves: &'a dyn Halves) -> Self {
         Self { halves, ..*self }
@@ -267,23 +280,26 @@ impl<const N: usize, const CURRENT: bool> Observer<f64> for Watched<'_, N, CURRE
         Self::State::read(&AnyObserver::initial(self.whole))
     }
 
-    fn step(&self, z: &mut Self::State, y: &f64, u: &Self::Input, t: f64, dt: f64) -> Status {
-        let (whole, u) = (self.whole, &u.as_slice()[..self.whole.n_u]);
-        let held = Self::TIMING.held(whole.n_u);
-        let memory = &mut z.as_mut_slice()[..whole.law_len + held];
-        whole.before(self.halves, memory, t);
-        whole.after(self.halves, memory, *y, u, t, dt);
-        if y.is_finite() { Status::Updated } else { Status::Predicted }
+    fn correct(&self, z: &mut Self::State, y: &f64, _: f64) -> Status {
+        self.whole.corrected(self.halves, self.memory(z), *y);
+        Status::of(y)
+    }
+
+    fn advance(&self, z: &mut Self::State, y: &f64, u: &Self::Input, t: f64, dt: f64) -> Status {
+        let u = &u.as_slice()[..self.whole.n_u];
+        // the halves of compiled laws call nothing that could fail
+        match self.whole.moved(self.halves, self.memory(z), *y, u, (t, dt)) {
+            Ok(()) => Status::of(y),
+            Err(_) => Status::ModelUndefined,
+        }
     }
 
     fn estimate<'b>(&self, z: &'b Self::State) -> &'b [f64] {
         &z.as_slice()[..N]
     }
 
-    fn innovation(&self, t: f64, z: &Self::State, y: &f64) -> f64 {
-        let mut before = *z;
-        self.whole.before(self.halves, before.as_mut_slice(), t);
-        *y - before[0]
+    fn innovation(&self, _: f64, z: &Self::State, y: &f64, _: &Self::Input) -> f64 {
+        *y - z[0]
     }
 }
 
@@ -337,7 +353,7 @@ fn of_halved<const N: usize, const CURRENT: bool>(
         Some(halves) => &observer.with(&**halves),
         None => observer,
     };
-    let kept = observer.whole.law_len; // period and input are no signals
+    let kept = observer.whole.law_len; // the time of the next correction is no signal
     match plan.plant {
         AnyPlant::Lee(plant) if N == 2 => plan.sampled(observer, plant, kept, stop),
         AnyPlant::SanfelicePraly(plant) if N == 2 => plan.sampled(observer, plant, kept, stop),

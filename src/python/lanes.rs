@@ -13,7 +13,9 @@ use crate::integrate::Integrator;
 use crate::lanes::LaneMetrics;
 use crate::model::{Plant, Unknown};
 use crate::models::{Ship, VanDerPol};
-use crate::observer::{ContinuousLaw, Discretisation, Discretised, METHODS, Method, Observer};
+use crate::observer::{
+    BogackiShampine, ContinuousLaw, Discretisation, Discretised, Euler, Observer, Rk4,
+};
 use crate::observers::{
     LowPower, NoSaturation, ReducedOrderObserver, SampledDataObserver, StandardObserver,
 };
@@ -131,12 +133,10 @@ where
 {
     let kept = plan.memory_len();
     if plan.is_joint() {
-        let integrator = if scheme == METHODS[2] {
-            Integrator::Rk4
-        } else if scheme == METHODS[4] {
-            Integrator::BogackiShampine
-        } else {
-            return None;
+        let integrator = match scheme {
+            Discretisation::RungeKutta(Rk4::CHOICE) => Integrator::Rk4,
+            Discretisation::RungeKutta(BogackiShampine::CHOICE) => Integrator::BogackiShampine,
+            _ => return None,
         };
         if !plan.has_no_sines() {
             return None;
@@ -157,12 +157,14 @@ where
             },
         );
     }
-    if scheme == METHODS[0] {
-        sampled(Discretised { law, scheme: Method::<0> }, plant, plan, stop, kept)
-    } else if scheme == METHODS[2] {
-        sampled(Discretised { law, scheme: Method::<2> }, plant, plan, stop, kept)
-    } else {
-        None
+    match scheme {
+        Discretisation::Euler => {
+            sampled(Discretised { law, scheme: Euler }, plant, plan, stop, kept)
+        }
+        Discretisation::RungeKutta(Rk4::CHOICE) => {
+            sampled(Discretised { law, scheme: Rk4 }, plant, plan, stop, kept)
+        }
+        _ => None,
     }
 }
 

@@ -17,7 +17,8 @@ use crate::memory::Memory;
 use crate::model::Unknown;
 use crate::models::Correction;
 use crate::observer::{
-    ContinuousLaw, Discretisation, Discretised, METHODS, Method, Observer as CoreObserver, Timing,
+    BogackiShampine, ContinuousLaw, Discretisation, Discretised, Euler, Observer as CoreObserver,
+    Rk4, Rk4InnovationHeld, StaggeredEuler, Status, Timing,
 };
 use crate::observers::{
     LowPower, ModifiedObserver, NoSaturation, ReducedOrderObserver, RepelledCollection,
@@ -76,12 +77,17 @@ where
     L: ContinuousLaw<f64> + Send + Sync + 'static,
     L::Input: Memory<f64>,
 {
-    match METHODS.iter().position(|method| *method == scheme) {
-        Some(0) => Box::new(Discretised { law, scheme: Method::<0> }),
-        Some(1) => Box::new(Discretised { law, scheme: Method::<1> }),
-        Some(2) => Box::new(Discretised { law, scheme: Method::<2> }),
-        Some(3) => Box::new(Discretised { law, scheme: Method::<3> }),
-        _ => Box::new(Discretised { law, scheme: Method::<4> }), // they all stand in METHODS
+    match scheme {
+        Discretisation::Euler => Box::new(Discretised { law, scheme: Euler }),
+        Discretisation::StaggeredEuler => Box::new(Discretised { law, scheme: StaggeredEuler }),
+        Discretisation::RungeKutta(Rk4::CHOICE) => Box::new(Discretised { law, scheme: Rk4 }),
+        Discretisation::RungeKutta(Rk4InnovationHeld::CHOICE) => {
+            Box::new(Discretised { law, scheme: Rk4InnovationHeld })
+        }
+        Discretisation::RungeKutta(BogackiShampine::CHOICE) => {
+            Box::new(Discretised { law, scheme: BogackiShampine })
+        }
+        Discretisation::RungeKutta(scheme) => Box::new(Discretised { law, scheme }),
     }
 }
 
@@ -378,8 +384,43 @@ impl Observer {
         self.inner.initial().into_pyarray(py)
     }
 
-    /// (memory, status) after one step; status 0 updated, 1 predicted, 2 model undefined.
+    /// (memory, status) after one step, from time t over dt; status 0 updated, 1 predicted, 2 model
+    /// undefined. With current timing u and dt belong to the period that ends with the sample.
     fn step<'py>(
+        &self,
+        py: Python<'py>,
+        memory: &Bound<'py, PyAny>,
+        y: &Bound<'py, PyAny>,
+        u: &Bound<'py, PyAny>,
+        t: f64,
+        dt: f64,
+    ) -> PyResult<(Bound<'py, PyArray1<f64>>, u8)> {
+        if !self.inner.is_current() {
+            return self.advance(py, memory, y, u, t, dt);
+        }
+        let (moved, status) = self.advance(py, memory, y, u, t, dt)?;
+        if status == Status::ModelUndefined as u8 {
+            return Ok((moved, status));
+        }
+        self.correct(py, moved.as_any(), y, t + dt)
+    }
+
+    /// (memory, status) after the sample of time t is used, with current timing.
+    fn correct<'py>(
+        &self,
+        py: Python<'py>,
+        memory: &Bound<'py, PyAny>,
+        y: &Bound<'py, PyAny>,
+        t: f64,
+    ) -> PyResult<(Bound<'py, PyArray1<f64>>, u8)> {
+        let mut memory = sized("memory", memory, self.memory_len)?.as_slice()?.to_vec();
+        let y = sized("y", y, self.inner.n_y())?;
+        let status = self.inner.recursion().correct(&mut memory, y.as_slice()?, t)?;
+        Ok((memory.into_pyarray(py), status as u8))
+    }
+
+    /// (memory, status) at time t + dt from that at t; with predictor timing by the sample y of t.
+    fn advance<'py>(
         &self,
         py: Python<'py>,
         memory: &Bound<'py, PyAny>,
@@ -392,13 +433,14 @@ impl Observer {
         let y = sized("y", y, self.inner.n_y())?;
         let u = sized("u", u, self.inner.n_u())?;
         let (y, u) = (y.as_slice()?, u.as_slice()?);
-        let status = self.inner.recursion().step(&mut memory, y, u, t, dt);
+        let status = self.inner.recursion().advance(&mut memory, y, u, t, dt)?;
         Ok((memory.into_pyarray(py), status as u8))
     }
 
     /// Run over a record: times (N,) or a period, samples (N, n_y), inputs (N, n_u), memory to start
-    /// from. Gives the track, a copy of the samples, and what there is to find fault with.
-    #[pyo3(signature = (t, y, u, memory0, innovation=true))]
+    /// from; with `until`, on to that time after the last sample. Gives the track, a copy of the samples,
+    /// what the checks found, and the memory at the end (`next`).
+    #[pyo3(signature = (t, y, u, memory0, innovation=true, until=None))]
     fn run<'py>(
         &self,
         py: Python<'py>,
@@ -407,6 +449,7 @@ impl Observer {
         u: &Bound<'py, PyAny>,
         memory0: &Bound<'py, PyAny>,
         innovation: bool,
+        until: Option<f64>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let y = contiguous(y)?;
         let samples = y.len() / self.inner.n_y();
@@ -420,7 +463,9 @@ impl Observer {
             None => period.unwrap_or(Clock::Times(&[])),
         };
         let record = (clock, y.as_slice()?, u.as_slice()?);
-        record::run(py, &*self.inner, &mut memory, record, innovation)
+        let out = record::run(py, &*self.inner, &mut memory, record, until, innovation)?;
+        out.set_item("next", memory.into_pyarray(py))?;
+        Ok(out)
     }
 }
 

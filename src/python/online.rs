@@ -5,6 +5,8 @@
 
 use super::errors::refused;
 use super::observers::Observer;
+use super::programs::{CHAINS, MAX_INPUTS};
+use crate::estimator::Clock;
 use crate::observer::Status;
 use numpy::npyffi::{_PyArray_GET_ITEM_DATA, NPY_ARRAY_WRITEABLE};
 use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
@@ -14,8 +16,6 @@ use pyo3::types::{PyDict, PyFloat, PyInt, PyString, PyTuple};
 
 /// An estimate beyond this many times what the samples and the gain's powers explain diverged.
 const DIVERGED: f64 = 1e12;
-/// No law has more outputs or inputs.
-const WIDEST: usize = 3;
 
 /// Law, memory and clock; the base of the observers in Python.
 #[pyclass(subclass, module = "hgo_rs._core")]
@@ -27,14 +27,40 @@ pub struct Online {
     next: Vec<f64>,
     /// The memory in Python's hands, who may write to it until the next step.
     shown: Option<Py<PyArray1<f64>>>,
-    /// Time since the start [s].
-    #[pyo3(get, set, name = "_time")]
-    time: f64,
+    clock: Clock<f64>,
+    /// Whether a sample was taken since the start.
+    #[pyo3(get, set, name = "_started")]
+    started: bool,
     /// The longest step that was found stable: shorter ones are.
     stable_dt: f64,
     allow_unstable: bool,
     /// How far start-up peaks may rise above the samples.
     lift: f64,
+}
+
+/// What a call does.
+#[derive(Clone, Copy, PartialEq)]
+enum Verb {
+    Step,
+    Correct,
+    Predict,
+}
+
+/// What became of a call.
+enum Outcome {
+    Taken,
+    /// Nothing was taken: the estimate would diverge.
+    Diverged,
+    /// Nothing was taken: the model has no value.
+    Undefined,
+}
+
+/// What is asked of an observer, numbers that have been checked.
+struct Asked<'a> {
+    verb: Verb,
+    y: &'a [f64],
+    u: &'a [f64],
+    dt: f64,
 }
 
 impl Online {
@@ -44,27 +70,67 @@ impl Online {
     }
 
     /// Take back the memory that was shown.
-    fn settle(&mut self, py: Python<'_>) {
-        if let Some(shown) = &self.shown {
-            read(shown.bind(py), &mut self.memory);
+    fn settle(&mut self, py: Python<'_>) -> PyResult<()> {
+        match &self.shown {
+            Some(shown) if !read(shown.bind(py), &mut self.memory) => Err(refused(&format!(
+                "memory must stay a float64 array of {} entries: it was made another one; assign a \
+                 new one, or call reset()",
+                self.memory.len()
+            ))),
+            _ => Ok(()),
         }
     }
 
-    /// Take a step that has been checked, unless the estimate would diverge.
-    fn take(&mut self, py: Python<'_>, y: &[f64], u: &[f64], dt: f64) -> PyResult<Option<Status>> {
-        self.settle(py);
+    /// Do what is asked, unless the estimate would diverge or the model has no value.
+    fn take(&mut self, py: Python<'_>, asked: &Asked<'_>) -> PyResult<Outcome> {
+        self.settle(py)?;
         let mut next = std::mem::take(&mut self.next);
-        next.copy_from_slice(&self.memory);
-        let status = self.law(py)?.law().recursion().step(&mut next, y, u, self.time, dt);
-        let bound = self.bound(largest(&self.memory), largest(y));
-        let holds = self.allow_unstable || next.iter().all(|z| z.abs() <= bound);
-        if holds {
+        next.clone_from(&self.memory);
+        let outcome = self.moved(py, &mut next, asked);
+        if let Ok(Outcome::Taken) = outcome {
             std::mem::swap(&mut self.memory, &mut next);
             self.shown = None;
-            self.time += dt;
         }
         self.next = next;
-        Ok(holds.then_some(status))
+        outcome
+    }
+
+    /// What is asked, on a copy of the memory; the clock goes on if it is taken.
+    fn moved(&mut self, py: Python<'_>, next: &mut [f64], asked: &Asked<'_>) -> PyResult<Outcome> {
+        let Asked { verb, y, u, dt } = *asked;
+        let observer = self.law(py)?;
+        let law = observer.law();
+        if (y.len(), u.len(), next.len()) != (law.n_y(), law.n_u(), observer.memory_len()) {
+            return Err(refused("the observer was made another one during the call"));
+        }
+        let (recursion, t) = (law.recursion(), self.clock.time());
+        let current = law.is_current();
+        let passes = match verb {
+            Verb::Correct => false,
+            Verb::Predict => true,
+            Verb::Step => !current || self.started,
+        };
+        let mut clock = self.clock;
+        let mut status = Status::Predicted;
+        if passes {
+            status = recursion.advance(next, y, u, t, dt)?;
+            clock.pass(dt);
+        }
+        if status != Status::ModelUndefined && current && verb != Verb::Predict {
+            status = recursion.correct(next, y, clock.time())?;
+        }
+        let start = largest(&self.memory);
+        let undefined = !next.iter().all(|z| z.is_finite()) && start <= DIVERGED * self.lift;
+        if status == Status::ModelUndefined || undefined {
+            return Ok(Outcome::Undefined);
+        }
+        let bound = self.bound(start, largest(y));
+        if !self.allow_unstable && !next.iter().all(|z| z.abs() <= bound) {
+            return Ok(Outcome::Diverged);
+        }
+        self.clock = clock;
+        self.started |= verb != Verb::Predict;
+        Ok(Outcome::Taken)
     }
 }
 
@@ -79,7 +145,8 @@ impl Online {
             memory: Vec::new(),
             next: Vec::new(),
             shown: None,
-            time: 0.0,
+            clock: Clock::new(),
+            started: false,
             stable_dt: 0.0,
             allow_unstable: false,
             lift: 1.0,
@@ -92,8 +159,21 @@ impl Online {
         self.memory = law.get().law().initial();
         self.next = self.memory.clone();
         self.law = Some(law.unbind());
-        (self.shown, self.time, self.stable_dt) = (None, 0.0, 0.0);
+        (self.shown, self.clock, self.started, self.stable_dt) = (None, Clock::new(), false, 0.0);
         (self.allow_unstable, self.lift) = (allow_unstable, lift);
+    }
+
+    /// Time since the start [s].
+    #[getter(_time)]
+    fn time(&self) -> f64 {
+        self.clock.time()
+    }
+
+    #[setter(_time)]
+    fn set_time(&mut self, time: f64) {
+        self.clock = Clock::new();
+        self.clock.pass(time);
+        self.started = time > 0.0;
     }
 
     /// Where it stands, (m,): x_hat first, then auxiliary states, then the gain r where it moves.
@@ -137,17 +217,19 @@ impl Online {
 
     /// Take one sample; return the estimate, (n,).
     ///
-    /// With predictor timing the estimate is for the next sample, dt later; with current timing it
-    /// is for this sample.
+    /// With predictor timing y is the sample of now, u the input from now on, dt the time to the next
+    /// sample, and the estimate is for the next sample. With current timing u and dt belong to the
+    /// period that has just ended, and the estimate is for this sample: `predict(u, dt)`, then
+    /// `correct(y)`; the first call after a start only corrects.
     ///
     /// Parameters
     /// ----------
     /// y : float or (n_y,)
     ///     Sample; None or NaN: missing, the law predicts over it.
     /// u : float or (n_u,), optional
-    ///     Known input, held until the next sample.
+    ///     Known input, held over the period.
     /// dt : float
-    ///     Time to the next sample [s].
+    ///     Length of the period [s].
     /// out : (n,) ndarray of float64, optional
     ///     Where to write the estimate: it is returned, and nothing is allocated.
     ///
@@ -155,8 +237,9 @@ impl Online {
     /// ------
     /// HgoError
     ///     An infinite sample, an input that is not finite, dt not positive or at or above the
-    ///     stability limit (`allow_unstable=True` in the constructor to study it); an estimate
-    ///     that would diverge; an `out` that cannot take the estimate: the sample is not taken.
+    ///     stability limit (`allow_unstable=True` in the constructor to study it); a model without a
+    ///     value; an estimate that would diverge; an `out` that cannot take the estimate: the sample
+    ///     is not taken.
     #[pyo3(signature = (y, u=None, *, dt, out=None))]
     fn step<'py>(
         slf: &Bound<'py, Self>,
@@ -165,29 +248,110 @@ impl Online {
         dt: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let py = slf.py();
-        let (n, n_y, n_u, stable_dt, time) = {
-            let me = slf.borrow();
-            let law = me.law(py)?.law();
-            (law.n(), law.n_y(), law.n_u(), me.stable_dt, me.time)
-        };
-        let place = out.map(|out| place(slf, out, n)).transpose()?;
-        let dt = match dt.cast::<PyFloat>() {
-            Ok(dt) if 0.0 < dt.value() && dt.value() <= stable_dt => dt.value(),
-            _ => {
-                let dt = slf.call_method1(intern!(py, "_checked_dt"), (dt,))?.extract()?;
-                slf.borrow_mut().stable_dt = stable_dt.max(dt);
-                dt
+        call(slf, Verb::Step, Some(y), u, Some(dt), out)
+    }
+
+    /// Take the sample of now; return the estimate x_hat(k|k), (n,). Current timing only.
+    ///
+    /// The correction is for the time that has passed since the last sample used; for none, as at the
+    /// start, it changes nothing.
+    ///
+    /// Parameters
+    /// ----------
+    /// y : float or (n_y,)
+    ///     Sample; None or NaN: missing, nothing is corrected.
+    /// out : (n,) ndarray of float64, optional
+    ///     Where to write the estimate: it is returned, and nothing is allocated.
+    ///
+    /// Raises
+    /// ------
+    /// HgoError
+    ///     An observer with predictor timing; an infinite sample; an estimate that would diverge.
+    #[pyo3(signature = (y, *, out=None))]
+    fn correct<'py>(
+        slf: &Bound<'py, Self>,
+        y: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        call(slf, Verb::Correct, Some(y), None, None, out)
+    }
+
+    /// Move over the period that begins; return the estimate at its end, (n,). Current timing only.
+    ///
+    /// Parameters
+    /// ----------
+    /// u : float or (n_u,), optional
+    ///     Input that is applied from now on, held over the period.
+    /// dt : float
+    ///     Length of the period [s].
+    /// out : (n,) ndarray of float64, optional
+    ///     Where to write the estimate: it is returned, and nothing is allocated.
+    ///
+    /// Raises
+    /// ------
+    /// HgoError
+    ///     An observer with predictor timing; an input that is not finite; dt not positive, or at or
+    ///     above the stability limit; a model without a value; an estimate that would diverge.
+    #[pyo3(signature = (u=None, dt=None, *, out=None))]
+    fn predict<'py>(
+        slf: &Bound<'py, Self>,
+        u: Option<&Bound<'py, PyAny>>,
+        dt: Option<&Bound<'py, PyAny>>,
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let missing = || refused("dt is missing: predict(u, dt) takes the period's length [s]");
+        call(slf, Verb::Predict, None, u, Some(dt.ok_or_else(missing)?), out)
+    }
+}
+
+/// The verbs' common way: every question to Python first, then the step.
+fn call<'py>(
+    slf: &Bound<'py, Online>,
+    verb: Verb,
+    y: Option<&Bound<'py, PyAny>>,
+    u: Option<&Bound<'py, PyAny>>,
+    dt: Option<&Bound<'py, PyAny>>,
+    out: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let py = slf.py();
+    let (n, n_y, n_u, stable_dt, started) = {
+        let me = slf.try_borrow()?;
+        let law = me.law(py)?.law();
+        if verb != Verb::Step && !law.is_current() {
+            return Err(refused(
+                "correct and predict are not allowed with timing = 'predictor', whose recursion takes \
+                 sample and input at once: use step, or make the observer with timing='current'",
+            ));
+        }
+        (law.n(), law.n_y(), law.n_u(), me.stable_dt, me.started || me.clock.time() > 0.0)
+    };
+    let place = out.map(|out| place(slf, out, n)).transpose()?;
+    let none = py.None();
+    let none = none.bind(py);
+    let dt = match dt.map(|dt| (dt, dt.cast::<PyFloat>())) {
+        None => 0.0,
+        Some((_, Ok(dt))) if 0.0 < dt.value() && dt.value() <= stable_dt => dt.value(),
+        Some((given, _)) => {
+            let dt: f64 = slf.call_method1(intern!(py, "_checked_dt"), (given,))?.extract()?;
+            if !(dt > 0.0 && dt.is_finite()) {
+                return Err(refused(&format!("dt = {dt} is not allowed: > 0")));
             }
-        };
-        let none = py.None();
-        let (mut sample, mut input) = ([f64::NAN; WIDEST], [0.0; WIDEST]);
-        let (sample, input) = (&mut sample[..n_y], &mut input[..n_u]);
+            slf.try_borrow_mut()?.stable_dt = stable_dt.max(dt);
+            dt
+        }
+    };
+    let (mut sample, mut input) = ([f64::NAN; CHAINS], [0.0; MAX_INPUTS]);
+    let (Some(sample), Some(input)) = (sample.get_mut(..n_y), input.get_mut(..n_u)) else {
+        return Err(refused(&format!("{n_y} outputs and {n_u} inputs are more than a step takes")));
+    };
+    if let Some(y) = y {
         let sampled = y.is_none() || (read(y, sample) && !sample.iter().any(|y| y.is_infinite()));
         if !sampled {
             ask(slf, intern!(py, "_checked_sample"), y, sample)?;
         }
-        let u = u.unwrap_or(none.bind(py));
+    }
+    if verb != Verb::Correct {
+        let u = u.unwrap_or(none);
         let told = if n_u == 0 {
             u.is_none()
         } else {
@@ -196,29 +360,32 @@ impl Online {
         if !told {
             ask(slf, intern!(py, "_checked_input"), u, input)?;
         }
-        if time == 0.0 {
-            slf.call_method1(intern!(py, "_check_start"), (slf.getattr("memory")?,))?;
+    }
+    if !started {
+        slf.call_method1(intern!(py, "_check_start"), (slf.getattr("memory")?,))?;
+    }
+    let outcome = slf.try_borrow_mut()?.take(py, &Asked { verb, y: sample, u: input, dt })?;
+    let refusal = match outcome {
+        Outcome::Taken => None,
+        Outcome::Diverged => Some(slf.call_method0(intern!(py, "_divergence"))?),
+        Outcome::Undefined => {
+            Some(slf.call_method1(intern!(py, "_no_value"), (sample.to_vec(), input.to_vec()))?)
         }
-        let taken = slf.borrow_mut().take(py, sample, input, dt)?;
-        let refusal = match taken {
-            None => Some(slf.call_method0(intern!(py, "_divergence"))?),
-            Some(Status::ModelUndefined) if !sample.iter().any(|y| y.is_nan()) => {
-                Some(slf.call_method1(intern!(py, "_no_value"), (sample.to_vec(),))?)
-            }
-            Some(_) => None,
-        };
-        if let Some(error) = refusal {
-            return Err(PyErr::from_value(error));
+    };
+    if let Some(error) = refusal {
+        return Err(PyErr::from_value(error));
+    }
+    let me = slf.try_borrow()?;
+    let x_hat = me.memory.get(..n).unwrap_or(&[]);
+    match place {
+        None => Ok(PyArray1::from_slice(py, x_hat)),
+        Some(given) if fits(&given, n) => {
+            write(&given, x_hat)?;
+            Ok(given)
         }
-        let me = slf.borrow();
-        let x_hat = &me.memory[..n];
-        Ok(match place {
-            None => PyArray1::from_slice(py, x_hat),
-            Some(place) => {
-                write(&place, x_hat)?;
-                place
-            }
-        })
+        Some(_) => Err(refused(
+            "out was made another array during the call: the sample was taken, x_hat holds the estimate",
+        )),
     }
 }
 
@@ -242,15 +409,19 @@ fn place<'py>(
     out: &Bound<'py, PyAny>,
     n: usize,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-    if let Ok(array) = out.cast::<PyArray1<f64>>()
+    match out.cast::<PyArray1<f64>>() {
+        Ok(array) if fits(array, n) => Ok(array.clone()),
+        _ => Err(PyErr::from_value(slf.call_method1("_no_place", (out,))?)),
+    }
+}
+
+/// Whether n numbers can be written there. Asked again after calls to Python, which may change it.
+fn fits(array: &Bound<'_, PyArray1<f64>>, n: usize) -> bool {
+    array.cast::<PyArray1<f64>>().is_ok()
         && array.len() == n
         && array.is_c_contiguous()
         && array.is_aligned()
         && is_writeable(array)
-    {
-        return Ok(array.clone());
-    }
-    Err(PyErr::from_value(slf.call_method1("_no_place", (out,))?))
 }
 
 #[allow(unsafe_code)] // the flag has no name in the crate numpy

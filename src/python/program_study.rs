@@ -12,7 +12,7 @@ use super::programs::Tables;
 use super::spec::Spec;
 use super::systems::AnyPlant;
 use super::table::Table;
-use super::trace::{self, Setting, Traced, input, inputs, named, trace};
+use super::trace::{self, PlacedGains, Setting, Traced, input, inputs, named, trace};
 use crate::Scalar;
 use crate::ensemble::Programs;
 use crate::integrate::{Integrator, PlantScheme, WienerIncrement, plant_step};
@@ -27,6 +27,8 @@ use crate::vectors::Task;
 use nalgebra::SVector;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Room for a plant's state and for an observer's memory.
 const X: usize = 12;
@@ -42,6 +44,8 @@ pub struct OwnPlant {
     /// (t, x, parameters) → (drift, diffusion if there is noise, output).
     table: Table,
     parameters: Vec<f64>,
+    /// State i of a simulation is this one of the plant: those that the observer estimates come first.
+    order: Vec<usize>,
 }
 
 impl OwnPlant {
@@ -64,17 +68,39 @@ impl OwnPlant {
                 table.outputs.len()
             )));
         }
-        Ok(Self { n, noisy, table, parameters })
+        Ok(Self { n, noisy, table, parameters, order: (0..n).collect() })
     }
 
-    /// Its outputs within a trace.
-    fn call(&self, given: &[Traced]) -> Vec<Traced> {
-        let parameters = self.parameters.iter().map(|value| Traced::from_f64(*value));
-        trace::inline(&self.table, &given.iter().copied().chain(parameters).collect::<Vec<_>>())
+    /// With the states first that an observer estimates.
+    fn estimated(mut self, truth: &[usize]) -> PyResult<Self> {
+        let twice = (1..truth.len()).any(|i| truth[..i].contains(&truth[i]));
+        if twice || truth.iter().any(|i| *i >= self.n) {
+            return Err(refused(&format!(
+                "truth = {truth:?} is not allowed: it must name some of the plant's {} states, each \
+                 once",
+                self.n
+            )));
+        }
+        let rest = (0..self.n).filter(|i| !truth.contains(i));
+        self.order = truth.iter().copied().chain(rest).collect();
+        Ok(self)
+    }
+
+    /// Drift, diffusion if there is noise, output: within a trace.
+    fn call(&self, t: Traced, x: &[Traced]) -> Vec<Traced> {
+        let mut given = vec![t; 1 + self.n];
+        self.order.iter().zip(x).for_each(|(place, x)| given[1 + place] = *x);
+        given.extend(self.parameters.iter().map(|value| Traced::from_f64(*value)));
+        let made = trace::inline(&self.table, &given);
+        let (rates, output) = made.split_at(made.len() - 1);
+        let rows = rates.chunks_exact(self.n);
+        let ordered = rows.flat_map(|row| self.order.iter().map(|place| row[*place]));
+        ordered.chain(output.iter().copied()).collect()
     }
 }
 
-const DOUBLE: Setting = Setting { single: false, present: true, answer: None, dt: None };
+const DOUBLE: Setting =
+    Setting { single: false, present: true, answer: None, gains: PlacedGains::Computed };
 
 /// An own plant behind the trait of all plants: over traced numbers, its table is taken in.
 #[derive(Clone, Copy)]
@@ -82,7 +108,7 @@ struct Tabled<'a>(&'a OwnPlant);
 
 impl Tabled<'_> {
     fn outputs(self, t: Traced, x: &PlantState<Traced>) -> Vec<Traced> {
-        self.0.call(&[&[t], &x.as_slice()[..self.0.n]].concat())
+        self.0.call(t, &x.as_slice()[..self.0.n])
     }
     fn state(values: &[Traced]) -> PlantState<Traced> {
         PlantState::from_fn(|i, _| values.get(i).copied().unwrap_or(Traced::ZERO))
@@ -98,13 +124,13 @@ impl Plant<Traced> for Tabled<'_> {
     fn drift(&self, t: Traced, x: &Self::State, _: &Self::Input) -> Self::State {
         Self::state(&self.outputs(t, x)[..self.0.n])
     }
-    fn output(&self, x: &Self::State) -> Traced {
-        self.outputs(Traced::ZERO, x).last().copied().unwrap_or_default()
+    fn output(&self, t: Traced, x: &Self::State, _: &Self::Input) -> Traced {
+        self.outputs(t, x).last().copied().unwrap_or_default()
     }
     fn truth<'a>(&self, x: &'a Self::State) -> &'a [Traced] {
         x.as_slice()
     }
-    fn control(&self, _: &Self::State, _: Traced) -> Self::Input {
+    fn control(&self, _: Traced, _: &Self::State, _: Traced) -> Self::Input {
         crate::model::no_input()
     }
     fn has_process_noise(&self) -> bool {
@@ -113,13 +139,49 @@ impl Plant<Traced> for Tabled<'_> {
     fn supports(&self, scheme: StochasticIntegrator) -> bool {
         self.0.noisy && scheme == StochasticIntegrator::EulerMaruyama
     }
-    fn diffusion(&self, x: &Self::State) -> Self::State {
+    fn diffusion(&self, t: Traced, x: &Self::State, _: &Self::Input) -> Self::State {
         let n = self.0.n;
-        if self.0.noisy {
-            Self::state(&self.outputs(Traced::ZERO, x)[n..2 * n])
-        } else {
-            Self::State::zero()
+        if self.0.noisy { Self::state(&self.outputs(t, x)[n..2 * n]) } else { Self::State::zero() }
+    }
+}
+
+/// The first error of a function that is called: the study ends by it.
+#[derive(Default)]
+struct Failure {
+    occurred: AtomicBool,
+    error: Mutex<Option<PyErr>>,
+}
+
+/// A function of single runs: a program, or a table with calls.
+enum Part {
+    Compiled(Compiled),
+    Called(Table, Arc<Failure>),
+}
+
+impl Part {
+    fn of(table: Table, failure: &Arc<Failure>) -> PyResult<Self> {
+        if table.calls.is_empty() {
+            return Ok(Self::Compiled(table.compile()?));
         }
+        Ok(Self::Called(table, failure.clone()))
+    }
+
+    /// The outputs; NaN once a function has failed.
+    fn evaluate(&self, inputs: &[f64]) -> Vec<f64> {
+        let (table, failure) = match self {
+            Self::Compiled(compiled) => return compiled.evaluate(inputs),
+            Self::Called(table, failure) => (table, failure),
+        };
+        let nothing = || vec![f64::NAN; table.outputs.len()];
+        if failure.occurred.load(Ordering::Relaxed) {
+            return nothing();
+        }
+        table.evaluate(inputs).unwrap_or_else(|error| {
+            failure.occurred.store(true, Ordering::Relaxed);
+            let mut first = failure.error.lock().unwrap_or_else(PoisonError::into_inner);
+            first.get_or_insert(error);
+            nothing()
+        })
     }
 }
 
@@ -130,27 +192,27 @@ struct Evaluated<'a> {
     noisy: bool,
     /// Whether it supports Euler-Maruyama, Milstein, the order 1.5 scheme.
     supports: [bool; 3],
-    parts: &'a Parts<Compiled>,
+    parts: &'a Parts<Part>,
 }
 
 /// The functions of a plant.
 struct Parts<F> {
     /// (t, x) → ẋ.
     drift: F,
-    /// x → y.
+    /// (t, x) → y.
     output: F,
-    /// x → b(x).
+    /// (t, x) → b.
     diffusion: F,
-    /// x → (∂b/∂x)·b.
+    /// (t, x) → (∂b/∂x)·b.
     slope: F,
     /// (t, x, v) → (∂a/∂x)·v.
     jacobian_times: F,
-    /// (t, x) → ½ bᵀ(∂²a/∂x²)b.
+    /// (t, x) → ∂a/∂t + ½ bᵀ(∂²a/∂x²)b.
     curvature: F,
 }
 
 impl Evaluated<'_> {
-    fn state(part: &Compiled, given: &[&[f64]]) -> PlantState<f64> {
+    fn state(part: &Part, given: &[&[f64]]) -> PlantState<f64> {
         PlantState::read(&part.evaluate(&given.concat()))
     }
     fn known<'a>(&self, x: &'a PlantState<f64>) -> &'a [f64] {
@@ -167,13 +229,14 @@ impl Plant<f64> for Evaluated<'_> {
     fn drift(&self, t: f64, x: &Self::State, _: &Self::Input) -> Self::State {
         Self::state(&self.parts.drift, &[&[t], self.known(x)])
     }
-    fn output(&self, x: &Self::State) -> f64 {
-        self.parts.output.evaluate(self.known(x)).first().copied().unwrap_or(f64::NAN)
+    fn output(&self, t: f64, x: &Self::State, _: &Self::Input) -> f64 {
+        let given = [&[t], self.known(x)].concat();
+        self.parts.output.evaluate(&given).first().copied().unwrap_or(f64::NAN)
     }
     fn truth<'a>(&self, x: &'a Self::State) -> &'a [f64] {
         self.known(x)
     }
-    fn control(&self, _: &Self::State, _: f64) -> Self::Input {
+    fn control(&self, _: f64, _: &Self::State, _: f64) -> Self::Input {
         crate::model::no_input()
     }
     fn has_process_noise(&self) -> bool {
@@ -182,26 +245,47 @@ impl Plant<f64> for Evaluated<'_> {
     fn supports(&self, scheme: StochasticIntegrator) -> bool {
         self.supports[scheme as usize]
     }
-    fn diffusion(&self, x: &Self::State) -> Self::State {
-        Self::state(&self.parts.diffusion, &[self.known(x)])
+    fn diffusion(&self, t: f64, x: &Self::State, _: &Self::Input) -> Self::State {
+        Self::state(&self.parts.diffusion, &[&[t], self.known(x)])
     }
-    fn diffusion_slope(&self, x: &Self::State) -> Self::State {
-        Self::state(&self.parts.slope, &[self.known(x)])
+    fn diffusion_slope(&self, t: f64, x: &Self::State, _: &Self::Input) -> Self::State {
+        Self::state(&self.parts.slope, &[&[t], self.known(x)])
     }
-    fn jacobian_times(&self, t: f64, x: &Self::State, v: &Self::State) -> Self::State {
+    fn jacobian_times(
+        &self,
+        t: f64,
+        x: &Self::State,
+        _: &Self::Input,
+        v: &Self::State,
+    ) -> Self::State {
         Self::state(&self.parts.jacobian_times, &[&[t], self.known(x), self.known(v)])
     }
-    fn curvature(&self, t: f64, x: &Self::State) -> Self::State {
+    fn curvature(&self, t: f64, x: &Self::State, _: &Self::Input) -> Self::State {
         Self::state(&self.parts.curvature, &[&[t], self.known(x)])
     }
 }
 
-/// An observer's step as a program of (t, dt, z, y, u), for single runs.
+/// An observer as programs of (t, dt, z, y), for single runs.
 #[derive(Clone, Copy)]
 struct Recursion<'a, const CURRENT: bool> {
-    step: &'a Compiled,
+    correct: Option<&'a Part>,
+    advance: &'a Part,
     n: usize,
     memory: usize,
+}
+
+impl<const CURRENT: bool> Recursion<'_, CURRENT> {
+    fn moved(&self, of: &Part, z: &mut SVector<f64, Z>, y: f64, t: f64, dt: f64) -> Status {
+        let mut given = vec![t, dt];
+        given.extend_from_slice(&z.as_slice()[..self.memory]);
+        given.push(y);
+        let next = SVector::<f64, Z>::read(&of.evaluate(&given)[..self.memory]);
+        if !next.within(f64::MAX) && z.within(f64::MAX) {
+            return Status::ModelUndefined; // the memory is held
+        }
+        *z = next;
+        Status::of(&y)
+    }
 }
 
 impl<const CURRENT: bool> Observer<f64> for Recursion<'_, CURRENT> {
@@ -213,17 +297,16 @@ impl<const CURRENT: bool> Observer<f64> for Recursion<'_, CURRENT> {
     fn initial(&self) -> Self::State {
         Self::State::zero()
     }
-    fn step(&self, z: &mut Self::State, y: &f64, _: &Self::Input, t: f64, dt: f64) -> Status {
-        let mut given = vec![t, dt];
-        given.extend_from_slice(&z.as_slice()[..self.memory]);
-        given.push(*y);
-        *z = Self::State::read(&self.step.evaluate(&given)[..self.memory]);
-        Status::Updated
+    fn correct(&self, z: &mut Self::State, y: &f64, t: f64) -> Status {
+        self.correct.map_or(Status::of(y), |correct| self.moved(correct, z, *y, t, 0.0))
+    }
+    fn advance(&self, z: &mut Self::State, y: &f64, _: &Self::Input, t: f64, dt: f64) -> Status {
+        self.moved(self.advance, z, *y, t, dt)
     }
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [f64] {
         &z.as_slice()[..self.n]
     }
-    fn innovation(&self, _: f64, z: &Self::State, y: &f64) -> f64 {
+    fn innovation(&self, _: f64, z: &Self::State, y: &f64, _: &Self::Input) -> f64 {
         *y - z[0]
     }
 }
@@ -232,8 +315,8 @@ impl<const CURRENT: bool> Observer<f64> for Recursion<'_, CURRENT> {
 /// innovation is the sample itself, from which the rate takes what it needs.
 #[derive(Clone, Copy)]
 struct Evolution<'a> {
-    rate: &'a Compiled,
-    admissible: &'a Compiled,
+    rate: &'a Part,
+    admissible: &'a Part,
     n: usize,
     memory: usize,
 }
@@ -254,6 +337,10 @@ impl ContinuousLaw<f64> for Evolution<'_> {
         given.extend_from_slice(&z.as_slice()[..self.memory]);
         given.push(*y);
         Self::State::read(&self.rate.evaluate(&given))
+    }
+    /// Joint integration takes rates alone.
+    fn injection(&self, _: &Self::State, _: &f64) -> Self::State {
+        Self::State::zero()
     }
     fn stagger(&self, _: &Self::State, new: Self::State, _: f64) -> Self::State {
         new
@@ -279,15 +366,21 @@ struct PlantTables {
 }
 
 impl Parts<Table> {
-    fn compile(&self) -> PyResult<Parts<Compiled>> {
+    fn made(&self, failure: &Arc<Failure>) -> PyResult<Parts<Part>> {
+        let part = |table: &Table| Part::of(table.clone(), failure);
         Ok(Parts {
-            drift: self.drift.compile()?,
-            output: self.output.compile()?,
-            diffusion: self.diffusion.compile()?,
-            slope: self.slope.compile()?,
-            jacobian_times: self.jacobian_times.compile()?,
-            curvature: self.curvature.compile()?,
+            drift: part(&self.drift)?,
+            output: part(&self.output)?,
+            diffusion: part(&self.diffusion)?,
+            slope: part(&self.slope)?,
+            jacobian_times: part(&self.jacobian_times)?,
+            curvature: part(&self.curvature)?,
         })
+    }
+    /// Whether functions are called.
+    fn calls(&self) -> bool {
+        let Self { drift, output, diffusion, .. } = self;
+        [drift, output, diffusion].iter().any(|table| !table.calls.is_empty())
     }
 }
 
@@ -325,24 +418,24 @@ where
             flat(build()?.drift(t, &x, &u))
         })?,
         output: trace(DOUBLE, || {
-            let x = state("x");
-            Ok(named("y", &[build()?.output(&x)]))
+            let (t, x) = (input("t"), state("x"));
+            Ok(named("y", &[build()?.output(t, &x, &u)]))
         })?,
         diffusion: trace(DOUBLE, || {
-            let x = state("x");
-            flat(build()?.diffusion(&x))
+            let (t, x) = (input("t"), state("x"));
+            flat(build()?.diffusion(t, &x, &u))
         })?,
         slope: trace(DOUBLE, || {
-            let x = state("x");
-            flat(build()?.diffusion_slope(&x))
+            let (t, x) = (input("t"), state("x"));
+            flat(build()?.diffusion_slope(t, &x, &u))
         })?,
         jacobian_times: trace(DOUBLE, || {
             let (t, x, v) = (input("t"), state("x"), state("v"));
-            flat(build()?.jacobian_times(t, &x, &v))
+            flat(build()?.jacobian_times(t, &x, &u, &v))
         })?,
         curvature: trace(DOUBLE, || {
             let (t, x) = (input("t"), state("x"));
-            flat(build()?.curvature(t, &x))
+            flat(build()?.curvature(t, &x, &u))
         })?,
     };
     let (mut noisy, mut supports) = (false, [false; 3]);
@@ -360,6 +453,8 @@ where
 struct Study<'a> {
     plan: &'a Plan,
     observer: &'a Tables,
+    /// [`Tables::taking`].
+    taking: Table,
     plant: PlantTables,
 }
 
@@ -370,20 +465,36 @@ impl Study<'_> {
         std::iter::repeat_n(Traced::ZERO, self.observer.n_u()).chain(parameters).collect()
     }
 
-    /// (t, dt, z, x, drawn noise, sines) → z⁺.
+    /// What takes the sample: (t, dt, z, x, drawn noise, sines, the plant's time) → z⁺.
     fn observers(&self) -> PyResult<Compiled> {
         trace(DOUBLE, || {
             let (t, dt) = (input("t"), input("dt"));
             let z = inputs("z", self.plan.memory_len());
             let x = inputs("x", self.plan.plant.len());
-            let (noise, sines) = (input("noise"), input("sines"));
-            let y = trace::inline(&self.plant.parts.output, &x)[0] + noise + sines;
+            let (noise, sines, plant_t) = (input("noise"), input("sines"), input("plant_t"));
+            let output =
+                trace::inline(&self.plant.parts.output, &[&[plant_t], x.as_slice()].concat());
+            let y = output[0] + noise + sines;
             let given = [&[t, dt], z.as_slice(), &[y], &self.told()].concat();
-            let mut made = trace::inline(self.observer.step(), &given);
+            let mut made = trace::inline(&self.taking, &given);
             made.truncate(z.len());
             Ok(named("z", &made))
         })?
         .compile()
+    }
+
+    /// The way on after the sample, with current timing: (t, dt, z) → z⁺.
+    fn predictors(&self) -> PyResult<Option<Compiled>> {
+        if self.observer.correct().is_none() {
+            return Ok(None);
+        }
+        let table = trace(DOUBLE, || {
+            let (t, dt) = (input("t"), input("dt"));
+            let z = inputs("z", self.plan.memory_len());
+            let given = [&[t, dt], z.as_slice(), &[Traced::ZERO], &self.told()].concat();
+            Ok(named("z", &trace::inline(self.observer.advance(), &given)))
+        })?;
+        table.compile().map(Some)
     }
 
     /// (t, dt, z, x, drawn noise) → (z⁺, x⁺), as one differential equation.
@@ -407,7 +518,8 @@ impl Study<'_> {
             let system = |t: Traced, both: &SVector<Traced, { X + Z }>| {
                 let (z, x) = both.as_slice().split_at(z.len());
                 let x = &x[..self.plan.plant.len()];
-                let y = trace::inline(&self.plant.parts.output, x)[0] + held + Sine::sum(&sines, t);
+                let output = trace::inline(&self.plant.parts.output, &[&[t], x].concat());
+                let y = output[0] + held + Sine::sum(&sines, t);
                 let given = [&[t], z, &[y], told.as_slice()].concat();
                 let mut rates = trace::inline(rate, &given);
                 if !frozen {
@@ -460,18 +572,33 @@ pub fn is_programmed(spec: &Spec<'_>) -> PyResult<bool> {
 pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, PyDict>> {
     let of_observer = spec.sub("observer")?;
     let schedule = spec.sub("schedule")?;
-    let dt = if schedule.text("kind")? == "fixed" { Some(schedule.f64("dt")?) } else { None };
-    let observer = Tables::read(&of_observer, false, dt)?;
-    let plan = Plan::read(spec, observer.memory_len(), &[])?;
+    let gains = if schedule.text("kind")? == "fixed" {
+        PlacedGains::For(schedule.f64("dt")?)
+    } else {
+        PlacedGains::Computed
+    };
+    let observer = Tables::read(&of_observer, Setting { gains, ..DOUBLE })?;
+    let mut plan = Plan::read(spec, observer.memory_len(), &["truth"])?;
     if observer.n_y() != 1 || plan.memory_len() > Z {
         return Err(refused("an own plant or model is simulated with one output"));
     }
     let plant_spec = spec.sub("plant")?;
     let (n, scheme) = (plan.plant.len(), plan.plant_scheme);
-    let own = match plan.plant {
-        AnyPlant::Own { .. } => Some(OwnPlant::read(&plant_spec)?),
-        _ => None,
+    let truth: Option<Vec<usize>> = spec.get("truth")?.map(|truth| truth.extract()).transpose()?;
+    let own = match (&plan.plant, truth) {
+        (AnyPlant::Own { .. }, None) => Some(OwnPlant::read(&plant_spec)?),
+        (AnyPlant::Own { .. }, Some(truth)) => {
+            Some(OwnPlant::read(&plant_spec)?.estimated(&truth)?)
+        }
+        (_, None) => None,
+        (_, Some(_)) => return Err(refused("truth names states of an own plant")),
     };
+    if let Some(own) = &own {
+        for row in plan.x0.chunks_exact_mut(n) {
+            let given = row.to_vec();
+            row.iter_mut().zip(&own.order).for_each(|(x, place)| *x = given[*place]);
+        }
+    }
     macro_rules! paper {
         ($variant:ident) => {
             plant_tables(n, scheme, || match AnyPlant::<Traced>::read(&plant_spec)? {
@@ -493,7 +620,7 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
             None => return Err(refused("another plant")),
         },
     };
-    let study = Study { plan: &plan, observer: &observer, plant };
+    let study = Study { plan: &plan, observer: &observer, taking: observer.taking()?, plant };
     if n < observer.n() {
         return Err(refused(&format!(
             "the observer estimates {} states; the plant has {n}",
@@ -502,30 +629,35 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
     }
     let integrator = plan.joint_integrator(&spec.sub("observer")?)?;
     let alone = integrator.is_some() && !plan.has_no_sines();
-    let result = if !alone && vectors(&plan)?.is_some() {
+    let mut result = if !alone && !study.calls() && vectors(&plan)?.is_some() {
         study.in_blocks(py, integrator)?
     } else {
         study.one_by_one(py, integrator)?
     };
+    if let Some(own) = &own {
+        result.reorder_states(&own.order);
+    }
     result.into_dict(py, &plan)
 }
 
 impl Study<'_> {
-    fn evaluated<'a>(&self, parts: &'a Parts<Compiled>) -> Evaluated<'a> {
+    fn evaluated<'a>(&self, parts: &'a Parts<Part>) -> Evaluated<'a> {
         let PlantTables { noisy, supports, .. } = self.plant;
         Evaluated { n: self.plan.plant.len(), noisy, supports, parts }
     }
 
     fn in_blocks(&self, py: Python<'_>, integrator: Option<Integrator>) -> PyResult<StudyResult> {
         let (plan, observer) = (self.plan, self.observer);
-        let parts = self.plant.parts.compile()?;
+        let parts = self.plant.parts.made(&Arc::default())?;
         let plants = self.plant.step.compile()?;
         let (observers, joint) = match integrator {
             None => (self.observers()?, false),
             Some(integrator) => (self.both(integrator)?, true),
         };
         let moves = !joint && plan.plant_scheme != PlantScheme::Held;
-        let rest = [observers.registers::<f64>(), plants.registers::<f64>()];
+        let predictors = if joint { None } else { self.predictors()? };
+        let on = predictors.as_ref().unwrap_or(&plants); // its registers are not used without
+        let rest = [&observers, &plants, on].map(Compiled::registers::<f64>);
         interruptible(py, |stop| {
             let plant = self.evaluated(&parts);
             let kept = plan.memory_len();
@@ -534,12 +666,13 @@ impl Study<'_> {
                 kept,
                 |vectors, experiment, first_run, block, metrics| {
                     let mut registers = rest.map(|rest| Box::new(Registers::in_lanes(&rest)));
-                    let [of_observers, of_plants] = &mut registers;
+                    let [of_observers, of_plants, on] = &mut registers;
                     let programs = Programs {
                         observers: observers.program(),
                         plants: moves.then(|| plants.program()),
                         joint,
-                        registers: [of_observers, of_plants],
+                        predictors: predictors.as_ref().map(Compiled::program),
+                        registers: [of_observers, of_plants, on],
                         entries: (plan.plant.len(), kept),
                         estimated: observer.n(),
                         filters: observer.is_current(),
@@ -554,26 +687,32 @@ impl Study<'_> {
 
     fn one_by_one(&self, py: Python<'_>, integrator: Option<Integrator>) -> PyResult<StudyResult> {
         let (plan, observer) = (self.plan, self.observer);
-        let parts = self.plant.parts.compile()?;
+        let failure = Arc::<Failure>::default();
+        let parts = self.plant.parts.made(&failure)?;
         let (n, memory) = (observer.n(), plan.memory_len());
         // what is known of the observer's inputs and parameters, taken in
         let alone = |table: &Table, own: usize| {
-            trace(DOUBLE, || {
+            let alone = trace(DOUBLE, || {
                 let given = inputs("given", own);
                 let outputs = trace::inline(table, &[given, self.told()].concat());
                 Ok(named("z", &outputs))
-            })?
-            .compile()
+            })?;
+            Part::of(alone, &failure)
         };
-        let step = alone(observer.step(), 2 + memory + 1)?;
+        let half = |table: &Table| alone(table, 2 + memory + 1);
+        let current = observer.is_current();
+        let correct = if current { Some(half(&self.taking)?) } else { None };
+        let advance = if current { half(observer.advance())? } else { half(&self.taking)? };
         let law = match (integrator, observer.law()) {
             (None, _) => None,
             (Some(_), None) => return Err(refused(SAMPLED_ONLY)),
-            (Some(integrator), Some((rate, admissible))) => {
-                Some((integrator, alone(rate, 1 + memory + 1)?, admissible.compile()?))
-            }
+            (Some(integrator), Some((rate, admissible))) => Some((
+                integrator,
+                alone(rate, 1 + memory + 1)?,
+                Part::of(admissible.clone(), &failure)?,
+            )),
         };
-        interruptible(py, |stop| {
+        let result = interruptible(py, |stop| {
             let plant = self.evaluated(&parts);
             let tell = |u: &NoInput<f64>| *u;
             if let Some((integrator, rate, admissible)) = &law {
@@ -583,16 +722,25 @@ impl Study<'_> {
                 });
             }
             if observer.is_current() {
-                let observer = Recursion::<true> { step: &step, n, memory };
+                let observer =
+                    Recursion::<true> { correct: correct.as_ref(), advance: &advance, n, memory };
                 plan.execute(plant, memory, stop, |experiment, run, x, z, watch| {
                     experiment.sampled(&observer, tell, run, x, z, watch)
                 })
             } else {
-                let observer = Recursion::<false> { step: &step, n, memory };
+                let observer = Recursion::<false> { correct: None, advance: &advance, n, memory };
                 plan.execute(plant, memory, stop, |experiment, run, x, z, watch| {
                     experiment.sampled(&observer, tell, run, x, z, watch)
                 })
             }
-        })
+        });
+        let failed = failure.error.lock().unwrap_or_else(PoisonError::into_inner).take();
+        failed.map_or(result, Err)
+    }
+
+    /// Whether Python functions are called.
+    fn calls(&self) -> bool {
+        let tables = [&self.taking, self.observer.advance()];
+        self.plant.parts.calls() || tables.iter().any(|table| !table.calls.is_empty())
     }
 }

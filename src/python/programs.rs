@@ -3,6 +3,7 @@
 //! The laws are the core's own. Run over [`Traced`] numbers, with the model's table in the place of a
 //! compiled model, each writes down its step once; the program of that step is what runs.
 
+use super::called::Called;
 use super::choices::{AnyGain, AnyMethod, AnySaturation, Manner, MovingGain};
 use super::compile::Compiled;
 use super::design::order_refused;
@@ -13,10 +14,12 @@ use super::recursion::{AnyObserver, Block, Recursion};
 use super::spec::Spec;
 use super::systems::{AnyModel, read_van_der_pol};
 use super::table::Table;
-use super::tabled::{LawTables, MAX_INPUTS, flat};
-use super::trace::{self, Setting, Traced, call, input, inputs, named, trace};
+pub use super::tabled::MAX_INPUTS;
+use super::tabled::{Gains, LawTables, flat};
+use super::trace::{self, PlacedGains, Setting, Traced, call, input, inputs, named, trace};
 use crate::Scalar;
 use crate::dispatch_order;
+use crate::gain::ConstantGain;
 use crate::memory::Memory;
 use crate::model::{Model, PhaseVariable, SampledModel, StrictFeedback, last};
 use crate::models::Correction;
@@ -30,10 +33,10 @@ use nalgebra::{SMatrix, SVector};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::cmp::Ordering;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// Outputs that a model of chains may have.
-const CHAINS: usize = 12;
+pub const CHAINS: usize = 12;
 
 /// For each chain, the bits of the time that a correction is for.
 type Lengths = [u64; CHAINS];
@@ -187,19 +190,35 @@ struct OwnSampled {
 }
 
 impl OwnSampled {
-    fn call(&self, x: &[Traced], u: &[Traced], y: Traced, dt: Traced) -> Vec<Traced> {
-        call(self.function, &[&[Traced::ZERO], x, &u[..self.n_u], &[y, dt]].concat())
+    fn call(&self, t: Traced, x: &[Traced], u: &[Traced], y: Traced, dt: Traced) -> Vec<Traced> {
+        call(self.function, &[&[t], x, &u[..self.n_u], &[y, dt]].concat())
     }
 }
 
 impl<const N: usize> SampledModel<Traced, N, MAX_INPUTS> for OwnSampled {
-    fn f(&self, x: &SVector<Traced, N>, u: &SVector<Traced, MAX_INPUTS>) -> SVector<Traced, N> {
-        let made = self.call(x.as_slice(), u.as_slice(), Traced::ZERO, Traced::ZERO);
+    fn f(
+        &self,
+        t: Traced,
+        x: &SVector<Traced, N>,
+        u: &SVector<Traced, MAX_INPUTS>,
+    ) -> SVector<Traced, N> {
+        let made = self.call(t, x.as_slice(), u.as_slice(), Traced::ZERO, Traced::ZERO);
         SVector::from_fn(|i, _| made[i])
     }
-    fn correction(&self, x: &SVector<Traced, N>, y: Traced, dt: Traced) -> SVector<Traced, N> {
-        let made = self.call(x.as_slice(), &[Traced::ZERO; MAX_INPUTS], y, dt);
+    fn correction(
+        &self,
+        t: Traced,
+        x: &SVector<Traced, N>,
+        u: &SVector<Traced, MAX_INPUTS>,
+        y: Traced,
+        dt: Traced,
+    ) -> SVector<Traced, N> {
+        let made = self.call(t, x.as_slice(), u.as_slice(), y, dt);
         SVector::from_fn(|i, _| made[self.n + i])
+    }
+    fn output(&self, t: Traced, x: &SVector<Traced, N>, u: &SVector<Traced, MAX_INPUTS>) -> Traced {
+        let made = self.call(t, x.as_slice(), u.as_slice(), Traced::ZERO, Traced::ZERO);
+        made[2 * self.n]
     }
 }
 
@@ -211,30 +230,41 @@ struct OwnStrictFeedback {
 }
 
 impl OwnStrictFeedback {
-    /// f₁, g and f₂; of f₁ and g only x is known.
-    fn call(&self, x: &[Traced], z: &[Traced], u: &[Traced]) -> Vec<Traced> {
-        call(self.function, &[&[Traced::ZERO], x, z, &u[..self.n_u]].concat())
+    /// f₁, g and f₂; f₁ and g do not depend on z.
+    fn call(&self, t: Traced, x: &[Traced], z: &[Traced], u: &[Traced]) -> Vec<Traced> {
+        call(self.function, &[&[t], x, z, &u[..self.n_u]].concat())
     }
 }
 
 impl<const NX: usize, const NZ: usize> StrictFeedback<Traced, NX, NZ, MAX_INPUTS>
     for OwnStrictFeedback
 {
-    fn f1(&self, x: &SVector<Traced, NX>) -> SVector<Traced, NX> {
-        let made = self.call(x.as_slice(), &[Traced::ZERO; NZ], &[Traced::ZERO; MAX_INPUTS]);
+    fn f1(
+        &self,
+        t: Traced,
+        x: &SVector<Traced, NX>,
+        u: &SVector<Traced, MAX_INPUTS>,
+    ) -> SVector<Traced, NX> {
+        let made = self.call(t, x.as_slice(), &[Traced::ZERO; NZ], u.as_slice());
         SVector::from_fn(|i, _| made[i])
     }
-    fn g(&self, x: &SVector<Traced, NX>) -> SMatrix<Traced, NX, NZ> {
-        let made = self.call(x.as_slice(), &[Traced::ZERO; NZ], &[Traced::ZERO; MAX_INPUTS]);
+    fn g(
+        &self,
+        t: Traced,
+        x: &SVector<Traced, NX>,
+        u: &SVector<Traced, MAX_INPUTS>,
+    ) -> SMatrix<Traced, NX, NZ> {
+        let made = self.call(t, x.as_slice(), &[Traced::ZERO; NZ], u.as_slice());
         SMatrix::from_fn(|i, j| made[NX + i * NZ + j])
     }
     fn f2(
         &self,
+        t: Traced,
         x: &SVector<Traced, NX>,
         z: &SVector<Traced, NZ>,
         u: &SVector<Traced, MAX_INPUTS>,
     ) -> SVector<Traced, NZ> {
-        let made = self.call(x.as_slice(), z.as_slice(), u.as_slice());
+        let made = self.call(t, x.as_slice(), z.as_slice(), u.as_slice());
         SVector::from_fn(|i, _| made[NX + NX * NZ + i])
     }
 }
@@ -252,25 +282,37 @@ struct Shape {
 /// An observer as tables.
 pub struct Tables {
     shape: Shape,
-    /// (t, dt, z, y, u, parameters) → (z⁺, innovation).
-    step: Table,
-    /// The same where the sample is missing, if that is another law.
+    /// The use of a sample with current timing: (t, dt, z, y, u, parameters, gains) → (z⁺, innovation).
+    correct: Option<Table>,
+    /// The way to the next sample, of the same inputs: z⁺, and the innovation with predictor timing.
+    advance: Table,
+    /// What takes the sample (the correction with current timing, else the way to the next one) where
+    /// the sample is missing, if that is another law.
     missing: Option<Table>,
     /// The same with and without a sample, for a law that has not started: the entry of its memory of
-    /// this index is 0.
+    /// this index is not positive.
     unstarted: Option<(usize, [Table; 2])>,
-    /// For each chain, where the time stands in the memory that a correction is for: of laws with
-    /// current timing whose eigenvalues are placed.
-    elapsed: Vec<Option<usize>>,
+    /// For each chain whose eigenvalues are placed by gains that are inputs, these gains, in order.
+    placed: Vec<PlacedChain>,
     /// A continuous law: (t, z, y, u, parameters) → ż, and z → z within the set that it lives in.
     law: Option<(Table, Table)>,
     parameters: Vec<f64>,
 }
 
+/// A chain whose corrections are placed.
+struct PlacedChain {
+    /// Which sample corrects it.
+    channel: usize,
+    /// Where the time stands in the memory that a correction is for, with current timing; else it is the
+    /// step's length.
+    elapsed: Option<usize>,
+    gains: Arc<Gains>,
+}
+
 /// What an observer knows, as its spec says it.
 enum Given<'py, 'a> {
     Paper(Option<Spec<'py>>),
-    Own(OwnModel),
+    Own(Box<OwnModel>),
     /// Chain number `chain` of a model with several outputs.
     Chain(&'a OwnModel, usize),
 }
@@ -282,7 +324,7 @@ impl<'py> Given<'py, '_> {
         }
         let model = spec.sub("model")?;
         if model.text("kind")? == "own" {
-            return Ok(Self::Own(OwnModel::read(&model)?));
+            return Ok(Self::Own(Box::new(OwnModel::read(&model)?)));
         }
         Ok(Self::Paper(Some(model)))
     }
@@ -344,10 +386,12 @@ impl<'py> Given<'py, '_> {
     }
 }
 
-/// The table of one step of the observer that `build` makes within the trace.
-fn step_table<O>(
+/// A half of a step of the observer that `build` makes within the trace: the use of a sample, or the
+/// way to the next one.
+fn half_table<O>(
     setting: Setting,
     n_u: usize,
+    corrects: bool,
     build: impl FnOnce() -> PyResult<O>,
 ) -> PyResult<Table>
 where
@@ -359,8 +403,15 @@ where
         let y = O::Measurement::read(&inputs("y", O::Measurement::LEN));
         let u = O::Input::read(&inputs("u", n_u));
         let observer = build()?;
-        let innovation = flat(&observer.innovation(t, &z, &y));
-        observer.step(&mut z, &y, &u, t, dt);
+        let mut innovation = Vec::new();
+        if corrects == (O::TIMING == Timing::Current) {
+            innovation = flat(&observer.innovation(t, &z, &y, &u));
+        }
+        if corrects {
+            observer.correct(&mut z, &y, t);
+        } else {
+            observer.advance(&mut z, &y, &u, t, dt);
+        }
         Ok([named("z", &flat(&z)), named("innovation", &innovation)].concat())
     })
 }
@@ -381,10 +432,14 @@ impl Tables {
         let together = !current && !placed;
         Ok(Self {
             shape: Shape { n: law.n, n_y: 1, n_u: given.n_u()?, memory, current, initial },
-            step: law.step(setting, manner)?,
+            correct: law.correct(setting, manner)?,
+            advance: law.advance(setting, manner)?,
             missing: None,
             unstarted: None,
-            elapsed: vec![(current && placed).then_some(law.len)],
+            placed: law.gains().map_or_else(Vec::new, |gains| {
+                let elapsed = current.then_some(law.len);
+                vec![PlacedChain { channel: 0, elapsed, gains: gains.clone() }]
+            }),
             law: if together { Some(law.together(setting)?) } else { None },
             parameters: given.parameters().to_vec(),
         })
@@ -406,6 +461,14 @@ where
     Ok(Shape { n, n_y, n_u, memory, current, initial })
 }
 
+/// A gain that does not move.
+fn constant(spec: &Spec<'_>) -> PyResult<ConstantGain<f64>> {
+    match AnyGain::read(spec)? {
+        AnyGain::Constant(gain) => Ok(gain),
+        AnyGain::Moving(_) => Err(refused("a gain that moves has no gains for a length alone")),
+    }
+}
+
 fn standard<const N: usize>(
     spec: &Spec<'_>,
     given: &Given<'_, '_>,
@@ -416,12 +479,26 @@ fn standard<const N: usize>(
     let gain = spec.sub("gain")?;
     macro_rules! law {
         ($gain:pat => $made:expr) => {
-            LawTables::any(setting, manner, given.n_u()?, || {
-                let model = given.install(N)?;
-                let $gain = AnyGain::read(&gain)? else { return Err(refused("another gain law")) };
-                let k = k.map(Traced::from_f64);
-                Ok(StandardObserver::<Traced, _, _, N, MAX_INPUTS>::new(k, $made, model)?)
-            })
+            LawTables::any(
+                setting,
+                manner,
+                given.n_u()?,
+                || {
+                    let model = given.install(N)?;
+                    let $gain = AnyGain::read(&gain)? else {
+                        return Err(refused("another gain law"));
+                    };
+                    let k = k.map(Traced::from_f64);
+                    Ok(StandardObserver::<Traced, _, _, N, MAX_INPUTS>::new(k, $made, model)?)
+                },
+                |at| {
+                    let gain = constant(&gain)?;
+                    Gains::new(
+                        StandardObserver::<f64, _, _, N, 1>::new(k, gain, AnyModel::Unknown)?,
+                        at,
+                    )
+                },
+            )
         };
     }
     let law = if gain.text("law")? == "constant" {
@@ -457,15 +534,29 @@ fn low_power<const N: usize>(
     let gain = spec.sub("gain")?;
     macro_rules! law {
         ($gain:pat => $made:expr) => {
-            LawTables::any(setting, manner, given.n_u()?, || {
-                let model = given.install(N)?;
-                let saturation = AnySaturation::<N, Traced>::read(spec, saturated)?;
-                let $gain = AnyGain::read(&gain)? else { return Err(refused("another gain law")) };
-                let [alpha, beta] = [alpha, beta].map(|k| k.map(Traced::from_f64));
-                Ok(LowPower::<Traced, _, _, _, N, MAX_INPUTS>::new(
-                    alpha, beta, $made, model, saturation,
-                )?)
-            })
+            LawTables::any(
+                setting,
+                manner,
+                given.n_u()?,
+                || {
+                    let model = given.install(N)?;
+                    let saturation = AnySaturation::<N, Traced>::read(spec, saturated)?;
+                    let $gain = AnyGain::read(&gain)? else {
+                        return Err(refused("another gain law"));
+                    };
+                    let [alpha, beta] = [alpha, beta].map(|k| k.map(Traced::from_f64));
+                    Ok(LowPower::<Traced, _, _, _, N, MAX_INPUTS>::new(
+                        alpha, beta, $made, model, saturation,
+                    )?)
+                },
+                |at| {
+                    let saturation = AnySaturation::<N>::read(spec, saturated)?;
+                    let (gain, model) = (constant(&gain)?, AnyModel::Unknown);
+                    let law =
+                        LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
+                    Gains::new(law, at)
+                },
+            )
         };
     }
     let law = if gain.text("law")? == "constant" {
@@ -517,13 +608,14 @@ where
     O::Input: Memory<Traced>,
 {
     let n_u = given.n_u()?;
-    let step = |present| step_table(Setting { present, ..setting }, n_u, &build);
+    let advance = |present| half_table(Setting { present, ..setting }, n_u, false, &build);
     Ok(Tables {
         shape: shape(n_u, &build)?,
-        step: step(true)?,
-        missing: Some(step(false)?),
+        correct: None,
+        advance: advance(true)?,
+        missing: Some(advance(false)?),
         unstarted: None,
-        elapsed: Vec::new(),
+        placed: Vec::new(),
         law: None,
         parameters: given.parameters().to_vec(),
     })
@@ -564,45 +656,34 @@ fn reduced_order<const NX: usize, const NZ: usize>(
         let h_bar = h_bar.map(Traced::from_f64);
         Ok(ReducedOrderObserver::new(h_bar, Traced::from_f64(epsilon), model)?)
     };
-    let step = |started, present| {
+    let correct = |started, present| {
         let answer = Some(if started { Ordering::Greater } else { Ordering::Equal });
-        step_table(Setting { present, answer, ..setting }, n_u, build)
+        half_table(Setting { present, answer, ..setting }, n_u, true, build)
     };
-    let shape = shape::<Reduced<NX, NZ>>(n_u, build)?;
     Ok(Tables {
-        shape,
-        step: step(true, true)?,
-        missing: Some(step(true, false)?),
-        unstarted: Some((NZ + NX + MAX_INPUTS, [step(false, true)?, step(false, false)?])),
-        elapsed: Vec::new(),
+        shape: shape::<Reduced<NX, NZ>>(n_u, build)?,
+        correct: Some(correct(true, true)?),
+        advance: half_table(setting, n_u, false, build)?,
+        missing: Some(correct(true, false)?),
+        unstarted: Some((NZ + NX + MAX_INPUTS, [correct(false, true)?, correct(false, false)?])),
+        placed: Vec::new(),
         law: None,
         parameters: given.parameters().to_vec(),
     })
 }
 
 impl Tables {
-    /// Of the observer that a spec describes; with `single` in single precision.
-    ///
-    /// With `dt`, corrections that are placed are right for times of this length only.
-    pub fn read(spec: &Spec<'_>, single: bool, dt: Option<f64>) -> PyResult<Self> {
-        Self::of_lengths(spec, single, dt.map(|dt| [dt.to_bits(); CHAINS]))
-    }
-
-    /// The same, with a length for each chain.
-    fn of_lengths(spec: &Spec<'_>, single: bool, lengths: Option<Lengths>) -> PyResult<Self> {
-        let setting = |chain: usize| {
-            let dt = lengths.map(|lengths| f64::from_bits(lengths[chain.min(CHAINS - 1)]));
-            Setting { dt, ..Setting::usual(single) }
-        };
+    /// Of the observer that a spec describes.
+    pub fn read(spec: &Spec<'_>, setting: Setting) -> PyResult<Self> {
         if spec.text("kind")? == "chains" {
             return Self::of_chains(spec, setting);
         }
-        Self::of(spec, &Given::read(spec)?, setting(0))
+        Self::of(spec, &Given::read(spec)?, setting)
     }
 
     /// Of an observer of several outputs: one observer for each chain, which takes the states of the
     /// other chains as they stand at the beginning of a step.
-    fn of_chains(spec: &Spec<'_>, setting: impl Fn(usize) -> Setting) -> PyResult<Self> {
+    fn of_chains(spec: &Spec<'_>, setting: Setting) -> PyResult<Self> {
         spec.only(&["kind", "observers", "model"])?;
         let own = OwnModel::read(&spec.sub("model")?)?;
         if own.form != "chains" {
@@ -625,7 +706,7 @@ impl Tables {
         let chains: Vec<Self> = specs
             .iter()
             .enumerate()
-            .map(|(chain, spec)| Self::of(spec, &Given::Chain(&own, chain), setting(chain)))
+            .map(|(chain, spec)| Self::of(spec, &Given::Chain(&own, chain), setting))
             .collect::<PyResult<_>>()?;
         if chains.iter().any(|of| of.shape.current != chains[0].shape.current) {
             return Err(refused("the observers of a model of chains must have the same timing"));
@@ -642,32 +723,51 @@ impl Tables {
         for (of, place) in chains.iter().zip(&place) {
             place.iter().zip(&of.shape.initial).for_each(|(place, value)| initial[*place] = *value);
         }
-        let elapsed = chains.iter().zip(&place);
-        let elapsed = elapsed.map(|(of, place)| Some(place[(*of.elapsed.first()?)?])).collect();
-        let step = trace(setting(0), || {
-            let (t, dt) = (input("t"), input("dt"));
-            let (z, y) = (inputs("z", rest), inputs("y", chains.len()));
-            let u = inputs("u", own.n_u);
-            let parameters: Vec<Traced> = own.names().iter().map(|name| input(name)).collect();
-            let (mut moved, mut innovation) = (z.clone(), Vec::new());
-            for ((of, place), y) in chains.iter().zip(&place).zip(&y) {
-                let memory: Vec<Traced> = place.iter().map(|place| z[*place]).collect();
-                let given = [&[t, dt], memory.as_slice(), &[*y], &u, &z[..own.n], &parameters];
-                let made = trace::inline(&of.step, &given.concat());
-                place.iter().zip(&made).for_each(|(place, value)| moved[*place] = *value);
-                innovation.extend_from_slice(&made[memory.len()..]);
-            }
-            Ok([named("z", &moved), named("innovation", &innovation)].concat())
-        })?;
+        let placed = chains.iter().zip(&place).enumerate().flat_map(|(channel, (of, place))| {
+            of.placed.iter().map(move |PlacedChain { elapsed, gains, .. }| PlacedChain {
+                channel,
+                elapsed: elapsed.map(|elapsed| place[elapsed]),
+                gains: gains.clone(),
+            })
+        });
+        let placed = placed.collect();
+        let joined = |half: &dyn Fn(&Self) -> Table| {
+            trace(setting, || {
+                let (t, dt) = (input("t"), input("dt"));
+                let (z, y) = (inputs("z", rest), inputs("y", chains.len()));
+                let u = inputs("u", own.n_u);
+                let parameters: Vec<Traced> = own.names().iter().map(|name| input(name)).collect();
+                let (mut moved, mut innovation) = (z.clone(), Vec::new());
+                for (chain, ((of, place), y)) in chains.iter().zip(&place).zip(&y).enumerate() {
+                    let memory: Vec<Traced> = place.iter().map(|place| z[*place]).collect();
+                    let count = of.placed.first().map_or(0, |placed| placed.gains.count);
+                    let gains = inputs(&format!("gains{chain}"), count);
+                    let (memory, shared) = (memory.as_slice(), &z[..own.n]);
+                    let given = [&[t, dt], memory, &[*y], &u, shared, &parameters, &gains];
+                    let made = trace::inline(&half(of), &given.concat());
+                    place.iter().zip(&made).for_each(|(place, value)| moved[*place] = *value);
+                    innovation.extend_from_slice(&made[memory.len()..]);
+                }
+                Ok([named("z", &moved), named("innovation", &innovation)].concat())
+            })
+        };
+        let corrects = chains.iter().all(|of| of.correct.is_some());
+        let correct = if corrects {
+            Some(joined(&|of| of.correct.clone().unwrap_or_default())?)
+        } else {
+            None
+        };
+        let advance = joined(&|of| of.advance.clone())?;
         let current = chains.first().is_some_and(|of| of.shape.current);
         let (n, n_y, n_u, memory) = (own.n, chains.len(), own.n_u, rest);
         let shape = Shape { n, n_y, n_u, memory, current, initial };
         Ok(Self {
             shape,
-            step,
+            correct,
+            advance,
             missing: None,
             unstarted: None,
-            elapsed,
+            placed,
             law: None,
             parameters: own.parameters,
         })
@@ -752,77 +852,69 @@ impl Tables {
     }
 }
 
-/// The step of an observer as a program, with registers in which constants and parameters stand.
+/// A step of an observer, or a half of it, as a program, with registers in which constants and
+/// parameters stand.
 struct Step {
     compiled: Compiled,
     at_rest: Registers<f64>,
+    /// Where among the outputs the memory stands that a record shows; the first are the next memory.
+    shown: usize,
     /// Whether an entry of the memory is handed on to a later one: it must be read before its place is
     /// written.
     hands_on: bool,
 }
 
+/// A step in all its forms.
+pub struct Steps<S> {
+    usual: Arc<S>,
+    /// The same for a missing sample, if that is another law.
+    missing: Option<Arc<S>>,
+    /// The same with and without a sample for a law that has not started, see [`Tables::unstarted`].
+    unstarted: Option<(usize, [Arc<S>; 2])>,
+}
+
+impl<S> Steps<S> {
+    /// The step for such a sample.
+    pub fn choose(&self, memory: &[f64], present: bool) -> &Arc<S> {
+        if let Some((index, [with, without])) = &self.unstarted
+            && memory.get(*index).is_some_and(|entry| *entry <= 0.0)
+        {
+            return if present { with } else { without };
+        }
+        match &self.missing {
+            Some(missing) if !present => missing,
+            _ => &self.usual,
+        }
+    }
+}
+
 /// An observer whose step is a program.
 pub struct Programmed {
     tables: Tables,
-    /// The step, and the step that tells the innovation too.
-    steps: Pair,
-    /// The same (both) for a missing sample, if that is another law.
-    missing: Option<Arc<Step>>,
-    /// The same for a law that has not started.
-    unstarted: Option<(usize, [Arc<Step>; 2])>,
-    /// For a law whose step is another table for each length of a period.
-    remade: Option<Remade>,
-}
-
-/// How to make the steps for a length, and those that were made.
-struct Remade {
-    spec: Py<PyAny>,
-    /// Whether there is no step for any length.
-    only: bool,
-    made: Mutex<Vec<(Lengths, Pair)>>,
-}
-
-/// A step, and the same step that tells the innovation too.
-type Pair = [Arc<Step>; 2];
-
-/// Lengths that are remembered.
-const REMEMBERED: usize = 64;
-
-/// Laws of a spec whose eigenvalues are placed: any; and any whose gains are found by decisions on the
-/// length of a period, so that there is no table for all of them.
-fn placed(spec: &Spec<'_>) -> PyResult<(bool, bool)> {
-    let kind = spec.text("kind")?;
-    if kind == "chains" {
-        return spec.list("observers")?.iter().try_fold((false, false), |(any, deciding), spec| {
-            let (of_one, decides) = placed(spec)?;
-            Ok((any || of_one, deciding || decides))
-        });
-    }
-    let blocks = kind == "low-power" || kind == "peaking-free";
-    let continuous = blocks || kind == "standard";
-    let any = continuous && matches!(Manner::read(spec)?.method, AnyMethod::Placed(_));
-    Ok((any, any && blocks))
+    /// From sample to sample of a record; with current timing a correction, shown, and the way on.
+    whole: Steps<Step>,
+    /// The halves: the use of a sample with current timing, and the way to the next one.
+    correct: Option<Steps<Step>>,
+    advance: Steps<Step>,
 }
 
 /// An observer with a model of the user's own.
 pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
-    let (placed, deciding) = placed(spec)?;
-    let made = Mutex::default();
-    let remade = placed.then(|| Remade { spec: spec.to_any(), only: deciding, made });
-    let tables = Tables::read(spec, false, deciding.then_some(1.0))?;
-    let steps = tables.steps()?;
-    let missing = match &tables.missing {
-        None => None,
-        Some(table) => Some(Arc::new(tables.program(table)?)),
+    let setting = Setting { gains: PlacedGains::Given, ..Setting::usual(false) };
+    let tables = Tables::read(spec, setting)?;
+    let calls = |table: &Table| !table.calls.is_empty();
+    if calls(&tables.advance) || tables.correct.as_ref().is_some_and(calls) {
+        let (correct, advance) = tables.halves(|table| Ok(table.clone()))?;
+        return Ok(Box::new(Called::new(tables, correct, advance)));
+    }
+    let (correct, advance) = tables.halves(|table| tables.program(table, 0))?;
+    let whole = match &tables.correct {
+        None => tables.forms(&tables.advance, |table| tables.program(table, 0))?,
+        Some(correct) => tables.forms(correct, |correct| {
+            tables.program(&tables.whole(correct)?, correct.outputs.len())
+        })?,
     };
-    let unstarted = match &tables.unstarted {
-        None => None,
-        Some((index, [with, without])) => {
-            let [with, without] = [tables.program(with)?, tables.program(without)?];
-            Some((*index, [Arc::new(with), Arc::new(without)]))
-        }
-    };
-    Ok(Box::new(Programmed { tables, steps, missing, unstarted, remade }))
+    Ok(Box::new(Programmed { tables, whole, correct, advance }))
 }
 
 impl Tables {
@@ -841,8 +933,28 @@ impl Tables {
     pub fn is_current(&self) -> bool {
         self.shape.current
     }
-    pub fn step(&self) -> &Table {
-        &self.step
+    /// The use of a sample with current timing.
+    pub fn correct(&self) -> Option<&Table> {
+        self.correct.as_ref()
+    }
+    /// What takes the sample, whether the law has started or not: the correction with current timing,
+    /// else the way to the next sample.
+    pub fn taking(&self) -> PyResult<Table> {
+        let usual = self.correct.as_ref().unwrap_or(&self.advance);
+        let Some((index, [unstarted, _])) = &self.unstarted else { return Ok(usual.clone()) };
+        trace(Setting::usual(false), || {
+            let given: Vec<Traced> = usual.inputs.iter().map(|name| input(name)).collect();
+            let (made, first) = (trace::inline(usual, &given), trace::inline(unstarted, &given));
+            let started = given[MEMORY + index];
+            let chosen = made.iter().zip(&first);
+            let chosen: Vec<Traced> =
+                chosen.map(|(a, b)| trace::if_positive(started, *a, *b)).collect();
+            Ok(usual.output_names.iter().cloned().zip(chosen).collect())
+        })
+    }
+    /// The way to the next sample.
+    pub fn advance(&self) -> &Table {
+        &self.advance
     }
     /// Rate and admissible set of a continuous law.
     pub fn law(&self) -> Option<&(Table, Table)> {
@@ -852,18 +964,74 @@ impl Tables {
         &self.parameters
     }
 
-    /// The step, and the step that tells the innovation too.
-    fn steps(&self) -> PyResult<Pair> {
-        let step = self.program(&self.step.with_outputs(0..self.memory_len()))?;
-        Ok([Arc::new(step), Arc::new(self.program(&self.step)?)])
+    /// A correction and the way on as one step: (next memory, innovation, memory after the correction).
+    fn whole(&self, correct: &Table) -> PyResult<Table> {
+        let m = self.shape.memory;
+        trace(Setting::usual(false), || {
+            let given: Vec<Traced> = correct.inputs.iter().map(|name| input(name)).collect();
+            let corrected = trace::inline(correct, &given);
+            let mut on = given;
+            on[MEMORY..MEMORY + m].copy_from_slice(&corrected[..m]);
+            let next = trace::inline(&self.advance, &on);
+            let (z, innovation) = corrected.split_at(m);
+            Ok([named("z", &next), named("innovation", innovation), named("shown", z)].concat())
+        })
+    }
+
+    /// The halves of a step, as `make` makes them of their tables: the use of a sample with current
+    /// timing, and the way to the next one.
+    fn halves<S>(
+        &self,
+        make: impl Fn(&Table) -> PyResult<S>,
+    ) -> PyResult<(Option<Steps<S>>, Steps<S>)> {
+        let Some(correct) = &self.correct else {
+            return Ok((None, self.forms(&self.advance, make)?));
+        };
+        let usual = Arc::new(make(&self.advance)?);
+        let advance = Steps { usual, missing: None, unstarted: None };
+        Ok((Some(self.forms(correct, make)?), advance))
+    }
+
+    /// What `make` makes of a table that takes the sample, in all forms that it has.
+    fn forms<S>(&self, usual: &Table, make: impl Fn(&Table) -> PyResult<S>) -> PyResult<Steps<S>> {
+        let step = |table: &Table| Ok::<_, PyErr>(Arc::new(make(table)?));
+        let unstarted = match &self.unstarted {
+            None => None,
+            Some((index, [with, without])) => Some((*index, [step(with)?, step(without)?])),
+        };
+        let missing = self.missing.as_ref().map(step).transpose()?;
+        Ok(Steps { usual: step(usual)?, missing, unstarted })
     }
 
     /// The program of a step.
-    fn program(&self, table: &Table) -> PyResult<Step> {
-        let compiled = table.compile()?;
-        let next = (MEMORY..).zip(compiled.outputs.iter().take(self.shape.memory));
-        let hands_on = { next }.any(|(place, of)| (MEMORY..place).contains(&usize::from(*of)));
-        Ok(Step { at_rest: self.at_rest(&compiled), compiled, hands_on })
+    fn program(&self, table: &Table, shown: usize) -> PyResult<Step> {
+        let (compiled, m) = (table.compile()?, self.shape.memory);
+        let of = |from: usize| compiled.outputs.iter().skip(from).take(m);
+        let next = (MEMORY..).zip(of(0).zip(of(shown)));
+        let before = |place, of: &u8| (MEMORY..place).contains(&usize::from(*of));
+        let hands_on = { next }.any(|(place, (a, b))| before(place, a) || before(place, b));
+        Ok(Step { at_rest: self.at_rest(&compiled), compiled, shown, hands_on })
+    }
+
+    /// Memory to start from when nothing is known.
+    pub fn initial(&self) -> &[f64] {
+        &self.shape.initial
+    }
+
+    /// The inputs of a step: (t, dt, z, y, u, parameters, gains).
+    pub fn inputs(
+        &self,
+        memory: &[f64],
+        (y, u): (&[f64], &[f64]),
+        (t, dt): (f64, f64),
+    ) -> Vec<f64> {
+        let mut inputs = [&[t, dt], memory, y, u, self.parameters.as_slice()].concat();
+        for placed in &self.placed {
+            let (first, gains) = (inputs.len(), &placed.gains);
+            inputs.resize(first + gains.count, 0.0);
+            gains.write(f64::from_bits(length_of(placed, memory, y, dt)), &mut inputs[first..]);
+        }
+        inputs
     }
 
     /// Inputs of a step before its parameters.
@@ -886,7 +1054,7 @@ const MEMORY: usize = 2;
 
 impl Step {
     /// Evaluate for a sample; the memory stands in the registers and is moved there, unless it would
-    /// not be finite any more. It is shown in a row, as in [`keep`].
+    /// not be finite any more. What is shown goes to a row, as in [`keep`].
     #[inline(always)]
     fn advance(
         &self,
@@ -903,6 +1071,7 @@ impl Step {
         given.iter_mut().zip(u).for_each(|(slot, u)| *slot = *u);
         self.compiled.program().run(r);
         let next = self.compiled.outputs.get(..memory).unwrap_or(&[]);
+        let shown = self.compiled.outputs.get(self.shown..self.shown + memory).unwrap_or(&[]);
         let mut spoilt = 0.0;
         for output in next {
             spoilt += 0.0 * r.0[usize::from(*output)];
@@ -910,73 +1079,62 @@ impl Step {
         let moved = !spoilt.is_nan();
         if moved && !self.hands_on {
             // at once: a number that was just written is soon read again as it was written, by itself
-            for (i, output) in next.iter().enumerate() {
-                let value = r.0[usize::from(*output)];
+            for (i, (output, shown)) in next.iter().zip(shown).enumerate() {
+                let (value, shown) = (r.0[usize::from(*output)], r.0[usize::from(*shown)]);
                 if let Some(place) = r.0.get_mut(MEMORY + i) {
                     *place = value;
                 }
-                keep(value, row.get_mut(i), largest.get_mut(i));
+                keep(shown, row.get_mut(i), largest.get_mut(i));
             }
             return true;
         }
+        let numbers = |outputs: &[u8], r: &Registers<f64>| -> Vec<f64> {
+            outputs.iter().map(|output| r.0[usize::from(*output)]).collect()
+        };
+        let (next, shown) = (numbers(next, r), numbers(shown, r));
         if moved {
-            let next: Vec<f64> = next.iter().map(|output| r.0[usize::from(*output)]).collect();
             r.0[MEMORY..MEMORY + memory].copy_from_slice(&next);
+        } else if self.shown > 0 && shown.iter().all(|value| value.is_finite()) {
+            // the sample was taken, the way on has no value
+            r.0[MEMORY..MEMORY + memory].copy_from_slice(&shown);
         }
-        show(r, row, largest);
+        if moved || self.shown > 0 {
+            for (i, value) in shown.iter().enumerate() {
+                keep(*value, row.get_mut(i), largest.get_mut(i));
+            }
+        } else {
+            show(r, row, largest);
+        }
         moved
     }
 }
 
 impl Programmed {
-    /// The step for such a sample.
-    fn choose(&self, memory: &[f64], present: bool, told: bool) -> &Arc<Step> {
-        if let Some((index, [with, without])) = &self.unstarted
-            && memory.get(*index) == Some(&0.0)
-        {
-            return if present { with } else { without };
-        }
-        match &self.missing {
-            Some(missing) if !present => missing,
-            _ => &self.steps[usize::from(told)],
-        }
-    }
-
     /// The times that a sample's corrections are for.
-    fn lengths(&self, memory: &[f64], dt: f64) -> Lengths {
+    fn lengths(&self, memory: &[f64], y: &[f64], dt: f64) -> Lengths {
         let mut lengths = [0; CHAINS];
-        for (length, place) in lengths.iter_mut().zip(&self.tables.elapsed) {
-            *length = length_of(*place, memory, dt);
+        for (length, placed) in lengths.iter_mut().zip(&self.tables.placed) {
+            *length = length_of(placed, memory, y, dt);
         }
         lengths
     }
 
     /// Whether these are they.
     #[inline(always)]
-    fn are_lengths(&self, known: &Lengths, memory: &[f64], dt: f64) -> bool {
-        let mut chains = known.iter().zip(&self.tables.elapsed);
-        chains.all(|(known, place)| *known == length_of(*place, memory, dt))
+    fn are_lengths(&self, known: &Lengths, memory: &[f64], y: &[f64], dt: f64) -> bool {
+        let mut chains = known.iter().zip(&self.tables.placed);
+        chains.all(|(known, placed)| *known == length_of(placed, memory, y, dt))
     }
 
-    /// The step for times of these lengths, of a law that has one for each.
-    fn of_lengths(&self, remade: &Remade, lengths: Lengths, told: bool) -> PyResult<Arc<Step>> {
-        let mut made = remade.made.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, steps)) = made.iter().find(|(known, _)| *known == lengths) {
-            return Ok(steps[usize::from(told)].clone());
+    /// Gains for corrections of these lengths into their registers.
+    fn put_gains(&self, lengths: &Lengths, r: &mut Registers<f64>) {
+        let mut place = self.tables.given() + self.tables.parameters.len();
+        for (length, PlacedChain { gains, .. }) in lengths.iter().zip(&self.tables.placed) {
+            if let Some(registers) = r.0.get_mut(place..place + gains.count) {
+                gains.write(f64::from_bits(*length), registers);
+            }
+            place += gains.count;
         }
-        if made.len() >= REMEMBERED && !remade.only {
-            return Ok(self.steps[usize::from(told)].clone()); // uneven: gains are part of the step
-        }
-        let steps = Python::attach(|py| {
-            let spec = Spec::new(remade.spec.bind(py), "observer")?;
-            Tables::of_lengths(&spec, false, Some(lengths))?.steps()
-        })?;
-        if made.len() >= REMEMBERED {
-            made.remove(0);
-        }
-        made.push((lengths, steps.clone()));
-        let [step, telling] = steps;
-        Ok(if told { telling } else { step })
     }
 
     /// Step over a block with m entries of memory, at best a number that the compiler knows.
@@ -999,11 +1157,10 @@ impl Programmed {
     ) -> f64 {
         let Block { t, dt, mut y, u, memory: rows, innovation, status: made } = block;
         let current = self.tables.shape.current;
-        let told = !innovation.is_empty();
         let place = MEMORY..MEMORY + m;
-        let one = self.remade.is_none() && self.missing.is_none() && self.unstarted.is_none();
-        let mut of_lengths: Option<(Lengths, Arc<Step>)> = None;
-        let mut step = self.choose(memory, true, told).clone();
+        let one = self.whole.missing.is_none() && self.whole.unstarted.is_none();
+        let mut lengths: Option<Lengths> = None;
+        let mut step = self.whole.choose(memory, true).clone();
         let mut r = step.at_rest;
         r.0[place.clone()].copy_from_slice(memory);
         let mut largest = [0.0_f64; REGISTERS];
@@ -1015,28 +1172,41 @@ impl Programmed {
             let row = rows.get_mut(shown * m..(shown + 1) * m).unwrap_or_default();
             let sample = y.take(k, p);
             let present = sample.iter().all(|y| y.is_finite());
-            if !one {
-                if let Some(remade) = &self.remade {
-                    let memory = &r.0[place.clone()];
-                    let same = |(known, _): &(Lengths, _)| self.are_lengths(known, memory, dt[k]);
-                    if !of_lengths.as_ref().is_some_and(same) {
-                        let lengths = self.lengths(memory, dt[k]);
-                        let step = self.of_lengths(remade, lengths, told);
-                        of_lengths = step.ok().map(|step| (lengths, step));
-                    }
+            // a record's last sample: nothing comes after it
+            let last = dt.get(k).is_none();
+            if last && !current {
+                *made = status(true, present) as u8;
+                if let Some(slots) = innovation.get_mut(k * p..(k + 1) * p) {
+                    self.told(
+                        &step,
+                        &mut r.clone(),
+                        (t[k], 1.0),
+                        (sample, &u[k * q..(k + 1) * q]),
+                        slots,
+                    );
                 }
-                let wanted = match &of_lengths {
-                    Some((_, step)) => step,
-                    None => self.choose(&r.0[place.clone()], present, told),
-                };
+                continue;
+            }
+            if !one || last {
+                let steps = self.correct.as_ref().filter(|_| last).unwrap_or(&self.whole);
+                let wanted = steps.choose(&r.0[place.clone()], present);
                 if !Arc::ptr_eq(wanted, &step) {
                     let mut fresh = wanted.at_rest;
                     fresh.0[place.clone()].copy_from_slice(&r.0[place.clone()]);
-                    (step, r) = (wanted.clone(), fresh);
+                    (step, r, lengths) = (wanted.clone(), fresh, None);
+                }
+            }
+            let dt = dt.get(k).copied().unwrap_or(0.0);
+            if !self.tables.placed.is_empty() {
+                let memory = &r.0[place.clone()];
+                if !lengths.is_some_and(|known| self.are_lengths(&known, memory, sample, dt)) {
+                    let new = self.lengths(memory, sample, dt);
+                    self.put_gains(&new, &mut r);
+                    lengths = Some(new);
                 }
             }
             let given = (sample, &u[k * q..(k + 1) * q]);
-            let moved = step.advance(&mut r, m, (t[k], dt[k]), given, (row, &mut largest));
+            let moved = step.advance(&mut r, m, (t[k], dt), given, (row, &mut largest));
             *made = status(moved, present) as u8;
             if let Some(slots) = innovation.get_mut(k * p..(k + 1) * p) {
                 for (slot, output) in slots.iter_mut().zip(&step.compiled.outputs[m..]) {
@@ -1047,13 +1217,47 @@ impl Programmed {
         memory.copy_from_slice(&r.0[place]);
         largest.iter().fold(0.0, |most: f64, value| most.max(*value))
     }
+
+    /// The innovation of a sample over which nothing is stepped.
+    fn told(
+        &self,
+        step: &Step,
+        r: &mut Registers<f64>,
+        of: (f64, f64),
+        given: (&[f64], &[f64]),
+        slots: &mut [f64],
+    ) {
+        let m = self.tables.shape.memory;
+        step.advance(r, m, of, given, (&mut [], &mut []));
+        for (slot, output) in slots.iter_mut().zip(&step.compiled.outputs[m..]) {
+            *slot = r.0[usize::from(*output)];
+        }
+    }
+
+    /// One half of a step for one sample.
+    fn one(
+        &self,
+        steps: &Steps<Step>,
+        memory: &mut [f64],
+        (y, u): (&[f64], &[f64]),
+        (t, dt): (f64, f64),
+    ) -> Status {
+        let present = y.iter().all(|y| y.is_finite());
+        let step = steps.choose(memory, present);
+        let mut r = step.at_rest;
+        self.put_gains(&self.lengths(memory, y, dt), &mut r);
+        r.0[MEMORY..MEMORY + memory.len()].copy_from_slice(memory);
+        let moved = step.advance(&mut r, memory.len(), (t, dt), (y, u), (memory, &mut []));
+        status(moved, present)
+    }
 }
 
-/// The time that a correction is for, in bits; `place` is where it stands in the memory.
+/// The time that a chain's correction is for, in bits; with current timing none for a missing sample.
 #[inline(always)]
-fn length_of(place: Option<usize>, memory: &[f64], dt: f64) -> u64 {
-    let elapsed = place.and_then(|place| memory.get(place)).copied();
-    elapsed.unwrap_or(dt).or(dt).to_bits()
+fn length_of(placed: &PlacedChain, memory: &[f64], y: &[f64], dt: f64) -> u64 {
+    let elapsed = placed.elapsed.and_then(|place| memory.get(place)).copied();
+    let sample = y.get(placed.channel).copied().unwrap_or(f64::NAN);
+    elapsed.map_or(dt, |elapsed| elapsed - elapsed.while_missing(sample)).to_bits()
 }
 
 /// An entry of the memory into its place in a row, if there is one, and its largest magnitude so far.
@@ -1083,21 +1287,28 @@ fn status(moved: bool, present: bool) -> Status {
 }
 
 impl Recursion for Programmed {
-    fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
-        let present = y.iter().all(|y| y.is_finite());
-        let step = match &self.remade {
-            Some(remade) => self.of_lengths(remade, self.lengths(memory, dt), false),
-            None => Ok(self.choose(memory, present, false).clone()),
+    fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> PyResult<Status> {
+        let Some(correct) = &self.correct else {
+            return Ok(status(true, y.iter().all(|y| y.is_finite())));
         };
-        let Ok(step) = step else { return Status::ModelUndefined };
-        let mut r = step.at_rest;
-        r.0[MEMORY..MEMORY + memory.len()].copy_from_slice(memory);
-        let moved = step.advance(&mut r, memory.len(), (t, dt), (y, u), (memory, &mut []));
-        status(moved, present)
+        let u = [0.0; MAX_INPUTS];
+        let u = u.get(..self.tables.shape.n_u).unwrap_or(&[]); // no correction depends on it
+        Ok(self.one(correct, memory, (y, u), (t, 0.0)))
     }
 
-    fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64 {
-        match memory.len() {
+    fn advance(
+        &self,
+        memory: &mut [f64],
+        y: &[f64],
+        u: &[f64],
+        t: f64,
+        dt: f64,
+    ) -> PyResult<Status> {
+        Ok(self.one(&self.advance, memory, (y, u), (t, dt)))
+    }
+
+    fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> PyResult<f64> {
+        Ok(match memory.len() {
             1 => self.advance_by(1, memory, block),
             2 => self.advance_by(2, memory, block),
             3 => self.advance_by(3, memory, block),
@@ -1107,7 +1318,7 @@ impl Recursion for Programmed {
             7 => self.advance_by(7, memory, block),
             8 => self.advance_by(8, memory, block),
             m => self.advance_by(m, memory, block),
-        }
+        })
     }
 }
 
@@ -1136,29 +1347,40 @@ impl AnyObserver for Programmed {
     }
 }
 
-/// One step of the observer that `spec` describes, as a table: (t, dt, z, y, u, parameters) in,
-/// (z after the step, innovation) out; with `missing` the step over a missing sample. With `dt`,
-/// corrections that are placed (zoh, bilinear) are right for times of this length only.
+/// A part of the step of the observer that `spec` describes, as a table over (t, dt, z, y, u,
+/// parameters), without the inputs that the part does not take. "step", with predictor timing: (z after
+/// the step, innovation). With current timing "correct", the use of a sample, of (t, z, y): (z, innovation);
+/// and "predict", the way to the next one, of (t, dt, z, u): z. With `missing` the part that takes the
+/// sample where it is missing. With `dt`, corrections that are placed (zoh, bilinear) are right for times
+/// of this length only.
 #[pyfunction]
-#[pyo3(signature = (spec, single=false, missing=false, dt=None))]
+#[pyo3(signature = (spec, single=false, missing=false, dt=None, part="step"))]
 pub fn trace_step<'py>(
     py: Python<'py>,
     spec: &Bound<'py, PyAny>,
     single: bool,
     missing: bool,
     dt: Option<f64>,
+    part: &str,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let tables = Tables::read(&Spec::new(spec, "observer")?, single, dt)?;
-    let table = match (tables.missing, missing) {
-        (Some(table), true) => table,
-        _ => tables.step,
+    let gains = dt.map_or(PlacedGains::Computed, PlacedGains::For);
+    let setting = Setting { gains, ..Setting::usual(single) };
+    let tables = Tables::read(&Spec::new(spec, "observer")?, setting)?;
+    let of_missing = tables.missing.filter(|_| missing);
+    let (table, untaken): (Table, &[&str]) = match (part, tables.correct) {
+        ("step", None) => (of_missing.unwrap_or(tables.advance), &[]),
+        ("correct", Some(correct)) => (of_missing.unwrap_or(correct), &["dt", "u["]),
+        ("predict", Some(_)) => (tables.advance, &["y["]),
+        (other, correct) => {
+            let parts = if correct.is_some() { "correct or predict" } else { "step" };
+            return Err(refused(&format!("part = {other:?} is not allowed: {parts}")));
+        }
     };
-    table.to_dict(py)
+    table.without_inputs(untaken).to_dict(py)
 }
 
 /// Memories along a record in single precision: times (N,), samples (N, n_y), inputs (N, n_u), memory
-/// to start from. Row k stands before sample k, or after it if the law filters. The last step is as
-/// long as the one before it.
+/// to start from. Row k stands before sample k, or after it if the law filters.
 #[pyfunction]
 #[allow(clippy::cast_possible_truncation, clippy::needless_pass_by_value)]
 pub fn run_single(
@@ -1168,8 +1390,8 @@ pub fn run_single(
     u: &Bound<'_, PyAny>,
     memory0: Vec<f64>,
 ) -> PyResult<Vec<Vec<f32>>> {
-    let tables = Tables::read(&Spec::new(spec, "observer")?, true, None)?;
-    let Shape { memory, n_y, n_u, current, .. } = tables.shape;
+    let tables = Tables::read(&Spec::new(spec, "observer")?, Setting::usual(true))?;
+    let Shape { memory, n_y, n_u, .. } = tables.shape;
     let (y, u) = (super::spec::numbers(y)?.values, super::spec::numbers(u)?.values);
     let samples = t.len();
     if y.len() != samples * n_y || u.len() != samples * n_u || memory0.len() != memory {
@@ -1179,30 +1401,49 @@ pub fn run_single(
     let compile = |table: &Table| {
         table.compile().map(|compiled| (tables.at_rest::<f32>(&compiled), compiled))
     };
-    let usual = compile(&tables.step)?;
+    let correct = tables.correct.as_ref().map(compile).transpose()?;
+    let advance = compile(&tables.advance)?;
     let missing = tables.missing.as_ref().map(compile).transpose()?;
+    let unstarted = match &tables.unstarted {
+        Some((index, [with, without])) => Some((*index, [compile(with)?, compile(without)?])),
+        None => None,
+    };
     let mut z: Vec<f32> = memory0.iter().map(|value| *value as f32).collect();
-    let (mut rows, mut dt) = (Vec::with_capacity(samples), 0.0);
+    let mut rows = Vec::with_capacity(samples);
     for k in 0..samples {
-        if !current {
-            rows.push(z.clone());
-        }
-        dt = t.get(k + 1).map_or(dt, |next| next - t[k]);
         let (y, u) = (&y[k * n_y..(k + 1) * n_y], &u[k * n_u..(k + 1) * n_u]);
         let present = y.iter().all(|y| y.is_finite());
-        let (at_rest, step) = missing.as_ref().filter(|_| !present).unwrap_or(&usual);
-        let mut r = *at_rest;
-        let sample = y.iter().chain(u).map(|value| *value as f32);
-        let given = [t[k] as f32, dt as f32].into_iter().chain(z.iter().copied()).chain(sample);
-        r.0.iter_mut().zip(given).for_each(|(slot, value)| *slot = value);
-        step.program().run(&mut r);
-        let next = step.outputs.iter().take(memory).map(|output| r.0[usize::from(*output)]);
-        let next: Vec<f32> = next.collect();
-        if next.iter().all(|value| value.is_finite()) {
-            z = next;
+        let take = |z: &[f32], usual| {
+            let fresh = unstarted.as_ref().filter(|(index, _)| z[*index] <= 0.0);
+            match fresh {
+                Some((_, forms)) => &forms[usize::from(!present)],
+                None => missing.as_ref().filter(|_| !present).unwrap_or(usual),
+            }
+        };
+        let dt = t.get(k + 1).map(|next| (next - t[k]) as f32);
+        let evaluate = |z: &mut Vec<f32>, of: &(Registers<f32>, Compiled), dt: f32| {
+            let (at_rest, step) = of;
+            let mut r = *at_rest;
+            let sample = y.iter().chain(u).map(|value| *value as f32);
+            let given = [t[k] as f32, dt].into_iter().chain(z.iter().copied()).chain(sample);
+            r.0.iter_mut().zip(given).for_each(|(slot, value)| *slot = value);
+            step.program().run(&mut r);
+            let next = step.outputs.iter().take(memory).map(|output| r.0[usize::from(*output)]);
+            let next: Vec<f32> = next.collect();
+            if !next.iter().all(|value| value.is_finite()) {
+                return Err(refused(&format!("the model has no value at sample {k}")));
+            }
+            *z = next;
+            Ok(())
+        };
+        if let Some(correct) = &correct {
+            let of = take(&z, correct);
+            evaluate(&mut z, of, 0.0)?;
         }
-        if current {
-            rows.push(z.clone());
+        rows.push(z.clone());
+        if let Some(dt) = dt {
+            let of = if correct.is_some() { &advance } else { take(&z, &advance) };
+            evaluate(&mut z, of, dt)?;
         }
     }
     Ok(rows)

@@ -72,6 +72,8 @@ struct Pass<'a> {
     memory: &'a mut [f64],
     innovation: &'a mut [f64],
     status: &'a mut [u8],
+    /// Time after the last sample, if the record goes on elsewhere.
+    until: Option<f64>,
     /// Times of the block's samples and of the one after them; the steps between; the step before.
     t: [f64; BLOCK + 1],
     dt: [f64; BLOCK],
@@ -79,7 +81,7 @@ struct Pass<'a> {
     found: Findings,
 }
 
-/// What there is to find fault with.
+/// What the checks found.
 #[derive(Default)]
 struct Findings {
     /// A time that does not increase, or an input that is not finite.
@@ -87,7 +89,7 @@ struct Findings {
     /// The longest step over which a sample corrects, and where it begins.
     longest: f64,
     longest_from: usize,
-    /// The first sample that is there and at which the model has no value.
+    /// The first sample at which the model has no value.
     undefined: Option<usize>,
     /// The largest magnitude of a sample that is there.
     largest_sample: f64,
@@ -97,37 +99,41 @@ struct Findings {
 
 impl Pass<'_> {
     /// Take in, check and step over some samples: block by block, while they are in the cache.
-    fn block(&mut self, rows: Range<usize>) {
+    fn block(&mut self, rows: Range<usize>) -> PyResult<()> {
         let (p, q, m) = (self.observer.n_y(), self.observer.n_u(), self.at.len());
         let (found, len) = (&mut self.found, rows.len());
-        let steps = len - usize::from(rows.end == self.missing.len());
+        let last = rows.end == self.missing.len();
         let (t, dt) = (&mut self.t, &mut self.dt);
-        self.clock.read(rows.start, &mut t[..=steps]);
+        self.clock.read(rows.start, &mut t[..len + usize::from(!last)]);
+        let steps = match self.until {
+            Some(until) if last => {
+                t[len] = until;
+                len
+            }
+            _ => len - usize::from(last),
+        };
         self.clock.steps(&t[..=steps], &mut dt[..steps]);
         let u = &self.u[by(q, &rows)];
         let (forward, longest) = self.clock.judge(&dt[..steps]);
         found.unsound |= !forward || !all(u, f64::is_finite);
         let before = self.since;
         self.since = if steps > 0 { dt[steps - 1] } else { before };
-        if steps < len {
-            dt[steps] = self.since; // the last sample of all: as long as the step before it
-        }
 
         let y = &mut self.y[by(p, &rows)];
         let status = &mut self.status[rows.clone()];
         let innovation = self.innovation.get_mut(by(p, &rows)).unwrap_or_default();
-        let most = self.observer.recursion().advance(
+        let most = self.observer.recursion().over_block(
             self.at,
             Block {
                 t: &t[..len],
-                dt: &dt[..len],
+                dt: &dt[..steps],
                 y: Samples::new(&self.given[by(p, &rows)], &mut *y),
                 u,
                 memory: &mut self.memory[by(m, &rows)],
                 innovation,
                 status,
             },
-        );
+        )?;
         found.largest = if most > found.largest || most.is_nan() { most } else { found.largest };
 
         let (y, missing) = (&*y, &mut self.missing[rows.clone()]);
@@ -142,7 +148,8 @@ impl Pass<'_> {
         // a step over which nothing is corrected may be of any length; a filter corrects at its end
         let filters = self.observer.is_current();
         if larger(before, longest) > found.longest {
-            for (k, missing) in missing.iter().enumerate().take(steps + usize::from(filters)) {
+            let corrections = if filters { len } else { steps };
+            for (k, missing) in missing.iter().enumerate().take(corrections) {
                 let step = if !filters {
                     dt[k]
                 } else if k == 0 {
@@ -157,12 +164,12 @@ impl Pass<'_> {
             }
         }
 
-        let undefined = Status::ModelUndefined as u8;
-        if found.undefined.is_none() && status.contains(&undefined) {
-            let there = |(status, missing): (&u8, &bool)| *status == undefined && !missing;
-            let first = status.iter().zip(&*missing).position(there);
+        if found.undefined.is_none() {
+            let undefined = Status::ModelUndefined as u8;
+            let first = status.iter().position(|status| *status == undefined);
             found.undefined = first.map(|k| rows.start + k);
         }
+        Ok(())
     }
 }
 
@@ -194,12 +201,14 @@ fn largest(values: &[f64]) -> f64 {
     lanes.iter().chain(rest).fold(0.0, |largest, value| larger(largest, *value))
 }
 
-/// Run over a record from `memory` on, which is moved. The innovation is written if asked for.
+/// Run over a record from `memory` on, which is moved: with current timing to after the last sample, or,
+/// with `until`, to that time. The innovation is written if asked for.
 pub fn run<'py>(
     py: Python<'py>,
     observer: &dyn AnyObserver,
     memory: &mut [f64],
     (clock, given, u): (Clock<'_>, &[f64], &[f64]),
+    until: Option<f64>,
     innovation: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (p, m) = (observer.n_y(), memory.len());
@@ -216,6 +225,7 @@ pub fn run<'py>(
         let mut pass = Pass {
             observer,
             clock,
+            until,
             given,
             u,
             at: memory,
@@ -231,7 +241,7 @@ pub fn run<'py>(
         };
         for stretch in pieces(0..samples, STRETCH) {
             py.check_signals()?;
-            py.detach(|| pieces(stretch, BLOCK).for_each(|block| pass.block(block)));
+            py.detach(|| pieces(stretch, BLOCK).try_for_each(|block| pass.block(block)))?;
         }
         pass.found
     };

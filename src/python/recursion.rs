@@ -3,14 +3,22 @@
 use super::interrupt::StopFlag;
 use super::plan::{Plan, StudyResult};
 use crate::memory::Memory;
-use crate::observer::{Observer as CoreObserver, Status, Timing};
+use crate::observer::{Observer as CoreObserver, Status};
 use pyo3::prelude::*;
 
-/// A law in discrete time, with its memory as a flat vector.
+/// A law in discrete time, with its memory as a flat vector. The verbs are [`CoreObserver`]'s.
 pub trait Recursion: Send + Sync {
-    fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status;
-    /// See [`advance`].
-    fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64;
+    fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> PyResult<Status>;
+    fn advance(
+        &self,
+        memory: &mut [f64],
+        y: &[f64],
+        u: &[f64],
+        t: f64,
+        dt: f64,
+    ) -> PyResult<Status>;
+    /// See [`over_block`].
+    fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> PyResult<f64>;
 }
 
 impl<O> Recursion for O
@@ -18,15 +26,28 @@ where
     O: CoreObserver<f64> + Send + Sync,
     O::Input: Memory<f64>,
 {
-    fn step(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Status {
+    fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> PyResult<Status> {
+        let mut z = O::State::read(memory);
+        let status = CoreObserver::correct(self, &mut z, &O::Measurement::read(y), t);
+        z.write(memory);
+        Ok(status)
+    }
+    fn advance(
+        &self,
+        memory: &mut [f64],
+        y: &[f64],
+        u: &[f64],
+        t: f64,
+        dt: f64,
+    ) -> PyResult<Status> {
         let mut z = O::State::read(memory);
         let (y, u) = (O::Measurement::read(y), O::Input::read(u));
-        let status = CoreObserver::step(self, &mut z, &y, &u, t, dt);
+        let status = CoreObserver::advance(self, &mut z, &y, &u, t, dt);
         z.write(memory);
-        status
+        Ok(status)
     }
-    fn advance(&self, memory: &mut [f64], block: Block<'_>) -> f64 {
-        advance(self, memory, block)
+    fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> PyResult<f64> {
+        Ok(over_block(self, memory, block))
     }
 }
 
@@ -60,16 +81,12 @@ impl<'a> Samples<'a> {
         kept.iter_mut().zip(&self.given[k * p..(k + 1) * p]).for_each(|(kept, y)| *kept = *y);
         kept
     }
-    /// Those that have been taken, and nothing that means anything.
-    #[inline(always)]
-    fn taken(&self) -> &[f64] {
-        self.kept
-    }
 }
 
 /// Some samples of a record, a row each. Every sample is to be taken.
 pub struct Block<'a> {
     pub t: &'a [f64],
+    /// Steps to the next samples; the last sample of a record has none.
     pub dt: &'a [f64],
     pub y: Samples<'a>,
     pub u: &'a [f64],
@@ -82,7 +99,7 @@ pub struct Block<'a> {
 
 /// Step over a block; gives the largest magnitude of a memory's entry, NaN where one is not finite.
 #[inline(always)]
-pub fn advance<O>(observer: &O, memory: &mut [f64], block: Block<'_>) -> f64
+pub fn over_block<O>(observer: &O, memory: &mut [f64], block: Block<'_>) -> f64
 where
     O: CoreObserver<f64>,
     O::Input: Memory<f64>,
@@ -90,31 +107,24 @@ where
     let Block { t, dt, y: mut samples, u, memory: rows, innovation, status } = block;
     let (p, m) = (O::Measurement::LEN, O::State::LEN);
     let q = u.len().checked_div(t.len()).unwrap_or(0);
-    let filters = O::TIMING == Timing::Current;
     let mut z = O::State::read(memory);
     let (mut largest, mut spoilt) = (O::State::zero(), O::State::zero());
     let made = rows.chunks_exact_mut(m).zip(status);
-    for (k, ((t, dt), (row, status))) in t.iter().zip(dt).zip(made).enumerate() {
+    for (k, (t, (row, status))) in t.iter().zip(made).enumerate() {
         let y = O::Measurement::read(samples.take(k, p));
         let u = O::Input::read(u.get(k * q..).unwrap_or(&[]));
-        if filters && let Some(row) = innovation.get_mut(k * p..(k + 1) * p) {
-            observer.innovation(*t, &z, &y).write(row);
+        if let Some(row) = innovation.get_mut(k * p..(k + 1) * p) {
+            observer.innovation(*t, &z, &y, &u).write(row);
         }
-        let before = z;
-        *status = observer.step(&mut z, &y, &u, *t, *dt) as u8;
-        let shown = if filters { z } else { before };
-        shown.write(row);
-        largest = largest.zip(&shown, larger);
-        spoilt = spoilt.zip(&shown, |sum, z| sum + 0.0 * z); // NaN once z is not finite
+        let corrected = observer.correct(&mut z, &y, *t);
+        z.write(row);
+        largest = largest.zip(&z, larger);
+        spoilt = spoilt.zip(&z, |sum, z| sum + 0.0 * z); // NaN once z is not finite
+        let moved = dt.get(k).map(|dt| observer.advance(&mut z, &y, &u, *t, *dt));
+        let undefined = moved == Some(Status::ModelUndefined);
+        *status = if undefined { Status::ModelUndefined } else { corrected } as u8;
     }
     z.write(memory);
-    if !filters {
-        let done = t.iter().zip(rows.chunks_exact(m)).zip(samples.taken().chunks_exact(p));
-        for (innovation, ((t, z), y)) in innovation.chunks_exact_mut(p).zip(done) {
-            let (z, y) = (O::State::read(z), O::Measurement::read(y));
-            observer.innovation(*t, &z, &y).write(innovation);
-        }
-    }
     let mut most = 0.0;
     largest.visit(&mut |z| most = larger(most, z));
     spoilt.visit(&mut |sum| most += sum);

@@ -4,13 +4,15 @@
 use super::choices::{AnyMethod, Manner, NOT_PLACED};
 use super::errors::refused;
 use super::table::Table;
-use super::trace::{Setting, Traced, inline, input, inputs, named, trace};
+use super::trace::{self, PlacedGains, Setting, Traced, inline, input, inputs, named, trace};
 use crate::Scalar;
 use crate::injection::{Injected, Placed, Placement};
 use crate::memory::Memory;
 use crate::observer::{ContinuousLaw, Current, Discretised, Observer, Scheme, Timing};
+use crate::observers::BlockGains;
 use nalgebra::SVector;
 use pyo3::PyResult;
+use std::sync::{Arc, Mutex};
 
 /// Known inputs that a model may have.
 pub const MAX_INPUTS: usize = 8;
@@ -36,15 +38,96 @@ pub struct LawTables {
     innovation: Table,
     /// (t, z, e, u) → ż.
     rate: Table,
-    /// (t, z, e, u) → what of it is due to e.
+    /// (z, e) → what of it is due to e.
     injection: Table,
     /// (z before, z after, dt) → z after a staggered step.
     stagger: Table,
     /// z → z within the set that the law lives in.
     admissible: Table,
-    /// If its eigenvalues are placed: (t, z, u, dt) → z after a step without a sample, and
-    /// (t, z, y, u, dt) → z after its use.
-    placed: Option<(Table, Table)>,
+    /// If its eigenvalues are placed.
+    placed: Option<PlacedTables>,
+}
+
+/// The halves of a step of a law whose eigenvalues are placed.
+struct PlacedTables {
+    /// (t, z, u, dt) → z after a step without a sample.
+    flow: Table,
+    /// (z, y, dt, gains) → z after the use of a sample.
+    correct: Table,
+    /// The gains, where they are inputs.
+    gains: Option<Arc<Gains>>,
+}
+
+/// Gains of a placed correction as numbers.
+pub trait Numbers<T: Scalar>: Copy {
+    const COUNT: usize;
+    fn from_numbers(values: &[T]) -> Self;
+    fn numbers(&self) -> Vec<T>;
+}
+
+impl<T: Scalar, const N: usize> Numbers<T> for SVector<T, N> {
+    const COUNT: usize = N;
+    fn from_numbers(values: &[T]) -> Self {
+        Self::read(values)
+    }
+    fn numbers(&self) -> Vec<T> {
+        self.as_slice().to_vec()
+    }
+}
+
+impl<T: Scalar, const N: usize> Numbers<T> for [BlockGains<T, N>; 2] {
+    const COUNT: usize = 4 * N;
+    fn from_numbers(values: &[T]) -> Self {
+        let part = |i: usize| SVector::read(values.get(i * N..).unwrap_or(&[]));
+        [BlockGains { a: part(0), b: part(1) }, BlockGains { a: part(2), b: part(3) }]
+    }
+    fn numbers(&self) -> Vec<T> {
+        self.iter().flat_map(|gains| [gains.a, gains.b]).flat_map(|part| part.numbers()).collect()
+    }
+}
+
+/// Lengths of corrections whose gains are remembered.
+const RECENT: usize = 8;
+
+/// The gains of a law's placed corrections, computed by the law itself: they depend on its coefficients
+/// and on the time that a correction is for, on no model.
+pub struct Gains {
+    pub count: usize,
+    of: Box<dyn Fn(f64) -> Vec<f64> + Send + Sync>,
+    /// Those of the lengths used last.
+    recent: Mutex<Vec<(u64, Vec<f64>)>>,
+}
+
+impl Gains {
+    /// Of this law.
+    pub fn new<L>(law: L, at: Placement) -> PyResult<Arc<Self>>
+    where
+        L: Injected<f64, Gains: Numbers<f64>, Poles: Send + Sync> + Send + Sync + 'static,
+    {
+        let poles = law.poles(at)?;
+        let of = move |length| law.gains(at, &poles, &law.initial(), length).numbers();
+        Ok(Arc::new(Self { count: L::Gains::COUNT, of: Box::new(of), recent: Mutex::default() }))
+    }
+
+    /// The gains of a correction for this time. No thread waits for another: where one is at the
+    /// remembered gains, the others compute.
+    pub fn write(&self, length: f64, into: &mut [f64]) {
+        let bits = length.to_bits();
+        if let Ok(recent) = self.recent.try_lock()
+            && let Some((_, known)) = recent.iter().find(|(known, _)| *known == bits)
+        {
+            into.copy_from_slice(known);
+            return;
+        }
+        let gains = (self.of)(length);
+        into.copy_from_slice(&gains);
+        if let Ok(mut recent) = self.recent.try_lock() {
+            if recent.len() == RECENT {
+                recent.remove(0);
+            }
+            recent.push((bits, gains));
+        }
+    }
 }
 
 /// One function of the law that `build` makes: its inputs by name and number, then what the law's
@@ -91,13 +174,23 @@ impl LawTables {
         manner: Manner,
         n_u: usize,
         build: impl Fn() -> PyResult<L>,
+        gains: impl FnOnce(Placement) -> PyResult<Arc<Gains>>,
     ) -> PyResult<Self>
     where
-        L: Injected<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>>,
+        L: Injected<
+                Traced,
+                Input: Memory<Traced>,
+                Innovation: Memory<Traced>,
+                Gains: Numbers<Traced>,
+            >,
     {
         let placed = match manner.method {
             AnyMethod::Known(_) => None,
-            AnyMethod::Placed(at) => Some(Self::placed(setting, at, n_u, &build)?),
+            AnyMethod::Placed(at) => {
+                let given = L::CONSTANT && matches!(setting.gains, PlacedGains::Given);
+                let gains = if given { Some(gains(at)?) } else { None };
+                Some(Self::placed(setting, (at, manner.timing), n_u, &build, gains)?)
+            }
         };
         Ok(Self { placed, ..Self::of(setting, n_u, &build)? })
     }
@@ -127,9 +220,8 @@ impl LawTables {
                 let (e, u) = (L::Innovation::read(&of[2]), L::Input::read(&of[3]));
                 Ok(flat(&law.rate(of[0][0], &z(&of[1]), &e, &u)))
             })?,
-            injection: part(setting, build, &moving, |law: &L, of| {
-                let (e, u) = (L::Innovation::read(&of[2]), L::Input::read(&of[3]));
-                Ok(flat(&law.injection(of[0][0], &z(&of[1]), &e, &u)))
+            injection: part(setting, build, &[("z", len), ("e", errors)], |law: &L, of| {
+                Ok(flat(&law.injection(&z(&of[0]), &L::Innovation::read(&of[1]))))
             })?,
             stagger: part(
                 setting,
@@ -146,12 +238,13 @@ impl LawTables {
 
     fn placed<L>(
         setting: Setting,
-        at: Placement,
+        (at, timing): (Placement, Timing),
         n_u: usize,
         build: &impl Fn() -> PyResult<L>,
-    ) -> PyResult<(Table, Table)>
+        gains: Option<Arc<Gains>>,
+    ) -> PyResult<PlacedTables>
     where
-        L: Injected<Traced, Input: Memory<Traced>>,
+        L: Injected<Traced, Input: Memory<Traced>, Gains: Numbers<Traced>>,
     {
         let len = L::State::LEN;
         let free = [("t", 1), ("z", len), ("u", n_u), ("dt", 1)];
@@ -159,14 +252,32 @@ impl LawTables {
             let (z, u) = (L::State::read(&of[1]), L::Input::read(&of[2]));
             Ok(flat(&law.flow(of[0][0], &z, &u, of[3][0])))
         })?;
-        let sampled = [("t", 1), ("z", len), ("y", 1), ("u", n_u), ("dt", 1)];
+        let count = gains.as_ref().map_or(0, |gains| gains.count);
+        let sampled = [("z", len), ("y", 1), ("dt", 1), ("gains", count)];
         let correct = part(setting, build, &sampled, |law: &L, of| {
-            let (z, u) = (L::State::read(&of[1]), L::Input::read(&of[3]));
+            let (z, y, dt) = (L::State::read(&of[0]), of[1][0], of[2][0]);
+            if count > 0 {
+                let gains = L::Gains::from_numbers(&of[3]);
+                return Ok(flat(&law.inject(&z, &law.innovation(&z, y), &gains, dt)));
+            }
             let scheme = Placed::new(law, at)?;
-            let dt = setting.dt.map_or(of[4][0], Traced::from_f64);
-            Ok(flat(&scheme.correct(law, of[0][0], &z, of[2][0], &u, dt)))
+            let PlacedGains::For(length) = setting.gains else {
+                return Ok(flat(&scheme.correct(law, &z, y, dt)));
+            };
+            let made = flat(&scheme.correct(law, &z, y, Traced::from_f64(length)));
+            if timing == Timing::Predictor {
+                return Ok(made);
+            }
+            // a correction for no time, as at the start, moves nothing
+            let chosen = made.iter().zip(&of[0]);
+            Ok(chosen.map(|(made, z)| trace::if_positive(dt, *made, *z)).collect())
         })?;
-        Ok((flow, correct))
+        Ok(PlacedTables { flow, correct, gains })
+    }
+
+    /// The gains of a placed correction, where they are inputs of the step.
+    pub fn gains(&self) -> Option<&Arc<Gains>> {
+        self.placed.as_ref()?.gains.as_ref()
     }
 
     /// (t, z, y, u) → ż: what moves together with a plant.
@@ -174,7 +285,7 @@ impl LawTables {
         let rate = trace(setting, || {
             let (t, z) = (input("t"), inputs("z", self.len));
             let (y, u) = (input("y[0]"), inputs("u", self.n_u));
-            let law = Tabled { tables: self, own: &self.own() };
+            let law = Tabled { tables: self, own: &self.own(), gains: &[] };
             let (z, u) = (State::read(&z), Inputs::read(&u));
             let rate = law.rate(t, &z, &law.innovation(&z, y), &u);
             Ok(named("z", &rate.as_slice()[..self.len]))
@@ -190,58 +301,99 @@ impl LawTables {
 
     /// Entries of an observer's memory.
     pub fn memory(&self, timing: Timing) -> usize {
-        self.len + timing.held(self.n_u)
+        self.len + timing.held()
     }
 
-    /// One step: (t, dt, z, y, u) → (z⁺, innovation).
-    pub fn step(&self, setting: Setting, manner: Manner) -> PyResult<Table> {
+    /// What a step is traced over: (t, dt, z, y, u, own inputs of the model, gains).
+    fn over<R>(&self, manner: Manner, step: impl FnOnce(Tabled<'_>, Given<'_>) -> R) -> R {
+        let (t, dt) = (input("t"), input("dt"));
+        let memory = inputs("z", self.memory(manner.timing));
+        let (y, u) = (input("y[0]"), Inputs::read(&inputs("u", self.n_u)));
+        let own = self.own();
+        let gains = inputs("gains", self.gains().map_or(0, |gains| gains.count));
+        let law = Tabled { tables: self, own: &own, gains: &gains };
+        let (z, held) = memory.split_at(self.len);
+        step(law, Given { t, dt, z: State::read(z), held, y, u })
+    }
+
+    /// The memory and the innovation as outputs.
+    fn made(&self, z: &State, held: &[Traced], innovation: &[Traced]) -> Vec<(String, Traced)> {
+        let z = [&z.as_slice()[..self.len], held].concat();
+        [named("z", &z), named("innovation", innovation)].concat()
+    }
+
+    /// The use of a sample with current timing: (t, dt, z, y, u, …) → (z⁺, innovation).
+    pub fn correct(&self, setting: Setting, manner: Manner) -> PyResult<Option<Table>> {
+        if manner.timing == Timing::Predictor {
+            return Ok(None);
+        }
+        let table = trace(setting, || {
+            self.over(manner, |law, given| match manner.method {
+                AnyMethod::Known(scheme) => Ok(self.corrected(law, scheme, &given)),
+                AnyMethod::Placed(_) => Ok(self.corrected(law, law, &given)),
+            })
+        })?;
+        Ok(Some(table))
+    }
+
+    /// The way to the next sample: (t, dt, z, y, u, …) → (z⁺, innovation with predictor timing).
+    pub fn advance(&self, setting: Setting, manner: Manner) -> PyResult<Table> {
         trace(setting, || {
-            let (t, dt) = (input("t"), input("dt"));
-            let memory = inputs("z", self.memory(manner.timing));
-            let (y, u) = (input("y[0]"), Inputs::read(&inputs("u", self.n_u)));
-            let own = self.own();
-            let law = Tabled { tables: self, own: &own };
-            let (z, held) = memory.split_at(self.len);
-            let z = State::read(z);
-            let (next, held, innovation) = match manner.method {
-                AnyMethod::Known(scheme) => self.moved(law, scheme, manner, (t, dt), z, held, y, u),
-                AnyMethod::Placed(_) => self.moved(law, law, manner, (t, dt), z, held, y, u),
-            };
-            let next = [&next.as_slice()[..self.len], &held].concat();
-            Ok([named("z", &next), named("innovation", &[innovation])].concat())
+            self.over(manner, |law, given| match manner.method {
+                AnyMethod::Known(scheme) => Ok(self.moved(law, scheme, manner, &given)),
+                AnyMethod::Placed(_) => Ok(self.moved(law, law, manner, &given)),
+            })
         })
     }
 
-    #[allow(clippy::too_many_arguments)]
+    fn corrected<'a, S: Scheme<Traced, Tabled<'a>>>(
+        &self,
+        law: Tabled<'a>,
+        scheme: S,
+        given: &Given<'_>,
+    ) -> Vec<(String, Traced)> {
+        let observer = Current { law, scheme };
+        let before = (given.z, given.held[0]);
+        let mut next = before;
+        observer.correct(&mut next, &given.y, given.t);
+        let innovation = observer.innovation(given.t, &before, &given.y, &given.u);
+        self.made(&next.0, &[next.1], &[innovation])
+    }
+
     fn moved<'a, S: Scheme<Traced, Tabled<'a>>>(
         &self,
         law: Tabled<'a>,
         scheme: S,
         manner: Manner,
-        (t, dt): (Traced, Traced),
-        z: State,
-        held: &[Traced],
-        y: Traced,
-        u: Inputs,
-    ) -> (State, Vec<Traced>, Traced) {
+        given: &Given<'_>,
+    ) -> Vec<(String, Traced)> {
+        let Given { t, dt, z, y, u, .. } = given;
         match manner.timing {
             Timing::Predictor => {
                 let observer = Discretised { law, scheme };
-                let mut next = z;
-                observer.step(&mut next, &y, &u, t, dt);
-                (next, Vec::new(), observer.innovation(t, &z, &y))
+                let mut next = *z;
+                observer.advance(&mut next, y, u, *t, *dt);
+                self.made(&next, &[], &[observer.innovation(*t, z, y, u)])
             }
             Timing::Current => {
                 let observer = Current { law, scheme };
-                let before = (z, (held[0], (held[1], Inputs::read(&held[2..]))));
-                let mut next = before;
-                observer.step(&mut next, &y, &u, t, dt);
-                let (next, (elapsed, (period, u))) = next;
-                let held = [&[elapsed, period], &u.as_slice()[..self.n_u]].concat();
-                (next, held, observer.innovation(t, &before, &y))
+                let mut next = (*z, given.held[0]);
+                observer.predict(&mut next, u, *t, *dt);
+                self.made(&next.0, &[next.1], &[])
             }
         }
     }
+}
+
+/// The inputs of a step.
+struct Given<'a> {
+    t: Traced,
+    dt: Traced,
+    z: State,
+    /// The time of the next correction, with current timing.
+    held: &'a [Traced],
+    y: Traced,
+    u: Inputs,
 }
 
 /// A law that is known by its tables; as a scheme, the one that places its eigenvalues.
@@ -249,6 +401,7 @@ impl LawTables {
 struct Tabled<'a> {
     tables: &'a LawTables,
     own: &'a [Traced],
+    gains: &'a [Traced],
 }
 
 impl Tabled<'_> {
@@ -281,8 +434,8 @@ impl ContinuousLaw<Traced> for Tabled<'_> {
     fn rate(&self, t: Traced, z: &State, e: &Innovations, u: &Inputs) -> State {
         self.call(&self.tables.rate, &[&[t], self.z(z), self.e(e), self.u(u)])
     }
-    fn injection(&self, t: Traced, z: &State, e: &Innovations, u: &Inputs) -> State {
-        self.call(&self.tables.injection, &[&[t], self.z(z), self.e(e), self.u(u)])
+    fn injection(&self, z: &State, e: &Innovations) -> State {
+        self.call(&self.tables.injection, &[self.z(z), self.e(e)])
     }
     fn stagger(&self, old: &State, new: State, dt: Traced) -> State {
         self.call(&self.tables.stagger, &[self.z(old), self.z(&new), &[dt]])
@@ -309,14 +462,14 @@ impl<'a> Scheme<Traced, Tabled<'a>> for Tabled<'a> {
         u: &Inputs,
         dt: Traced,
     ) -> State {
-        self.predict(law, t, &self.correct(law, t, z, y, u, dt), u, dt)
+        self.predict(law, t, &self.correct(law, z, y, dt), u, dt)
     }
     fn predict(&self, _: &Self, t: Traced, z: &State, u: &Inputs, dt: Traced) -> State {
-        let Some((flow, _)) = &self.tables.placed else { return *z };
+        let Some(PlacedTables { flow, .. }) = &self.tables.placed else { return *z };
         self.call(flow, &[&[t], self.z(z), self.u(u), &[dt]])
     }
-    fn correct(&self, _: &Self, t: Traced, z: &State, y: Traced, u: &Inputs, dt: Traced) -> State {
-        let Some((_, correct)) = &self.tables.placed else { return *z };
-        self.call(correct, &[&[t], self.z(z), &[y], self.u(u), &[dt]])
+    fn correct(&self, _: &Self, z: &State, y: Traced, dt: Traced) -> State {
+        let Some(PlacedTables { correct, .. }) = &self.tables.placed else { return *z };
+        self.call(correct, &[self.z(z), &[y], &[dt], self.gains])
     }
 }

@@ -346,3 +346,32 @@ def test_several_chains(tmp_path):
     assert "line 12: gain = -15.0: must be" in refusal(CHAINS.replace("15.0", "-15.0"))
     assert "line 6: order is text" in refusal(CHAINS.replace("order = 2", "order = 'x'", 1))
     assert "gain has no meaning" in refusal(CHAINS.replace("[[", "gain = 1\n\n[[", 1))
+
+
+def test_the_time_of_steps_is_saved(tmp_path):
+    """A model with t goes on at its time: x' = v, v' = t, so v is t^2/2 without any correction."""
+    model = hgo_rs.Model(states=["q", "v"], phi="t")
+    observer = hgo_rs.StandardObserver(2, gain=5.0, model=model, method="rk4", timing="predictor")
+    for _ in range(20):
+        observer.step(None, dt=0.1)
+    observer.save(tmp_path / "o.toml")
+    assert "[start]" in (tmp_path / "o.toml").read_text()
+    config = hgo_rs.load(tmp_path / "o.toml")
+    assert config.data["start"]["t"] == pytest.approx(2.0)
+    back = config.observer()
+    assert Config.of(back) == config
+    for _ in range(10):
+        np.testing.assert_array_equal(back.step(None, dt=0.1), observer.step(None, dt=0.1))
+    np.testing.assert_allclose(back.x_hat[1], 3.0**2 / 2.0, rtol=1e-12)
+    fresh = config.replace(start={"memory": config.data["start"]["memory"]}).observer()
+    assert fresh.step(None, dt=0.1)[1] < back.x_hat[1]
+    back.reset()
+    assert back._time == 0.0
+
+
+def test_a_missing_folder_and_a_folder_are_refused(tmp_path):
+    config = Config({"format": 1, "observer": "standard", "order": 2, "gain": 20.0})
+    for path in (tmp_path / "no" / "o.toml", tmp_path):
+        with pytest.raises(ConfigError, match="cannot write"):
+            config.save(path)
+    assert not list(tmp_path.iterdir())

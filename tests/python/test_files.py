@@ -20,7 +20,7 @@ import numpy as np
 import hgo_rs
 from hgo_rs import data, files, plotting, reproduce
 from hgo_rs.data import write_table
-observer = hgo_rs.LowPowerObserver(12, 5.0)
+observer = hgo_rs.LowPowerObserver(12, 5.0, method="euler")
 columns = {"t": np.arange(5000.0), "y": np.random.default_rng(0).normal(size=5000)}
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (300, resource.RLIM_INFINITY))
@@ -162,7 +162,7 @@ def test_a_table_in_pieces_comes_whole(tmp_path):
 
 
 def test_an_observer_saved_over_itself_is_read_again(tmp_path):
-    path, observer = tmp_path / "observer.toml", LowPowerObserver(3, 5.0)
+    path, observer = tmp_path / "observer.toml", LowPowerObserver(3, 5.0, method="euler")
     observer.save(path)
     observer.step(1.0, dt=1e-3)
     observer.save(path)

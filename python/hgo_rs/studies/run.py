@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.errors import HgoError, check, check_choice, check_integer, check_number
+from hgo_rs.read_only import read_only
 from hgo_rs.simulation import BACKENDS, Experiment
 from hgo_rs.studies.cases import Parameters, experiments, rows_of
 from hgo_rs.studies.pieces import compute, executor_of
@@ -117,9 +118,14 @@ def study(
         except BaseException as error:
             stop = error
         unsaved = None if saved is None else _kept(saved)
+    for array in (array for out in result.outputs for array in out.values()):
+        array.flags.writeable = False  # from here on they are the user's to read
     stop = unsaved if stop is None else stop
     if stop is not None:
-        raise _stopped(stop, unsaved, result, saved) from stop
+        told = _stopped(stop, unsaved, result, saved)
+        if told is stop:
+            raise stop
+        raise told from stop
     return result
 
 
@@ -176,7 +182,8 @@ def _empty(
             out["t"] = empty(out["x"].shape[1:2], "t")
         outputs.append(out)
     finished = np.zeros((len(rows), runs), dtype=bool)
-    return StudyResult(rows, axes, finished, seed, backend, planned, outputs)
+    shown = read_only(rows), read_only(axes)
+    return StudyResult(*shown, finished, seed, backend, planned, outputs)
 
 
 def _check_memory(planned: list[Experiment], runs: int, most: float | None, *, twice: bool) -> None:
