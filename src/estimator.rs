@@ -110,7 +110,14 @@ where
     T: Scalar,
 {
     observer: O,
-    z: O::State,
+    moving: Moving<T, O::State>,
+}
+
+/// What of an estimator moves, and the limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+struct Moving<T, Z> {
+    z: Z,
     clock: Clock<T>,
     dt_max: T,
     counts: Counts,
@@ -124,15 +131,16 @@ crate::error::through_constructor! {
     [T: Scalar, O: Observer<T>]
     Estimator<T, O>: estimator => {
         observer: O = estimator.observer,
-        z: O::State = estimator.z,
-        clock: Clock<T> = estimator.clock,
-        dt_max: T = estimator.dt_max,
-        counts: Counts = estimator.counts,
-        started: bool = estimator.started,
-        stable: bool = estimator.stable,
+        z: O::State = estimator.moving.z,
+        clock: Clock<T> = estimator.moving.clock,
+        dt_max: T = estimator.moving.dt_max,
+        counts: Counts = estimator.moving.counts,
+        started: bool = estimator.moving.started,
+        stable: bool = estimator.moving.stable,
     }
     => crate::error::require("t", clock.time(), clock.time() >= T::ZERO, "it must be >= 0")
-        .and_then(|_| Ok(Self { z, clock, counts, started, stable, ..Self::new(observer, dt_max)? }))
+        .and_then(|_| positive("dt_max", dt_max))
+        .map(|dt_max| Self { observer, moving: Moving { z, clock, dt_max, counts, started, stable } })
 }
 
 impl<T: Scalar, O: Observer<T>> Estimator<T, O> {
@@ -143,16 +151,10 @@ impl<T: Scalar, O: Observer<T>> Estimator<T, O> {
     /// # Errors
     /// `dt_max` not finite or ≤ 0.
     pub fn new(observer: O, dt_max: T) -> Result<Self, DesignError> {
-        let dt_max = positive("dt_max", dt_max)?;
-        Ok(Self {
-            observer,
-            z: observer.initial(),
-            clock: Clock::new(),
-            dt_max,
-            counts: Counts::default(),
-            started: false,
-            stable: true,
-        })
+        let (dt_max, z) = (positive("dt_max", dt_max)?, observer.initial());
+        let (clock, counts) = (Clock::new(), Counts::default());
+        let moving = Moving { z, clock, dt_max, counts, started: false, stable: true };
+        Ok(Self { observer, moving })
     }
 
     /// One call a sample y.
@@ -164,12 +166,92 @@ impl<T: Scalar, O: Observer<T>> Estimator<T, O> {
     /// missing sample. A `dt` that is no length of time changes nothing but the counts.
     #[inline]
     pub fn step(&mut self, y: &O::Measurement, u: &O::Input, dt: T) -> Status {
+        self.moving.step(&self.observer, y, u, dt)
+    }
+
+    /// The same by another observer of the same memory, as the papers' recursion of a law whose causal
+    /// form this is.
+    #[inline]
+    pub fn step_by<P>(&mut self, other: &P, y: &P::Measurement, u: &P::Input, dt: T) -> Status
+    where
+        P: Observer<T, State = O::State>,
+    {
+        self.moving.step(other, y, u, dt)
+    }
+
+    /// The observer.
+    pub fn observer(&self) -> &O {
+        &self.observer
+    }
+
+    /// The estimate.
+    #[inline]
+    pub fn estimate(&self) -> &[T] {
+        self.observer.estimate(&self.moving.z)
+    }
+
+    /// The memory.
+    pub fn memory(&self) -> &O::State {
+        &self.moving.z
+    }
+
+    /// Start again from a memory of the caller's, at time 0; the counts go on.
+    pub fn restart(&mut self, z: O::State) {
+        let Moving { dt_max, counts, .. } = self.moving;
+        let clock = Clock::new();
+        self.moving = Moving { z, clock, dt_max, counts, started: false, stable: true };
+    }
+
+    /// Time since the start in s.
+    pub fn time(&self) -> T {
+        self.moving.clock.time()
+    }
+
+    /// What the steps ended in so far.
+    pub fn counts(&self) -> Counts {
+        self.moving.counts
+    }
+}
+
+impl<T: Scalar, O: Causal<T>> Estimator<T, O> {
+    /// Take the sample y of now; the estimate is then x̂(k|k). Its gain is for the time that has passed
+    /// since the last sample used; for none, as at the start, nothing changes.
+    #[inline]
+    pub fn correct(&mut self, y: &O::Measurement) -> Status {
+        let status = self.moving.corrected(&self.observer, y);
+        self.moving.counts.add(status);
+        status
+    }
+
+    /// Move over the period of length `dt` in s that begins, under the input u that is applied from now
+    /// on. Counted is what went wrong: a sample's own status is that of [`Estimator::correct`].
+    #[inline]
+    pub fn predict(&mut self, u: &O::Input, dt: T) -> Status {
+        let status = self.moving.moved(&self.observer, &absent(), u, dt);
+        if !matches!(status, Status::Predicted | Status::StepTooLong) {
+            self.moving.counts.add(status);
+        }
+        status
+    }
+}
+
+impl<T: Scalar, Z: Memory<T>> Moving<T, Z> {
+    /// One call a sample.
+    #[inline(always)]
+    fn step<O>(&mut self, observer: &O, y: &O::Measurement, u: &O::Input, dt: T) -> Status
+    where
+        O: Observer<T, State = Z>,
+    {
         let status = match O::TIMING {
-            Timing::Predictor => self.moved(y, u, dt),
+            Timing::Predictor => self.moved(observer, y, u, dt),
             Timing::Current => {
-                let first = !self.started;
-                match if first { Status::Predicted } else { self.moved(&absent(), u, dt) } {
-                    Status::Predicted | Status::StepTooLong => self.corrected(y),
+                let moved = if self.started {
+                    self.moved(observer, &absent(), u, dt)
+                } else {
+                    Status::Predicted
+                };
+                match moved {
+                    Status::Predicted | Status::StepTooLong => self.corrected(observer, y),
                     refused => refused,
                 }
             }
@@ -180,21 +262,24 @@ impl<T: Scalar, O: Observer<T>> Estimator<T, O> {
 
     /// The memory moves over the period dt that begins, by a sample y of its beginning.
     #[inline(always)]
-    fn moved(&mut self, y: &O::Measurement, u: &O::Input, dt: T) -> Status {
+    fn moved<O>(&mut self, observer: &O, y: &O::Measurement, u: &O::Input, dt: T) -> Status
+    where
+        O: Observer<T, State = Z>,
+    {
         if !(dt > T::ZERO && dt.is_finite()) {
             return Status::StepRefused;
         }
         let before = self.z;
-        self.stable = dt * self.observer.speed(&before) <= self.dt_max;
+        self.stable = dt * observer.speed(&before) <= self.dt_max;
         let taken = if self.stable {
-            self.observer.advance(&mut self.z, y, u, self.clock.time(), dt)
+            observer.advance(&mut self.z, y, u, self.clock.time(), dt)
         } else {
-            self.observer.predict(&mut self.z, u, self.clock.time(), dt)
+            observer.predict(&mut self.z, u, self.clock.time(), dt)
         };
         self.clock.pass(dt);
         match self.judged(&before, taken) {
             Status::ModelUndefined => {
-                self.z = self.observer.held(&before, dt);
+                self.z = observer.held(&before, dt);
                 Status::ModelUndefined
             }
             Status::Diverged => Status::Diverged,
@@ -205,12 +290,15 @@ impl<T: Scalar, O: Observer<T>> Estimator<T, O> {
 
     /// The memory takes a sample, with current timing.
     #[inline(always)]
-    fn corrected(&mut self, y: &O::Measurement) -> Status {
+    fn corrected<O>(&mut self, observer: &O, y: &O::Measurement) -> Status
+    where
+        O: Observer<T, State = Z>,
+    {
         let before = self.z;
         self.started = true;
         let missing = absent();
         let sample = if self.stable { y } else { &missing };
-        let taken = self.observer.correct(&mut self.z, sample, self.clock.time());
+        let taken = observer.correct(&mut self.z, sample, self.clock.time());
         let stable = core::mem::replace(&mut self.stable, true);
         match self.judged(&before, taken) {
             Status::ModelUndefined => {
@@ -226,7 +314,7 @@ impl<T: Scalar, O: Observer<T>> Estimator<T, O> {
     /// What a move from `before` ended in: a memory that was sound and is not finite now shows a model
     /// without a value; one that had grown beyond all bounds has diverged.
     #[inline(always)]
-    fn judged(&self, before: &O::State, taken: Status) -> Status {
+    fn judged(&self, before: &Z, taken: Status) -> Status {
         let mut finite = true;
         self.z.visit(&mut |z| finite &= z.is_finite());
         if finite {
@@ -236,53 +324,5 @@ impl<T: Scalar, O: Observer<T>> Estimator<T, O> {
         } else {
             Status::Diverged
         }
-    }
-
-    /// The estimate.
-    #[inline]
-    pub fn estimate(&self) -> &[T] {
-        self.observer.estimate(&self.z)
-    }
-
-    /// The memory.
-    pub fn memory(&self) -> &O::State {
-        &self.z
-    }
-
-    /// Start again from a memory of the caller's, at time 0; the counts go on.
-    pub fn restart(&mut self, z: O::State) {
-        (self.z, self.clock, self.started, self.stable) = (z, Clock::new(), false, true);
-    }
-
-    /// Time since the start in s.
-    pub fn time(&self) -> T {
-        self.clock.time()
-    }
-
-    /// What the steps ended in so far.
-    pub fn counts(&self) -> Counts {
-        self.counts
-    }
-}
-
-impl<T: Scalar, O: Causal<T>> Estimator<T, O> {
-    /// Take the sample y of now; the estimate is then x̂(k|k). Its gain is for the time that has passed
-    /// since the last sample used; for none, as at the start, nothing changes.
-    #[inline]
-    pub fn correct(&mut self, y: &O::Measurement) -> Status {
-        let status = self.corrected(y);
-        self.counts.add(status);
-        status
-    }
-
-    /// Move over the period of length `dt` in s that begins, under the input u that is applied from now
-    /// on. Counted is what went wrong: a sample's own status is that of [`Estimator::correct`].
-    #[inline]
-    pub fn predict(&mut self, u: &O::Input, dt: T) -> Status {
-        let status = self.moved(&absent(), u, dt);
-        if !matches!(status, Status::Predicted | Status::StepTooLong) {
-            self.counts.add(status);
-        }
-        status
     }
 }

@@ -38,7 +38,9 @@ pub enum Placement {
 
 impl Placement {
     /// Refuse an order above `most` under the bilinear rule, which takes all eigenvalues to −1 as ℓT grows:
-    /// there, rounding moves a bundle of them out of the unit circle.
+    /// there, rounding moves a bundle of them out of the unit circle. `most` is the highest order at which
+    /// one rounding of the gains in double precision, at ℓT = 100, changes the response of the error by
+    /// less than 5e-5 of its largest value. Exact placement keeps 1e-9 up to order 12.
     pub(crate) fn hold<const N: usize>(self, most: usize) -> Result<(), DesignError> {
         let allowed = "method bilinear gathers the eigenvalues at -1 for long steps, where rounding \
                        moves those of high orders out of the unit circle: at most 6 (standard) or 4 \

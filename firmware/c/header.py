@@ -22,11 +22,11 @@ SCALARS = {"f32": "float", "f64": "double"}
 WORDS = {"f32": ("uint32_t", 4), "f64": ("uint64_t", 8)}
 NUMBERS = {"u32": "uint32_t", "i32": "int32_t", "usize": "size_t", "c_char": "char", **SCALARS}
 FAMILIES = {
-    "standard": "Standard observer, fixed gain",
-    "adaptive": "Standard observer, adaptive gain: the memory is x_hat, r",
-    "dead_zone": "Standard observer, gain with a dead zone: the memory is x_hat, r",
-    "low_power": "Low-power observer, fixed gain: the memory is x_hat, eta",
-    "peaking_free": "Peaking-free observer (hard clips), fixed gain: the memory is x_hat, eta",
+    "standard": "Standard observer, fixed gain: memory x_hat, time",
+    "adaptive": "Standard observer, adaptive gain: memory x_hat, r, time",
+    "dead_zone": "Standard observer, gain with a dead zone: memory x_hat, r, time",
+    "low_power": "Low-power observer, fixed gain: memory x_hat, eta, time",
+    "peaking_free": "Peaking-free observer (hard clips), fixed gain: memory x_hat, eta, time",
 }
 
 INTRODUCTION = """\
@@ -43,22 +43,42 @@ INTRODUCTION = """\
  *     int32_t status =
  *         hgo_standard2_f32_init(&observer, sizeof observer, HGO_VERSION, &config, &error);
  *
- * and at every sample, for example in a timer's interrupt,
+ * What is known of the system, d^n y/dt^n = phi, the caller computes from the estimate and from
+ * the inputs, and hands over as a number; 0 makes a differentiator. There are two ways to use a
+ * state, and one state keeps to one of them.
  *
- *     status = hgo_standard2_f32_step(&observer, y, 0.0f, 0.001f);
+ * A control loop needs the estimate of now. At every sample, for example in a timer's interrupt,
+ *
+ *     hgo_standard2_f32_correct(&observer, y);              the sample of now is used
+ *     hgo_standard2_f32_estimate(&observer, x_hat, 2);      x_hat is that of now
+ *     u = control(x_hat);                                   compute the input and apply it
+ *     phi = model(x_hat, u);                                under the input that is applied now
+ *     hgo_standard2_f32_predict(&observer, phi, 0.001f);    over the period that begins
+ *
+ * phi and dt of predict belong to the period that begins, and so does the input within phi. Where
+ * its length is not known beforehand (a callback), phi is kept, and predict is called at the
+ * beginning of the next call, before correct, with the time that has passed.
+ *
+ * The papers' recursion is one call a sample, whose estimate is that of the next sample's time:
+ *
+ *     status = hgo_standard2_f32_step(&observer, y, phi, 0.001f);
  *     hgo_standard2_f32_estimate(&observer, x_hat, 2);
  *
- * What is known of the system, d^n y/dt^n = phi, the caller computes from the estimate before the
- * step and from the inputs, and hands to the step as a number; 0 makes a differentiator. The law is
- * discretised by forward Euler. Coefficients, gains and step limits come from the Python package
- * hgo_rs, see docs/from-python-to-your-board.md; the laws and their papers stand in docs/ too. What
- * is tied to one model (the sampled-data observer of a Van der Pol oscillator, the reduced-order
- * observer of a ship), collections and the other discretisations are for Rust only.
+ * phi and dt of step belong to the period from this sample to the next one; phi is computed from
+ * the estimate before the step. An input that is computed from the estimate after it comes one
+ * period too late for this phi: that is what correct and predict are for.
  *
- * Every function returns a code: >= 0 is what a step made of its sample, < 0 what was refused, with
- * no state changed. Nothing allocates, blocks, panics or calls another library, but memcpy and its
- * like. A state is the caller's and holds no pointer: it may be copied and moved. One context at a
- * time may use a state; different states are independent.
+ * The law is discretised by forward Euler (in Python: method="euler", with timing="current" for
+ * correct and predict, timing="predictor" for step). Coefficients, gains and step limits come from
+ * the Python package hgo_rs, see docs/from-python-to-your-board.md; the laws and their papers
+ * stand in docs/ too. What is tied to one model (the sampled-data observer of a Van der Pol
+ * oscillator, the reduced-order observer of a ship), collections and the other discretisations are
+ * for Rust only.
+ *
+ * Every function returns a code: >= 0 is what became of the sample or the period, < 0 what was
+ * refused, with no state changed. Nothing allocates, blocks, panics or calls another library, but
+ * memcpy and its like. A state is the caller's and holds no pointer: it may be copied and moved.
+ * One context at a time may use a state; different states are independent.
  *
  * Refused are NULL and unaligned pointers, states that are too small, never made or of another
  * type, and another version's header. A pointer that is wrong otherwise cannot be recognised. */
@@ -266,9 +286,9 @@ def header(interface: Interface) -> str:
         "#endif\n",
         "/* Version of this header, for init. */",
         f"#define HGO_VERSION {interface.version}\n",
-        "/* Codes: what a step made of its sample, and what a function refused. */",
+        "/* Codes: what became of a sample or a period, and what a function refused. */",
         "enum {",
-        "    /* what a function that is no step returns when it has done its work */",
+        "    /* what a function that takes no sample or time returns when it has done its work */",
         "    HGO_OK = 0,",
     ]
     for name, value, text in interface.codes:
@@ -288,7 +308,8 @@ def header(interface: Interface) -> str:
         "/* --- Observers ------------------------------------------------------------",
         " *",
         " * Each type has these functions. HGO_..._SIZE is the size of its state in bytes, on",
-        " * every processor; HGO_..._MEMORY is the length of its memory.",
+        " * every processor; HGO_..._MEMORY is the length of its memory, whose last number is the",
+        " * time that the next correct is for.",
         " *",
     ]
     for method in interface.methods:

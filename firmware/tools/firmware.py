@@ -101,7 +101,7 @@ def qemu(cpu: str, elf: Path) -> str:
 def run_board(cpu: str, elf: Path) -> list[Run]:
     """Run an image of the cases on a board."""
     runs = []
-    for case, observer, n, scalar, digest, _, *counts in rows(qemu(cpu, elf), 12):
+    for case, observer, n, scalar, digest, _, *counts in rows(qemu(cpu, elf), 13):
         steps, instructions, most, stack = map(int, counts[:4])
         functions = tuple(int(address, 16) & ~1 for address in counts[4:] if address != "0")
         key = (case, observer, int(n), scalar, digest)

@@ -24,7 +24,7 @@ class Run:
     most: int
     stack: int
     functions: tuple[int, ...]
-    """Addresses of the step and, if it has one, of the clock."""
+    """Addresses of the step and, if it has them, of its first half and of the clock."""
 
 
 @dataclass(frozen=True)

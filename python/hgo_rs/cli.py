@@ -709,7 +709,7 @@ class _LongestGaps:
                 f"x_hat{i + 1} {e:.3g}" for i, e in enumerate(error) if np.isfinite(e)
             )
             told = f"error to expect at its end: {states}" if states else "no error estimate"
-            _say(f"gap of {duration:.4g} s ({gap.length} samples) at t = {t:g} s: {told}")
+            _say(f"gap of {duration:.4g} s ({gap.length} samples) at t = {t:.10g} s: {told}")
 
 
 class _Trace:

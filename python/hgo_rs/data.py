@@ -205,7 +205,7 @@ class LogSummary:
         )
         step, at = self._longest
         if step > 1.5 * self._typical:
-            text += f", longest step {step:.6g} s at t = {at:g} s"
+            text += f", longest step {step:.6g} s at t = {at:.10g} s"
         if self.pieces > 1:
             text += f", {self.pieces} pieces between resets of the clock"
         several = len(self._channels) > 1
@@ -243,7 +243,7 @@ class _Missing:
         length, first, last = self._longest
         return (
             f"{self.count} missing sample{'s' if self.count > 1 else ''}; the longest gap has "
-            f"{length}, from t = {first:g} s to {last:g} s"
+            f"{length}, from t = {first:.10g} s to {last:.10g} s"
         )
 
 
@@ -496,6 +496,9 @@ def check_writable_format(path: Path) -> None:
 
 # --- time ------------------------------------------------------------------------------------
 
+WINDOW = 1000
+"""Steps whose median is looked at, all along a log, however it is cut into chunks."""
+
 
 class _Clock:
     """Times in seconds, block by block; it remembers where the block before ended."""
@@ -532,7 +535,8 @@ class _Clock:
         self._rows = 0  # of the log
         self._last: tuple[float, str] | None = None
         self._next = 0.0  # of the schedule
-        self._steps = np.empty(0)  # the first ones
+        self._steps = np.empty(0)  # those that no window of `_check_steps` holds yet
+        self._windows = 0
         self._first = math.nan  # of the log [s], from the recorded origin
         self._grain = 0.0  # what the recorded numbers resolve [s]
         self._sample, self._zero = 0, math.nan  # of the piece, where dt is given
@@ -582,6 +586,9 @@ class _Clock:
         assert isinstance(self.time, str)
         if found.length is not None:
             self.length = found.length
+            if self.unit is not None:
+                self.remarks += (f"times {self.time!r} have a unit of their own, not {self.unit}",)
+                self.unit = None
         else:
             self.length = UNITS[self._found_unit(found)]
         self._first = float(found.first() * self.length)
@@ -708,9 +715,14 @@ class _Clock:
                     f"of {usual:.3g} s; dt in their place makes them exact",
                 )
             self._grain = 0.0
-        self._steps = np.r_[self._steps, within[: CHUNK - len(self._steps)]]
-        if len(within) >= 1000:
-            self._check_median(float(np.median(within)))
+        waiting = np.r_[self._steps, within]
+        full = len(waiting) // WINDOW * WINDOW
+        if full:
+            medians = np.median(waiting[:full].reshape(-1, WINDOW), axis=1)
+            self._check_median(float(medians.min()))
+            self._check_median(float(medians.max()))
+        self._steps = waiting[full:]
+        self._windows += full // WINDOW
         k = int(np.argmax(steps))
         if steps[k] >= LONGEST:
             self._check_median(float(np.median(within)))
@@ -741,14 +753,14 @@ class _Clock:
         guess = f"{likely(step / float(self.length))}; " if step and self.length else ""
         kept = "say unit = one of " + ", ".join(UNITS)
         if not self.assumed:
-            kept = "correct the unit, or give dt in place of the time"
+            kept = "say another unit, or give dt in place of the time"
         raise DataError(f"{self.path}: {told}; {guess}{kept}")
 
     def finish(self) -> None:
         """What is wrong with the whole log."""
         if self.time is None or self._last is None:
             return
-        if len(self._steps):
+        if len(self._steps) >= (WINDOW // 10 if self._windows else 1):
             self._check_median(float(np.median(self._steps)))
         if self._pieces > 1 and self._count < 2:
             raise DataError(
@@ -777,6 +789,7 @@ class _Clock:
                     f"{self.path}, {table.where(k)}: time {t[k]:g} s is not sample "
                     f"{self._sample + k - a} of a record with dt = {self.dt:g} s ({out[k]:g} s); "
                     "leave dt out to honour uneven steps"
+                    + (f", or say a unit other than {self.unit}" if self.assumed else "")
                 )
             self._sample += b - a
         return out

@@ -167,6 +167,7 @@ class _Record:
         )
         begin = begin[np.unique(np.linspace(0, len(begin) - 1, REPLAYS).astype(int))[: len(begin)]]
         drift = np.empty((len(begin), n))
+        told = np.ones(len(begin), bool)
         for row, k in enumerate(begin.tolist()):
             stop = int(end[k])
             rows = slice(k, stop)
@@ -175,8 +176,9 @@ class _Record:
             record = (t[rows], left, self.u[rows], self._found(k))
             # as the sample that ends the gap finds it
             track = self.observer._core.run(*record, innovation=False, until=float(t[stop]))
+            told[row] = track["undefined"] is None  # else the model has no value in such a gap
             drift[row] = self._found(stop)[:n] - track["next"][:n] + self.usual(stop)
-        return t[begin], drift
+        return t[begin][told], drift[told]
 
     def usual(self, stop: int) -> Array:
         """x - x̂ before a sample, (n,): the average of y - x̂_1 and of the corrections, chain by

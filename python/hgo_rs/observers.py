@@ -308,6 +308,13 @@ class Observer(_core.Online):
         if values.shape != (self._core.memory_len,):
             allowed = f"must have {self._core.memory_len} entries"
             raise HgoError(f"memory of shape {values.shape}: {allowed}")
+        finite = bool(np.all(np.isfinite(values)))
+        check(finite, "memory", memory, "finite", "leave out NaN and infinity, or call reset()")
+        if self.spec.get("timing") == "current":
+            elapsed = float(values[self._law_len])
+            allowed = ">= 0, the time that the next correction is for [s]"
+            remedy = "keep what memory shows, or 0 at a start; an input is told to predict(u, dt)"
+            check(elapsed >= 0.0, f"memory[{self._law_len}]", elapsed, allowed, remedy)
         return values
 
     def _no_place(self, out: Any) -> HgoError:

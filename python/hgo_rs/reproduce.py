@@ -114,10 +114,10 @@ def _run_in_processes(
         mp.Process(target=_work, args=(tasks, messages, backend, seed, figures), daemon=True)
         for _ in range(count)
     ]
-    for worker in workers:
-        worker.start()
     waiting = sum(len(group) for group in papers.values())
     try:
+        for worker in workers:
+            worker.start()
         while waiting:
             try:
                 message = messages.get(timeout=0.5)
@@ -132,8 +132,9 @@ def _run_in_processes(
                 yield message
     finally:
         for worker in workers:
-            worker.terminate()
-            worker.join()
+            if worker.pid is not None:
+                worker.terminate()
+                worker.join()
 
 
 def _work(tasks: Any, messages: Any, backend: str, seed: int, figures: bool) -> None:

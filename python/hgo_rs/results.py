@@ -231,7 +231,7 @@ class RunResult:
 
 @dataclass(frozen=True, eq=False)
 class SimulationResult:
-    """An experiment with R runs, W windows, S signals and F kept frames. Its arrays are read-only.
+    """An experiment with R runs, W windows, S signals and F kept frames.
 
     Signals are the errors x_hat - x (n of them), then the rest of the observer's memory.
 
@@ -311,8 +311,8 @@ class SimulationResult:
 
     @property
     def x_hat(self) -> Array | None:
-        """Estimates at the kept frames, (R, F, n)."""
-        return None if self.memory is None else self.memory[..., : self.n]
+        """Estimates at the kept frames, (R, F, n); a part of `memory`, read-only."""
+        return None if self.memory is None else shown(self.memory[..., : self.n])
 
     def quantile(self, q: float) -> float:
         """Quantile of ||x_hat - x||^2 over all runs in the histogram's window (to about 1 %)."""

@@ -18,7 +18,7 @@ from hgo_rs.gains import FixedStep, StochasticApproximation
 from hgo_rs.models import Ship, System, VanDerPol
 from hgo_rs.noise import Noise, RecordedNoise
 from hgo_rs.observers import Observer
-from hgo_rs.read_only import ReadOnlyDict, shown
+from hgo_rs.read_only import ReadOnlyDict
 from hgo_rs.results import SimulationResult
 
 __all__ = ["simulate"]
@@ -308,10 +308,8 @@ def execute(spec: dict[str, Any], backend: str) -> dict[str, Any]:
 
 def result_of(out: dict[str, Any], experiment: Experiment) -> SimulationResult:
     """The outputs of an experiment with their names."""
-    histogram = out.get("histogram")
-    out = {name: shown(value) for name, value in out.items()}
     return SimulationResult(
-        metrics=ReadOnlyDict({name: out[name] for name in METRICS if name in out}),
+        metrics={name: out[name] for name in METRICS if name in out},
         settling_time=out["settling_time"],
         diverged_at=out["diverged_at"],
         undefined_at=out["undefined_at"],
@@ -321,7 +319,7 @@ def result_of(out: dict[str, Any], experiment: Experiment) -> SimulationResult:
         x=out.get("x"),
         memory=out.get("memory"),
         y=out.get("y"),
-        histogram=None if histogram is None else ReadOnlyDict(histogram),
+        histogram=out.get("histogram"),
         n=experiment.n,
         spec=experiment.spec,
     )

@@ -712,8 +712,8 @@ class _Candidate:
         if step and self.noise < _DITHER * rounding:
             said.append(
                 f"y moves in steps of {step:.4g}, by one or none from most samples to the next, "
-                f"and the noise found, {self.noise:.3g}, is not more than rounding, "
-                f"{rounding:.3g}: it lasts for several samples and is not white, {so}"
+                f"and the noise found, {self.noise:.3g}, is rounding ({rounding:.3g}) and little "
+                f"else: it lasts for several samples and is not white, {so}"
             )
         whiteness = math.nan
         if math.isfinite(self.misfit):

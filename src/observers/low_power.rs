@@ -451,7 +451,9 @@ where
             roots(&[alpha[i], beta[i]], &mut pair);
             chain_gains::<f64, 2>(&at.images(&Poles::from(pair), r, dt), dt).into()
         });
-        let scaled = |values: [f64; N]| SVector::from_fn(|i, _| T::from_f64(values[i] * dt));
+        // no time: nothing moves, whatever the division by it gave
+        let over = |value: f64| if dt > 0.0 { value * dt } else { 0.0 };
+        let scaled = |values: [f64; N]| SVector::from_fn(|i, _| T::from_f64(over(values[i])));
         let block = |part: usize| SVector::from_fn(|i, _| T::from_f64(blocks[i][part]));
         [BlockGains { a: scaled(a), b: scaled(b) }, BlockGains { a: block(0), b: block(1) }]
     }

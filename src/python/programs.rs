@@ -312,7 +312,7 @@ struct PlacedChain {
 /// What an observer knows, as its spec says it.
 enum Given<'py, 'a> {
     Paper(Option<Spec<'py>>),
-    Own(OwnModel),
+    Own(Box<OwnModel>),
     /// Chain number `chain` of a model with several outputs.
     Chain(&'a OwnModel, usize),
 }
@@ -324,7 +324,7 @@ impl<'py> Given<'py, '_> {
         }
         let model = spec.sub("model")?;
         if model.text("kind")? == "own" {
-            return Ok(Self::Own(OwnModel::read(&model)?));
+            return Ok(Self::Own(Box::new(OwnModel::read(&model)?)));
         }
         Ok(Self::Paper(Some(model)))
     }

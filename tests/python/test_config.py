@@ -1,6 +1,8 @@
 """`observer.toml`: exact round trips; errors that name file, line and remedy."""
 
 import inspect
+import os
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -114,6 +116,42 @@ def test_any_text_comes_back(name, other):
     except UnicodeEncodeError:  # a surrogate is no text
         return
     assert Config.from_toml(text).data == data
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a" * 2**18 + " = 1", "has more than 262144 bytes"),
+        ("format = 1\n" + ".".join("a" * 100_000) + " = 1", "line 2: a key of more than 16 parts"),
+        ("format = 1\n[" + " . ".join(["a"] * 50_000) + "]", "line 2: a key of more than 16 parts"),
+        ("x = " + "{a = " * 50_000, "nested too deeply"),
+        ("x = " + "[" * 100_000, "nested too deeply"),
+        ("x = [\n" + "1,\n" * 80_000 + "]", "line 1: a value of more than 300 lines"),
+        ("\n".join(f"a.b{k} = 1" for k in range(20_000)), "line 1: a is not a known key"),
+    ],
+    ids=["long", "dotted", "dotted table", "tables", "lists", "lines", "keys"],
+)
+def test_a_text_of_any_size_is_refused_soon(tmp_path, text, message):
+    text = text if len(text) <= 2**18 or "has more" in message else text[: 2**17] + " = 1"
+    path = tmp_path / "o.toml"
+    path.write_text(text)
+    tracemalloc.start()
+    try:
+        with pytest.raises(ConfigError) as caught:
+            hgo_rs.load(path)
+        assert tracemalloc.get_traced_memory()[1] < 2**26
+    finally:
+        tracemalloc.stop()
+    assert message in str(caught.value)
+    assert len(str(caught.value)) < 400
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes in the file system")
+def test_what_may_have_no_end_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "o.toml")
+    for path in (tmp_path / "o.toml", "/dev/zero"):
+        with pytest.raises(ConfigError, match="is a pipe or a device"):
+            hgo_rs.load(path)
 
 
 HEAD = 'format = 1\nobserver = "standard"\n'

@@ -563,10 +563,27 @@ def test_a_unit_that_is_said_is_taken_within_reason(tmp_path):
     days = arrays(tmp_path, t=739_000.25 + np.arange(50) / 8.0, q=np.ones(50))
     np.testing.assert_array_equal(np.diff(read_log(days, "t", "q", unit="d").t), 10_800.0)
     wrong = arrays(tmp_path, t=np.arange(50) * 2_000_000, q=np.ones(50))
-    assert "correct the unit, or give dt in place" in refusal(wrong, "t", "q", unit="s")
+    assert "say another unit, or give dt in place" in refusal(wrong, "t", "q", unit="s")
     assert len(read_log(wrong, None, "q", dt=2e6).t) == 50
     assert "years from its origin" in refusal(
         arrays(tmp_path, t=1_700_000_000_000 + np.arange(50) * 5, q=np.ones(50)), "t", "q", unit="s"
+    )
+
+
+def test_a_unit_beside_dates_is_said_to_be_idle(tmp_path):
+    path = arrays(tmp_path, t=FAST.astype("M8[ns]"), q=np.ones(200))
+    log = read_log(path, "t", "q", unit="ms")
+    np.testing.assert_array_equal(log.t, (FAST - BEGIN) / 1e9)
+    assert "times 't' have a unit of their own, not ms" in log.remarks
+    assert "t counts from t = 2024-03-05T09:07:03" in log.describe()
+
+
+def test_dt_beside_times_of_a_guessed_unit(tmp_path):
+    path = arrays(tmp_path, t=np.arange(50) * 5, q=np.ones(50))
+    said = refusal(path, "t", "q", dt=0.005)
+    assert "leave dt out to honour uneven steps, or say a unit other than s" in said
+    np.testing.assert_array_equal(
+        read_log(path, "t", "q", dt=0.005, unit="ms").t, 0.005 * np.arange(50)
     )
 
 
@@ -575,7 +592,9 @@ def test_later_parts_are_checked_as_the_first(tmp_path):
     first, count = data.CHUNK + 100, 5000
     times = np.r_[np.arange(first) * 0.005, first * 0.005 + 1e3 * np.arange(1, count)]
     path = write(tmp_path, "t,q\n" + "".join(f"{t!r},1\n" for t in times.tolist()))
-    assert "the median step of the time 't' is 1000 s" in refusal(path, "t", "q")
+    for rows in (500, None):
+        with pytest.raises(DataError, match="the median step of the time 't' is 1000 s"):
+            list(read_chunks(path, "t", "q", rows=rows))
     times = np.r_[np.arange(first) * 0.005, 1.7e9]
     path = write(tmp_path, "t,q\n" + "".join(f"{t!r},1\n" for t in times.tolist()))
     assert f"line {first + 2}: the time 't' leaps by 53.9 years" in refusal(path, "t", "q")

@@ -153,6 +153,22 @@ def test_logs_that_do_not_fit(axis, log, message):
         hgo_rs.estimate(axis / "axis.csv", Config({**data, "log": {**time, **log}}))
 
 
+def test_a_guessed_unit_that_leaves_nothing_to_filter_is_refused(tmp_path):
+    """Milliseconds taken as seconds, by a law that has no step limit."""
+    path = tmp_path / "log.csv"
+    path.write_text("t,q\n" + "".join(f"{5 * k},{math.sin(0.01 * k)}\n" for k in range(400)))
+    data = {"format": 1, "observer": "standard", "order": 2, "gain": 20.0, "method": "zoh"}
+    log = {"time": "t", "output": "q"}
+    with pytest.raises(DataError, match=r"median step 5 s is 100 times 1/gain.*say unit = one of"):
+        hgo_rs.estimate(path, Config({**data, "log": log}))
+    with pytest.raises(DataError, match="the unit of the time 't' is a guess"):
+        list(run_chunks(Config(data).observer(), [read_log(path, "t", "q")]))
+    result = hgo_rs.estimate(path, Config({**data, "log": log | {"unit": "ms"}}))
+    assert abs(result.x_hat[-1, 1] - 2.0 * math.cos(3.99)) < 0.3
+    assert len(hgo_rs.estimate(path, Config({**data, "log": log | {"unit": "s"}})).time) == 400
+    assert len(hgo_rs.estimate(path, Config({**data, "gain": 1.0, "log": log})).time) == 400
+
+
 def test_a_log_of_pieces_is_estimated_piece_by_piece():
     log = record()
     config = Config.from_toml(CONFIG)

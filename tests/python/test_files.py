@@ -9,7 +9,7 @@ import pytest
 
 from hgo_rs import Config, HgoError, LowPowerObserver, export, load
 from hgo_rs.data import TableWriter, write_table
-from hgo_rs.files import replacing, write_bytes, write_text
+from hgo_rs.files import replacing, together, write_bytes, write_text
 from hgo_rs.reproduce import OutputFolder
 
 posix = pytest.mark.skipif(os.name == "nt", reason="modes, links and limits of POSIX")
@@ -64,6 +64,27 @@ def test_a_full_disk_is_told_and_leaves_the_earlier_file(tmp_path, writer):
     assert "nothing was said" not in done.stdout
     assert (tmp_path / name).read_text() == "what was here"
     assert not list(tmp_path.glob(".hgo-*"))
+
+
+def test_several_files_take_their_places_together(tmp_path):
+    a, b, c = (tmp_path / name for name in "abc")
+    write_text(b, "earlier")
+    with pytest.raises(KeyboardInterrupt), together([a, b]) as files:
+        for file in files:
+            file.write(b"new")
+        raise KeyboardInterrupt
+    assert b.read_text() == "earlier"
+    assert list(tmp_path.iterdir()) == [b]
+    with together([a, b]) as files:
+        for file in files:
+            file.write(b"new")
+    assert (a.read_text(), b.read_text()) == ("new", "new")
+    assert sorted(tmp_path.iterdir()) == [a, b]
+    with pytest.raises(OSError, match=f"written before it: {a}") as caught, together([a, c]):
+        c.mkdir()  # in the meantime
+        (c / "inside").write_text("")
+    assert caught.value.filename == str(c)
+    assert sorted(tmp_path.iterdir()) == [a, b, c]
 
 
 def test_a_block_that_fails_leaves_the_earlier_file(tmp_path):

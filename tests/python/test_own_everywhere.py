@@ -416,3 +416,53 @@ def test_a_compiled_model_warns_of_nothing() -> None:
         hgo.StandardObserver(2, 20.0, model=hgo.Model(states=["q", "v"], phi="-q")).run(
             1e-3, np.zeros(9)
         )
+
+
+def called_plant() -> hgo.Plant:
+    return hgo.Plant(
+        states=["q", "v"],
+        drift=lambda t, x: [float(x[1]), math.sin(3 * float(t)) - float(x[0])],
+        output=lambda t, x: float(x[0]) + 0.1 * float(t),
+    )
+
+
+@pytest.mark.parametrize("timing", TIMINGS)
+@pytest.mark.parametrize("method", ["euler", "rk4", "zoh"])
+def test_a_simulation_of_callables_has_the_numbers_of_expressions(method: str, timing: str) -> None:
+    model = hgo.Model(states=["q", "v"], phi=lambda t, x, u: math.sin(3 * float(t)) - float(x[0]))
+    written = hgo.Model(states=["q", "v"], phi="sin(3*t) - q")
+    plant = hgo.Plant(states=["q", "v"], drift=["v", "sin(3*t) - q"], output="q + 0.1*t")
+    assert not model.compiled and not called_plant().compiled
+    common: dict[str, Any] = {"x0": [1.0, 0.0], "dt": 1e-2, "steps": 60, "runs": 2, "rng": 3}
+    common |= {"noise": hgo.UniformNoise(-0.01, 0.01), "windows": [(0.1, 0.6)]}
+    how = {"method": method, "timing": timing}
+    modes = ["sampled", "joint"] if (method, timing) == ("rk4", "predictor") else ["sampled"]
+    for mode in modes:
+        a = hgo.simulate(
+            called_plant(), hgo.StandardObserver(2, 10.0, model=model, **how), mode=mode, **common
+        )
+        b = hgo.simulate(
+            plant, hgo.StandardObserver(2, 10.0, model=written, **how), mode=mode, **common
+        )
+        assert np.allclose(a.final_x, b.final_x, rtol=1e-12)
+        assert np.allclose(a.final_memory, b.final_memory, rtol=1e-10)
+        assert np.allclose(a.rms, b.rms, rtol=1e-10)
+
+
+@pytest.mark.parametrize("of", ["plant", "model"])
+def test_an_error_of_a_callable_ends_a_simulation(of: str) -> None:
+    def fails(t: float, x: np.ndarray, *_: Any) -> Any:
+        if t > 0.3:
+            raise ZeroDivisionError("asked for")
+        return -float(x[0])
+
+    plant: hgo.System = hgo.Plant(states=["q", "v"], drift=["v", "-q"])
+    model = None
+    if of == "plant":
+        plant = hgo.Plant(states=["q", "v"], drift=["v", fails])
+    else:
+        model = hgo.Model(states=["q", "v"], phi=fails)
+    with pytest.raises(ZeroDivisionError, match="asked for"):
+        hgo.simulate(
+            plant, hgo.StandardObserver(2, 10.0, model=model), x0=[1, 0], dt=1e-2, steps=90, runs=4
+        )

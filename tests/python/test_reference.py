@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 from scipy import signal, stats
@@ -22,8 +23,10 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 from hgo_rs import reference
 from hgo_rs.reference import Observer, coupled_paths, mean_covariance, polynomial, simulate
 from hgo_rs.reference.integrate import brownian
+from hgo_rs.reference.models import Ship
 from hgo_rs.reference.noise import Streams, filtered, mix
 from hgo_rs.reference.observers import law_from
+from hgo_rs.reference.placement import chain_gains, low_power_gains
 
 Spec = dict[str, Any]
 
@@ -1210,6 +1213,17 @@ def test_known_input_drives_the_chain() -> None:
     np.testing.assert_allclose(record["memory"], x, atol=1e-12)
 
 
+def test_a_ship_that_moves_sideways_counts_as_moving_ahead() -> None:
+    """lambda22 jumps with the sign of z1: a z1 of rounding alone, and -0, are +0."""
+    ship = Ship()
+    z1 = np.array([0.0, -0.0, 1e-17, -1e-17])
+    z = np.stack([z1, np.full(4, 0.3), np.full(4, -0.2)])
+    rate = ship.f2(np.zeros((3, 4)), z, np.ones((2, 4)), 0.0)
+    np.testing.assert_allclose(rate, rate[:, :1] * np.ones(4), rtol=1e-12)
+    s = 0.3 + 1.18 * 0.2
+    assert ship.rudder(z)[1][3] == pytest.approx(-0.0232 * s * s * np.pi / 2.0, rel=1e-12)
+
+
 # --- time and input reach every function ------------------------------------------------------
 
 
@@ -1319,6 +1333,125 @@ def pair_gains(ell: float, time: float) -> np.ndarray:
     wanted = np.exp(-ell * time * np.array([1.0, 2.0]))
     k1 = 1.0 - wanted.prod()
     return np.array([k1, (2.0 - k1 - wanted.sum()) / time])
+
+
+# --- placed eigenvalues, in 60 digits ---------------------------------------------------------
+
+
+def precise(values: Any) -> np.ndarray:
+    """As an array of mpmath's numbers."""
+    return np.vectorize(mpmath.mpf, otypes=[object])(np.asarray(values, dtype=float))
+
+
+def characteristic(a: np.ndarray) -> list[Any]:
+    """Coefficients of det(z - A), 1 first: Faddeev and LeVerrier."""
+    n, out = len(a), [mpmath.mpf(1)]
+    m = np.zeros_like(a)
+    for k in range(1, n + 1):
+        m = a @ m + out[-1] * np.eye(n, dtype=int)
+        out.append(-np.trace(a @ m) / k)
+    return out
+
+
+def step_matrix(k: np.ndarray) -> np.ndarray:
+    """(I - K C) exp(A T) of a chain; in coordinates with T = 1."""
+    n = len(k)
+    phi = [
+        [mpmath.mpf(1) / mpmath.factorial(j - i) if j >= i else mpmath.mpf(0) for j in range(n)]
+        for i in range(n)
+    ]
+    kept = np.eye(n, dtype=int) + precise(np.zeros((n, n)))
+    kept[:, 0] -= k
+    return np.asarray(np.array(phi) @ kept)
+
+
+def low_power_step_matrix(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """One step of the error of the low-power law, correction and flow, with T = 1."""
+    n = len(a)
+    columns = []
+    for unit in np.eye(2 * n - 1, dtype=int):
+        x, eta = precise(unit[:n]), precise(unit[n:])
+        e = np.append(precise([0.0]), eta) - x  # e_1 = -x_1, e_i = eta_(i-1) - x_i
+        x, eta = x + a * e, eta + b * e[:-1]
+        above = np.append(eta, precise([0.0]))
+        moved = [
+            sum(above[i + j] / mpmath.factorial(j + 1) for j in range(n - i)) for i in range(n)
+        ]
+        columns.append(np.concatenate((x + moved, eta + moved[1:])))
+    return np.array(columns).T
+
+
+@pytest.mark.parametrize(
+    ("n", "c"), [(5, 1e-3), (5, 1.0), (5, 10.0), (8, 1e-3), (8, 10.0), (12, 1.0)]
+)
+def test_high_orders_are_placed_where_the_papers_matrix_says(n: int, c: float) -> None:
+    """det(z - A) of the step in 60 digits is prod(z - exp(T lambda)), lambda those of M_n."""
+    poles = [*np.linspace(-1.0, -2.0, 2 * n - 2), -2.0]
+    alpha, beta = polynomial.low_power_coefficients_from_poles(poles)
+    a, b, _, _ = low_power_gains(alpha * c, beta * c * c, 1.0, "zoh")
+    with mpmath.workdps(60):
+        found = characteristic(low_power_step_matrix(precise(a), precise(b)))
+        continuous = characteristic(precise(polynomial.low_power_matrix(alpha, beta)))
+        lambdas = mpmath.polyroots(continuous, maxsteps=500, extraprec=400)
+        wanted = [mpmath.mpf(1)]
+        for pole in lambdas:
+            z = mpmath.exp(pole * mpmath.mpf(c))
+            shifted = [mpmath.mpf(0), *(z * w for w in wanted)]
+            wanted = [p - q for p, q in zip([*wanted, mpmath.mpf(0)], shifted, strict=True)]
+        largest = max(abs(w) for w in wanted)
+        off = max(abs(p - q) for p, q in zip(found, wanted, strict=True)) / largest
+    assert off < (1e-10 if c > 1.0 else 1e-13)
+
+
+@pytest.mark.parametrize(
+    ("kind", "method", "n", "c", "changed"),
+    [
+        ("standard", "bilinear", 6, 100.0, (0.0, 5e-5)),
+        ("standard", "bilinear", 7, 100.0, (5e-5, np.inf)),
+        ("low-power", "bilinear", 4, 100.0, (0.0, 5e-5)),
+        ("low-power", "bilinear", 5, 100.0, (5e-5, np.inf)),
+        ("standard", "zoh", 12, 100.0, (0.0, 1e-9)),
+        ("low-power", "zoh", 12, 10.0, (0.0, 1e-9)),
+    ],
+)
+def test_limits_of_the_order(
+    kind: str, method: str, n: int, c: float, changed: tuple[float, float]
+) -> None:
+    """By how much one rounding of the gains changes the powers of the step's matrix."""
+    ulp = 2.0**-53
+    with mpmath.workdps(40):
+        if kind == "standard":
+            k = polynomial.coefficients_from_poles(-np.linspace(1.0, 2.0, n))
+            gains = chain_gains(k * c ** np.arange(1, n + 1), 1.0, method)
+            rounded = precise(gains) * (1 + ulp * precise((-1.0) ** np.arange(n)))
+            both = step_matrix(precise(gains)), step_matrix(rounded)
+        else:
+            poles = [*np.linspace(-1.0, -2.0, 2 * n - 2), -2.0]
+            alpha, beta = polynomial.low_power_coefficients_from_poles(poles)
+            a, b, _, _ = low_power_gains(alpha * c, beta * c * c, 1.0, method)
+            first = low_power_step_matrix(precise(a), precise(b))
+            signs = precise((-1.0) ** np.arange(n))
+            second = low_power_step_matrix(
+                precise(a) * (1 + ulp * signs), precise(b) * (1 - ulp * signs[1:])
+            )
+            both = first, second
+        powers, largest, apart = list(both), mpmath.mpf(0), mpmath.mpf(0)
+        for _ in range(300 if method == "bilinear" else 25):
+            largest = max(largest, np.abs(powers[0]).max())
+            apart = max(apart, np.abs(powers[0] - powers[1]).max())
+            powers = [power @ one for power, one in zip(powers, both, strict=True)]
+        low, high = changed
+        assert low <= apart / largest < high
+    spec = {"kind": kind, "n": n, "gain": constant(1.0), "method": method}
+    if kind == "standard":
+        spec |= {"k": polynomial.coefficients_from_poles(-np.linspace(1.0, 2.0, n))}
+    else:
+        spec |= {"alpha": alpha, "beta": beta}
+    if low > 0.0:
+        with pytest.raises(ValueError, match="choose method zoh"):
+            Observer(spec)
+    else:
+        Observer(spec)
 
 
 # --- correct and predict ----------------------------------------------------------------------

@@ -41,7 +41,7 @@ impl<const P: usize, const L: usize> Observer<f32> for PlainC<P, L> {
         SVector::zeros()
     }
 
-    fn step(&self, z: &mut Self::State, y: &f32, _: &Self::Input, _: f32, dt: f32) -> Status {
+    fn advance(&self, z: &mut Self::State, y: &f32, _: &Self::Input, _: f32, dt: f32) -> Status {
         let (parameters, z) = (self.parameters.as_ptr(), z.as_mut_slice().as_mut_ptr());
         // SAFETY: a function pointer whose result is a word; the arrays are as long as the
         // function's structs.
@@ -55,7 +55,7 @@ impl<const P: usize, const L: usize> Observer<f32> for PlainC<P, L> {
         z.as_slice()
     }
 
-    fn innovation(&self, _: f32, z: &Self::State, y: &f32) -> f32 {
+    fn innovation(&self, _: f32, z: &Self::State, y: &f32, _: &Self::Input) -> f32 {
         y - z[0]
     }
 }
@@ -121,7 +121,8 @@ impl Observer<f32> for ConstantVelocity {
         Vector6::new(0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
     }
 
-    fn step(&self, z: &mut KalmanMemory, y: &f32, _: &Self::Input, _: f32, _: f32) -> Status {
+    /// The crate's step: predict over the period that has ended, then update.
+    fn correct(&self, z: &mut KalmanMemory, y: &f32, _: f32) -> Status {
         let function: fn(&Self, &mut KalmanMemory, f32) -> u32 = kalman_step;
         // SAFETY: a function pointer whose result is a word.
         let (status, instructions) = unsafe { count(function, |step| step(self, z, *y)) };
@@ -129,11 +130,15 @@ impl Observer<f32> for ConstantVelocity {
         if status == 0 { Status::Updated } else { Status::ModelUndefined }
     }
 
+    fn advance(&self, _: &mut KalmanMemory, _: &f32, _: &Self::Input, _: f32, _: f32) -> Status {
+        Status::Predicted
+    }
+
     fn estimate<'a>(&self, z: &'a KalmanMemory) -> &'a [f32] {
         z.as_slice().get(..2).unwrap_or(&[])
     }
 
-    fn innovation(&self, _: f32, z: &KalmanMemory, y: &f32) -> f32 {
+    fn innovation(&self, _: f32, z: &KalmanMemory, y: &f32, _: &Self::Input) -> f32 {
         y - z[0]
     }
 }

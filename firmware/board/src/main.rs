@@ -1,7 +1,7 @@
 //! The cases on a Cortex-M, one line each by semihosting:
-//! `row <case>|<observer>|<n>|<scalar>|<digest>|<samples>|<steps>|<instructions>|<most>|<stack>|<step>|<clock>`:
+//! `row <case>|<observer>|<n>|<scalar>|<digest>|<samples>|<steps>|<instructions>|<most>|<stack>|<step>|<first>|<clock>`:
 //! instructions of all steps and of the longest one, deepest stack of a step in bytes, addresses
-//! of the step's function and of the clock's (0: none).
+//! of the step's function, of its first half's and of the clock's (0: none).
 #![no_std]
 #![no_main]
 
@@ -29,11 +29,11 @@ fn row(
     (symbol, name, n, scalar): (&str, &str, usize, &str),
     digest: Digest,
 ) -> core::fmt::Result {
-    let Counter { steps, total, most, stack, step, clock } = meter::read();
+    let Counter { steps, total, most, stack, step, first, clock } = meter::read();
     let Digest { hash, samples } = digest;
     writeln!(
         out,
-        "row {symbol}|{name}|{n}|{scalar}|{hash:016x}|{samples}|{steps}|{total}|{most}|{stack}|{step:x}|{clock:x}"
+        "row {symbol}|{name}|{n}|{scalar}|{hash:016x}|{samples}|{steps}|{total}|{most}|{stack}|{step:x}|{first:x}|{clock:x}"
     )
 }
 

@@ -10,7 +10,7 @@ use core::hint::black_box;
 use core::ptr::{read_volatile, write_volatile};
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use hgo_rs::schedule::Schedule;
-use hgo_rs::{Observer, Scalar, Status};
+use hgo_rs::{Observer, Scalar, Status, Timing};
 
 /// CMSDK timer 0: control, value, reload.
 const TIMER: *mut u32 = 0x4000_0000 as *mut u32;
@@ -30,8 +30,9 @@ pub struct Counter {
     pub most: u32,
     /// Deepest stack in bytes.
     pub stack: u32,
-    /// Address of the step's function.
+    /// Address of the step's function, and of its first half's, 0 if there is none.
     pub step: u32,
+    pub first: u32,
     /// Address of the clock's function, 0 if it was not called.
     pub clock: u32,
 }
@@ -41,8 +42,9 @@ static TOTAL: AtomicU32 = AtomicU32::new(0);
 static MOST: AtomicU32 = AtomicU32::new(0);
 static STACK: AtomicU32 = AtomicU32::new(0);
 static STEP: AtomicU32 = AtomicU32::new(0);
+static FIRST: AtomicU32 = AtomicU32::new(0);
 static CLOCK: AtomicU32 = AtomicU32::new(0);
-/// Instructions of the clock since the last step.
+/// Instructions of the clock and of a step's first half since the last step.
 static TICKED: AtomicU32 = AtomicU32::new(0);
 static CALLS: AtomicU32 = AtomicU32::new(0);
 
@@ -70,7 +72,7 @@ pub fn start() {
 
 /// Forget what was seen.
 pub fn reset() {
-    for cell in [&STEPS, &TOTAL, &MOST, &STACK, &STEP, &CLOCK, &TICKED, &CALLS] {
+    for cell in [&STEPS, &TOTAL, &MOST, &STACK, &STEP, &FIRST, &CLOCK, &TICKED, &CALLS] {
         cell.store(0, Relaxed);
     }
 }
@@ -83,6 +85,7 @@ pub fn read() -> Counter {
         most: MOST.load(Relaxed),
         stack: STACK.load(Relaxed),
         step: STEP.load(Relaxed),
+        first: FIRST.load(Relaxed),
         clock: CLOCK.load(Relaxed),
     }
 }
@@ -151,10 +154,10 @@ pub fn record(instructions: u32, address: *const ()) {
 /// The instrument of the cases on the board.
 pub struct Meter;
 
-/// What is counted: a step as a user's program calls it. The status is a number, so that a function
-/// of one instruction can stand in for it.
+/// What is counted: a step as a user's program calls it, or its two halves where it has two. The
+/// status is a number, so that a function of one instruction can stand in for it.
 #[inline(never)]
-fn step<T: Scalar, O: Observer<T>>(
+fn advance<T: Scalar, O: Observer<T>>(
     observer: &O,
     z: &mut O::State,
     y: &O::Measurement,
@@ -162,10 +165,20 @@ fn step<T: Scalar, O: Observer<T>>(
     t: T,
     dt: T,
 ) -> u8 {
-    observer.step(z, y, u, t, dt) as u8
+    observer.advance(z, y, u, t, dt) as u8
 }
 
-type Step<T, O> = fn(
+#[inline(never)]
+fn correct<T: Scalar, O: Observer<T>>(
+    observer: &O,
+    z: &mut O::State,
+    y: &O::Measurement,
+    t: T,
+) -> u8 {
+    observer.correct(z, y, t) as u8
+}
+
+type Advance<T, O> = fn(
     &O,
     &mut <O as Observer<T>>::State,
     &<O as Observer<T>>::Measurement,
@@ -174,13 +187,37 @@ type Step<T, O> = fn(
     T,
 ) -> u8;
 
+type Correct<T, O> =
+    fn(&O, &mut <O as Observer<T>>::State, &<O as Observer<T>>::Measurement, T) -> u8;
+
+const fn status(number: u8) -> Status {
+    match number {
+        0 => Status::Updated,
+        1 => Status::Predicted,
+        _ => Status::ModelUndefined,
+    }
+}
+
 #[inline(never)]
 fn dt<T: Scalar, S: Schedule<T>>(schedule: &S, k: u64) -> T {
     schedule.dt(k)
 }
 
 impl<T: Scalar> Instrument<T> for Meter {
-    fn step<O: Observer<T>>(
+    fn correct<O: Observer<T>>(observer: &O, z: &mut O::State, y: &O::Measurement, t: T) -> Status {
+        if O::TIMING == Timing::Predictor {
+            return observer.correct(z, y, t); // no half of a step: nothing moves
+        }
+        let function: Correct<T, O> = correct::<T, O>;
+        // SAFETY: a function pointer; any byte is a result.
+        let (number, instructions) =
+            unsafe { count(function, |correct| correct(observer, z, y, t)) };
+        TICKED.fetch_add(instructions, Relaxed);
+        FIRST.store(function as *const () as u32, Relaxed);
+        status(number)
+    }
+
+    fn advance<O: Observer<T>>(
         observer: &O,
         z: &mut O::State,
         y: &O::Measurement,
@@ -188,18 +225,15 @@ impl<T: Scalar> Instrument<T> for Meter {
         t: T,
         dt: T,
     ) -> Status {
-        let function: Step<T, O> = step::<T, O>;
+        let function: Advance<T, O> = advance::<T, O>;
         // SAFETY: a function pointer; any byte is a result.
-        let (status, instructions) =
-            unsafe { count(function, |step| step(observer, z, y, u, t, dt)) };
+        let (number, instructions) =
+            unsafe { count(function, |advance| advance(observer, z, y, u, t, dt)) };
         record(instructions, function as *const ());
-        match status {
-            0 => Status::Updated,
-            1 => Status::Predicted,
-            _ => Status::ModelUndefined,
-        }
+        status(number)
     }
 
+    /// The next length is asked for before the step that it is of.
     fn dt<S: Schedule<T>>(schedule: &S, k: u64) -> T {
         let function: fn(&S, u64) -> T = dt::<T, S>;
         // SAFETY: a function pointer; any bits are a number.

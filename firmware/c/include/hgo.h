@@ -11,22 +11,42 @@
  *     int32_t status =
  *         hgo_standard2_f32_init(&observer, sizeof observer, HGO_VERSION, &config, &error);
  *
- * and at every sample, for example in a timer's interrupt,
+ * What is known of the system, d^n y/dt^n = phi, the caller computes from the estimate and from
+ * the inputs, and hands over as a number; 0 makes a differentiator. There are two ways to use a
+ * state, and one state keeps to one of them.
  *
- *     status = hgo_standard2_f32_step(&observer, y, 0.0f, 0.001f);
+ * A control loop needs the estimate of now. At every sample, for example in a timer's interrupt,
+ *
+ *     hgo_standard2_f32_correct(&observer, y);              the sample of now is used
+ *     hgo_standard2_f32_estimate(&observer, x_hat, 2);      x_hat is that of now
+ *     u = control(x_hat);                                   compute the input and apply it
+ *     phi = model(x_hat, u);                                under the input that is applied now
+ *     hgo_standard2_f32_predict(&observer, phi, 0.001f);    over the period that begins
+ *
+ * phi and dt of predict belong to the period that begins, and so does the input within phi. Where
+ * its length is not known beforehand (a callback), phi is kept, and predict is called at the
+ * beginning of the next call, before correct, with the time that has passed.
+ *
+ * The papers' recursion is one call a sample, whose estimate is that of the next sample's time:
+ *
+ *     status = hgo_standard2_f32_step(&observer, y, phi, 0.001f);
  *     hgo_standard2_f32_estimate(&observer, x_hat, 2);
  *
- * What is known of the system, d^n y/dt^n = phi, the caller computes from the estimate before the
- * step and from the inputs, and hands to the step as a number; 0 makes a differentiator. The law is
- * discretised by forward Euler. Coefficients, gains and step limits come from the Python package
- * hgo_rs, see docs/from-python-to-your-board.md; the laws and their papers stand in docs/ too. What
- * is tied to one model (the sampled-data observer of a Van der Pol oscillator, the reduced-order
- * observer of a ship), collections and the other discretisations are for Rust only.
+ * phi and dt of step belong to the period from this sample to the next one; phi is computed from
+ * the estimate before the step. An input that is computed from the estimate after it comes one
+ * period too late for this phi: that is what correct and predict are for.
  *
- * Every function returns a code: >= 0 is what a step made of its sample, < 0 what was refused, with
- * no state changed. Nothing allocates, blocks, panics or calls another library, but memcpy and its
- * like. A state is the caller's and holds no pointer: it may be copied and moved. One context at a
- * time may use a state; different states are independent.
+ * The law is discretised by forward Euler (in Python: method="euler", with timing="current" for
+ * correct and predict, timing="predictor" for step). Coefficients, gains and step limits come from
+ * the Python package hgo_rs, see docs/from-python-to-your-board.md; the laws and their papers
+ * stand in docs/ too. What is tied to one model (the sampled-data observer of a Van der Pol
+ * oscillator, the reduced-order observer of a ship), collections and the other discretisations are
+ * for Rust only.
+ *
+ * Every function returns a code: >= 0 is what became of the sample or the period, < 0 what was
+ * refused, with no state changed. Nothing allocates, blocks, panics or calls another library, but
+ * memcpy and its like. A state is the caller's and holds no pointer: it may be copied and moved.
+ * One context at a time may use a state; different states are independent.
  *
  * Refused are NULL and unaligned pointers, states that are too small, never made or of another
  * type, and another version's header. A pointer that is wrong otherwise cannot be recognised. */
@@ -45,17 +65,17 @@ extern "C" {
 #endif
 
 /* Version of this header, for init. */
-#define HGO_VERSION 1
+#define HGO_VERSION 2
 
-/* Codes: what a step made of its sample, and what a function refused. */
+/* Codes: what became of a sample or a period, and what a function refused. */
 enum {
-    /* what a function that is no step returns when it has done its work */
+    /* what a function that takes no sample or time returns when it has done its work */
     HGO_OK = 0,
     /* done: the sample was used */
     HGO_UPDATED = 0,
     /* the sample is missing (NaN or infinite): predicted over it */
     HGO_PREDICTED = 1,
-    /* phi is not finite: the estimate was held */
+    /* phi, or what a step makes of it, is not finite: the estimate was held */
     HGO_MODEL_UNDEFINED = 2,
     /* dt is above dt_max: predicted over the sample as over a missing one */
     HGO_STEP_TOO_LONG = 3,
@@ -226,509 +246,598 @@ HGO_ASSERT(sizeof(hgo_peaking_free_config_f64) == 120);
 /* --- Observers ------------------------------------------------------------
  *
  * Each type has these functions. HGO_..._SIZE is the size of its state in bytes, on
- * every processor; HGO_..._MEMORY is the length of its memory.
+ * every processor; HGO_..._MEMORY is the length of its memory, whose last number is the
+ * time that the next correct is for.
  *
  * _init: Make a state of `size` bytes from a configuration, with the estimate 0. `error` may be
  *     NULL; after HGO_BAD_PARAMETER it says what was refused.
  * _step_limit: Write the stability limit of forward Euler [s], above which dt_max must not be, for
  *     the law of a configuration; its dt_max is not read. `error` may be NULL.
- * _step: Take the sample y (NaN: it is missing) and advance by dt [s], the time until the next
- *     sample. phi: what is known of the n-th derivative of y, computed from the estimate before
- *     this step and the inputs; 0 if nothing is.
+ * _step: Take the sample y of now (NaN: it is missing) and advance by dt [s], the time until the
+ *     next sample: the papers' recursion, one call a sample. phi: what is known of the n-th
+ *     derivative of y over that time, computed from the estimate before this step and from the
+ *     inputs; 0 if nothing is. The estimate is then that of the next sample's time.
+ * _correct: Take the sample y of now (NaN: it is missing, and nothing changes). The estimate is
+ *     then that of now, this sample used. The correction is for the last period that predict moved
+ *     over; where there was none, as at the start, it changes nothing.
+ * _predict: Move over the period of dt [s] that begins, without a sample: HGO_PREDICTED. phi: what
+ *     is known of the n-th derivative of y over it, computed from the estimate of now and from the
+ *     inputs that are applied from now on; 0 if nothing is.
  * _estimate: Copy the first n numbers of the memory: x_hat_1 ... x_hat_n, which estimate y and its
- *     derivatives at the next sample. A larger n, up to the length of the memory, gives what the
- *     law remembers beside: eta_1 ... eta_(n-1) or r.
+ *     derivatives now (after correct), or at the next sample (after step and predict). A larger n,
+ *     up to the length of the memory, gives what the law remembers beside: eta_1 ... eta_(n-1) or
+ *     r, and last the time [s] that the next correction is for.
  * _restart: Start again at time 0 from an estimate of n numbers, n the order, or from a whole
- *     memory; every number finite, r at least 1. The counts go on.
+ *     memory; every number finite, r at least 1, the time not negative. The counts go on.
  * _counts: Copy the counts of what the steps ended in.
  */
 
-/* Standard observer, fixed gain. */
+/* Standard observer, fixed gain: memory x_hat, time. */
 
-#define HGO_STANDARD2_F32_SIZE 56
-#define HGO_STANDARD2_F32_MEMORY 2
+#define HGO_STANDARD2_F32_SIZE 76
+#define HGO_STANDARD2_F32_MEMORY 3
 typedef struct { uint32_t opaque[HGO_STANDARD2_F32_SIZE / 4]; } hgo_standard2_f32;
 int32_t hgo_standard2_f32_init(hgo_standard2_f32 *state, size_t size, uint32_t version,
     const hgo_standard_config_f32 *config, hgo_error *error);
 int32_t hgo_standard2_f32_step_limit(const hgo_standard_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_standard2_f32_step(hgo_standard2_f32 *state, float y, float phi, float dt);
+int32_t hgo_standard2_f32_correct(hgo_standard2_f32 *state, float y);
+int32_t hgo_standard2_f32_predict(hgo_standard2_f32 *state, float phi, float dt);
 int32_t hgo_standard2_f32_estimate(const hgo_standard2_f32 *state, float *x_hat, size_t n);
 int32_t hgo_standard2_f32_restart(hgo_standard2_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_standard2_f32_counts(const hgo_standard2_f32 *state, hgo_step_counts *counts);
 
-#define HGO_STANDARD3_F32_SIZE 64
-#define HGO_STANDARD3_F32_MEMORY 3
+#define HGO_STANDARD3_F32_SIZE 84
+#define HGO_STANDARD3_F32_MEMORY 4
 typedef struct { uint32_t opaque[HGO_STANDARD3_F32_SIZE / 4]; } hgo_standard3_f32;
 int32_t hgo_standard3_f32_init(hgo_standard3_f32 *state, size_t size, uint32_t version,
     const hgo_standard_config_f32 *config, hgo_error *error);
 int32_t hgo_standard3_f32_step_limit(const hgo_standard_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_standard3_f32_step(hgo_standard3_f32 *state, float y, float phi, float dt);
+int32_t hgo_standard3_f32_correct(hgo_standard3_f32 *state, float y);
+int32_t hgo_standard3_f32_predict(hgo_standard3_f32 *state, float phi, float dt);
 int32_t hgo_standard3_f32_estimate(const hgo_standard3_f32 *state, float *x_hat, size_t n);
 int32_t hgo_standard3_f32_restart(hgo_standard3_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_standard3_f32_counts(const hgo_standard3_f32 *state, hgo_step_counts *counts);
 
-#define HGO_STANDARD4_F32_SIZE 72
-#define HGO_STANDARD4_F32_MEMORY 4
+#define HGO_STANDARD4_F32_SIZE 92
+#define HGO_STANDARD4_F32_MEMORY 5
 typedef struct { uint32_t opaque[HGO_STANDARD4_F32_SIZE / 4]; } hgo_standard4_f32;
 int32_t hgo_standard4_f32_init(hgo_standard4_f32 *state, size_t size, uint32_t version,
     const hgo_standard_config_f32 *config, hgo_error *error);
 int32_t hgo_standard4_f32_step_limit(const hgo_standard_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_standard4_f32_step(hgo_standard4_f32 *state, float y, float phi, float dt);
+int32_t hgo_standard4_f32_correct(hgo_standard4_f32 *state, float y);
+int32_t hgo_standard4_f32_predict(hgo_standard4_f32 *state, float phi, float dt);
 int32_t hgo_standard4_f32_estimate(const hgo_standard4_f32 *state, float *x_hat, size_t n);
 int32_t hgo_standard4_f32_restart(hgo_standard4_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_standard4_f32_counts(const hgo_standard4_f32 *state, hgo_step_counts *counts);
 
-#define HGO_STANDARD5_F32_SIZE 80
-#define HGO_STANDARD5_F32_MEMORY 5
+#define HGO_STANDARD5_F32_SIZE 100
+#define HGO_STANDARD5_F32_MEMORY 6
 typedef struct { uint32_t opaque[HGO_STANDARD5_F32_SIZE / 4]; } hgo_standard5_f32;
 int32_t hgo_standard5_f32_init(hgo_standard5_f32 *state, size_t size, uint32_t version,
     const hgo_standard_config_f32 *config, hgo_error *error);
 int32_t hgo_standard5_f32_step_limit(const hgo_standard_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_standard5_f32_step(hgo_standard5_f32 *state, float y, float phi, float dt);
+int32_t hgo_standard5_f32_correct(hgo_standard5_f32 *state, float y);
+int32_t hgo_standard5_f32_predict(hgo_standard5_f32 *state, float phi, float dt);
 int32_t hgo_standard5_f32_estimate(const hgo_standard5_f32 *state, float *x_hat, size_t n);
 int32_t hgo_standard5_f32_restart(hgo_standard5_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_standard5_f32_counts(const hgo_standard5_f32 *state, hgo_step_counts *counts);
 
-#define HGO_STANDARD2_F64_SIZE 88
-#define HGO_STANDARD2_F64_MEMORY 2
+#define HGO_STANDARD2_F64_SIZE 128
+#define HGO_STANDARD2_F64_MEMORY 3
 typedef struct { uint64_t opaque[HGO_STANDARD2_F64_SIZE / 8]; } hgo_standard2_f64;
 int32_t hgo_standard2_f64_init(hgo_standard2_f64 *state, size_t size, uint32_t version,
     const hgo_standard_config_f64 *config, hgo_error *error);
 int32_t hgo_standard2_f64_step_limit(const hgo_standard_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_standard2_f64_step(hgo_standard2_f64 *state, double y, double phi, double dt);
+int32_t hgo_standard2_f64_correct(hgo_standard2_f64 *state, double y);
+int32_t hgo_standard2_f64_predict(hgo_standard2_f64 *state, double phi, double dt);
 int32_t hgo_standard2_f64_estimate(const hgo_standard2_f64 *state, double *x_hat, size_t n);
 int32_t hgo_standard2_f64_restart(hgo_standard2_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_standard2_f64_counts(const hgo_standard2_f64 *state, hgo_step_counts *counts);
 
-#define HGO_STANDARD3_F64_SIZE 104
-#define HGO_STANDARD3_F64_MEMORY 3
+#define HGO_STANDARD3_F64_SIZE 144
+#define HGO_STANDARD3_F64_MEMORY 4
 typedef struct { uint64_t opaque[HGO_STANDARD3_F64_SIZE / 8]; } hgo_standard3_f64;
 int32_t hgo_standard3_f64_init(hgo_standard3_f64 *state, size_t size, uint32_t version,
     const hgo_standard_config_f64 *config, hgo_error *error);
 int32_t hgo_standard3_f64_step_limit(const hgo_standard_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_standard3_f64_step(hgo_standard3_f64 *state, double y, double phi, double dt);
+int32_t hgo_standard3_f64_correct(hgo_standard3_f64 *state, double y);
+int32_t hgo_standard3_f64_predict(hgo_standard3_f64 *state, double phi, double dt);
 int32_t hgo_standard3_f64_estimate(const hgo_standard3_f64 *state, double *x_hat, size_t n);
 int32_t hgo_standard3_f64_restart(hgo_standard3_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_standard3_f64_counts(const hgo_standard3_f64 *state, hgo_step_counts *counts);
 
-#define HGO_STANDARD4_F64_SIZE 120
-#define HGO_STANDARD4_F64_MEMORY 4
+#define HGO_STANDARD4_F64_SIZE 160
+#define HGO_STANDARD4_F64_MEMORY 5
 typedef struct { uint64_t opaque[HGO_STANDARD4_F64_SIZE / 8]; } hgo_standard4_f64;
 int32_t hgo_standard4_f64_init(hgo_standard4_f64 *state, size_t size, uint32_t version,
     const hgo_standard_config_f64 *config, hgo_error *error);
 int32_t hgo_standard4_f64_step_limit(const hgo_standard_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_standard4_f64_step(hgo_standard4_f64 *state, double y, double phi, double dt);
+int32_t hgo_standard4_f64_correct(hgo_standard4_f64 *state, double y);
+int32_t hgo_standard4_f64_predict(hgo_standard4_f64 *state, double phi, double dt);
 int32_t hgo_standard4_f64_estimate(const hgo_standard4_f64 *state, double *x_hat, size_t n);
 int32_t hgo_standard4_f64_restart(hgo_standard4_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_standard4_f64_counts(const hgo_standard4_f64 *state, hgo_step_counts *counts);
 
-#define HGO_STANDARD5_F64_SIZE 136
-#define HGO_STANDARD5_F64_MEMORY 5
+#define HGO_STANDARD5_F64_SIZE 176
+#define HGO_STANDARD5_F64_MEMORY 6
 typedef struct { uint64_t opaque[HGO_STANDARD5_F64_SIZE / 8]; } hgo_standard5_f64;
 int32_t hgo_standard5_f64_init(hgo_standard5_f64 *state, size_t size, uint32_t version,
     const hgo_standard_config_f64 *config, hgo_error *error);
 int32_t hgo_standard5_f64_step_limit(const hgo_standard_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_standard5_f64_step(hgo_standard5_f64 *state, double y, double phi, double dt);
+int32_t hgo_standard5_f64_correct(hgo_standard5_f64 *state, double y);
+int32_t hgo_standard5_f64_predict(hgo_standard5_f64 *state, double phi, double dt);
 int32_t hgo_standard5_f64_estimate(const hgo_standard5_f64 *state, double *x_hat, size_t n);
 int32_t hgo_standard5_f64_restart(hgo_standard5_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_standard5_f64_counts(const hgo_standard5_f64 *state, hgo_step_counts *counts);
 
-/* Standard observer, adaptive gain: the memory is x_hat, r. */
+/* Standard observer, adaptive gain: memory x_hat, r, time. */
 
-#define HGO_ADAPTIVE2_F32_SIZE 72
-#define HGO_ADAPTIVE2_F32_MEMORY 3
+#define HGO_ADAPTIVE2_F32_SIZE 92
+#define HGO_ADAPTIVE2_F32_MEMORY 4
 typedef struct { uint32_t opaque[HGO_ADAPTIVE2_F32_SIZE / 4]; } hgo_adaptive2_f32;
 int32_t hgo_adaptive2_f32_init(hgo_adaptive2_f32 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_adaptive2_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_adaptive2_f32_step(hgo_adaptive2_f32 *state, float y, float phi, float dt);
+int32_t hgo_adaptive2_f32_correct(hgo_adaptive2_f32 *state, float y);
+int32_t hgo_adaptive2_f32_predict(hgo_adaptive2_f32 *state, float phi, float dt);
 int32_t hgo_adaptive2_f32_estimate(const hgo_adaptive2_f32 *state, float *x_hat, size_t n);
 int32_t hgo_adaptive2_f32_restart(hgo_adaptive2_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_adaptive2_f32_counts(const hgo_adaptive2_f32 *state, hgo_step_counts *counts);
 
-#define HGO_ADAPTIVE3_F32_SIZE 80
-#define HGO_ADAPTIVE3_F32_MEMORY 4
+#define HGO_ADAPTIVE3_F32_SIZE 100
+#define HGO_ADAPTIVE3_F32_MEMORY 5
 typedef struct { uint32_t opaque[HGO_ADAPTIVE3_F32_SIZE / 4]; } hgo_adaptive3_f32;
 int32_t hgo_adaptive3_f32_init(hgo_adaptive3_f32 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_adaptive3_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_adaptive3_f32_step(hgo_adaptive3_f32 *state, float y, float phi, float dt);
+int32_t hgo_adaptive3_f32_correct(hgo_adaptive3_f32 *state, float y);
+int32_t hgo_adaptive3_f32_predict(hgo_adaptive3_f32 *state, float phi, float dt);
 int32_t hgo_adaptive3_f32_estimate(const hgo_adaptive3_f32 *state, float *x_hat, size_t n);
 int32_t hgo_adaptive3_f32_restart(hgo_adaptive3_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_adaptive3_f32_counts(const hgo_adaptive3_f32 *state, hgo_step_counts *counts);
 
-#define HGO_ADAPTIVE4_F32_SIZE 88
-#define HGO_ADAPTIVE4_F32_MEMORY 5
+#define HGO_ADAPTIVE4_F32_SIZE 108
+#define HGO_ADAPTIVE4_F32_MEMORY 6
 typedef struct { uint32_t opaque[HGO_ADAPTIVE4_F32_SIZE / 4]; } hgo_adaptive4_f32;
 int32_t hgo_adaptive4_f32_init(hgo_adaptive4_f32 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_adaptive4_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_adaptive4_f32_step(hgo_adaptive4_f32 *state, float y, float phi, float dt);
+int32_t hgo_adaptive4_f32_correct(hgo_adaptive4_f32 *state, float y);
+int32_t hgo_adaptive4_f32_predict(hgo_adaptive4_f32 *state, float phi, float dt);
 int32_t hgo_adaptive4_f32_estimate(const hgo_adaptive4_f32 *state, float *x_hat, size_t n);
 int32_t hgo_adaptive4_f32_restart(hgo_adaptive4_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_adaptive4_f32_counts(const hgo_adaptive4_f32 *state, hgo_step_counts *counts);
 
-#define HGO_ADAPTIVE5_F32_SIZE 96
-#define HGO_ADAPTIVE5_F32_MEMORY 6
+#define HGO_ADAPTIVE5_F32_SIZE 116
+#define HGO_ADAPTIVE5_F32_MEMORY 7
 typedef struct { uint32_t opaque[HGO_ADAPTIVE5_F32_SIZE / 4]; } hgo_adaptive5_f32;
 int32_t hgo_adaptive5_f32_init(hgo_adaptive5_f32 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_adaptive5_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_adaptive5_f32_step(hgo_adaptive5_f32 *state, float y, float phi, float dt);
+int32_t hgo_adaptive5_f32_correct(hgo_adaptive5_f32 *state, float y);
+int32_t hgo_adaptive5_f32_predict(hgo_adaptive5_f32 *state, float phi, float dt);
 int32_t hgo_adaptive5_f32_estimate(const hgo_adaptive5_f32 *state, float *x_hat, size_t n);
 int32_t hgo_adaptive5_f32_restart(hgo_adaptive5_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_adaptive5_f32_counts(const hgo_adaptive5_f32 *state, hgo_step_counts *counts);
 
-#define HGO_ADAPTIVE2_F64_SIZE 120
-#define HGO_ADAPTIVE2_F64_MEMORY 3
+#define HGO_ADAPTIVE2_F64_SIZE 160
+#define HGO_ADAPTIVE2_F64_MEMORY 4
 typedef struct { uint64_t opaque[HGO_ADAPTIVE2_F64_SIZE / 8]; } hgo_adaptive2_f64;
 int32_t hgo_adaptive2_f64_init(hgo_adaptive2_f64 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_adaptive2_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_adaptive2_f64_step(hgo_adaptive2_f64 *state, double y, double phi, double dt);
+int32_t hgo_adaptive2_f64_correct(hgo_adaptive2_f64 *state, double y);
+int32_t hgo_adaptive2_f64_predict(hgo_adaptive2_f64 *state, double phi, double dt);
 int32_t hgo_adaptive2_f64_estimate(const hgo_adaptive2_f64 *state, double *x_hat, size_t n);
 int32_t hgo_adaptive2_f64_restart(hgo_adaptive2_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_adaptive2_f64_counts(const hgo_adaptive2_f64 *state, hgo_step_counts *counts);
 
-#define HGO_ADAPTIVE3_F64_SIZE 136
-#define HGO_ADAPTIVE3_F64_MEMORY 4
+#define HGO_ADAPTIVE3_F64_SIZE 176
+#define HGO_ADAPTIVE3_F64_MEMORY 5
 typedef struct { uint64_t opaque[HGO_ADAPTIVE3_F64_SIZE / 8]; } hgo_adaptive3_f64;
 int32_t hgo_adaptive3_f64_init(hgo_adaptive3_f64 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_adaptive3_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_adaptive3_f64_step(hgo_adaptive3_f64 *state, double y, double phi, double dt);
+int32_t hgo_adaptive3_f64_correct(hgo_adaptive3_f64 *state, double y);
+int32_t hgo_adaptive3_f64_predict(hgo_adaptive3_f64 *state, double phi, double dt);
 int32_t hgo_adaptive3_f64_estimate(const hgo_adaptive3_f64 *state, double *x_hat, size_t n);
 int32_t hgo_adaptive3_f64_restart(hgo_adaptive3_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_adaptive3_f64_counts(const hgo_adaptive3_f64 *state, hgo_step_counts *counts);
 
-#define HGO_ADAPTIVE4_F64_SIZE 152
-#define HGO_ADAPTIVE4_F64_MEMORY 5
+#define HGO_ADAPTIVE4_F64_SIZE 192
+#define HGO_ADAPTIVE4_F64_MEMORY 6
 typedef struct { uint64_t opaque[HGO_ADAPTIVE4_F64_SIZE / 8]; } hgo_adaptive4_f64;
 int32_t hgo_adaptive4_f64_init(hgo_adaptive4_f64 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_adaptive4_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_adaptive4_f64_step(hgo_adaptive4_f64 *state, double y, double phi, double dt);
+int32_t hgo_adaptive4_f64_correct(hgo_adaptive4_f64 *state, double y);
+int32_t hgo_adaptive4_f64_predict(hgo_adaptive4_f64 *state, double phi, double dt);
 int32_t hgo_adaptive4_f64_estimate(const hgo_adaptive4_f64 *state, double *x_hat, size_t n);
 int32_t hgo_adaptive4_f64_restart(hgo_adaptive4_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_adaptive4_f64_counts(const hgo_adaptive4_f64 *state, hgo_step_counts *counts);
 
-#define HGO_ADAPTIVE5_F64_SIZE 168
-#define HGO_ADAPTIVE5_F64_MEMORY 6
+#define HGO_ADAPTIVE5_F64_SIZE 208
+#define HGO_ADAPTIVE5_F64_MEMORY 7
 typedef struct { uint64_t opaque[HGO_ADAPTIVE5_F64_SIZE / 8]; } hgo_adaptive5_f64;
 int32_t hgo_adaptive5_f64_init(hgo_adaptive5_f64 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_adaptive5_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_adaptive5_f64_step(hgo_adaptive5_f64 *state, double y, double phi, double dt);
+int32_t hgo_adaptive5_f64_correct(hgo_adaptive5_f64 *state, double y);
+int32_t hgo_adaptive5_f64_predict(hgo_adaptive5_f64 *state, double phi, double dt);
 int32_t hgo_adaptive5_f64_estimate(const hgo_adaptive5_f64 *state, double *x_hat, size_t n);
 int32_t hgo_adaptive5_f64_restart(hgo_adaptive5_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_adaptive5_f64_counts(const hgo_adaptive5_f64 *state, hgo_step_counts *counts);
 
-/* Standard observer, gain with a dead zone: the memory is x_hat, r. */
+/* Standard observer, gain with a dead zone: memory x_hat, r, time. */
 
-#define HGO_DEAD_ZONE2_F32_SIZE 72
-#define HGO_DEAD_ZONE2_F32_MEMORY 3
+#define HGO_DEAD_ZONE2_F32_SIZE 92
+#define HGO_DEAD_ZONE2_F32_MEMORY 4
 typedef struct { uint32_t opaque[HGO_DEAD_ZONE2_F32_SIZE / 4]; } hgo_dead_zone2_f32;
 int32_t hgo_dead_zone2_f32_init(hgo_dead_zone2_f32 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_dead_zone2_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_dead_zone2_f32_step(hgo_dead_zone2_f32 *state, float y, float phi, float dt);
+int32_t hgo_dead_zone2_f32_correct(hgo_dead_zone2_f32 *state, float y);
+int32_t hgo_dead_zone2_f32_predict(hgo_dead_zone2_f32 *state, float phi, float dt);
 int32_t hgo_dead_zone2_f32_estimate(const hgo_dead_zone2_f32 *state, float *x_hat, size_t n);
 int32_t hgo_dead_zone2_f32_restart(hgo_dead_zone2_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_dead_zone2_f32_counts(const hgo_dead_zone2_f32 *state, hgo_step_counts *counts);
 
-#define HGO_DEAD_ZONE3_F32_SIZE 80
-#define HGO_DEAD_ZONE3_F32_MEMORY 4
+#define HGO_DEAD_ZONE3_F32_SIZE 100
+#define HGO_DEAD_ZONE3_F32_MEMORY 5
 typedef struct { uint32_t opaque[HGO_DEAD_ZONE3_F32_SIZE / 4]; } hgo_dead_zone3_f32;
 int32_t hgo_dead_zone3_f32_init(hgo_dead_zone3_f32 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_dead_zone3_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_dead_zone3_f32_step(hgo_dead_zone3_f32 *state, float y, float phi, float dt);
+int32_t hgo_dead_zone3_f32_correct(hgo_dead_zone3_f32 *state, float y);
+int32_t hgo_dead_zone3_f32_predict(hgo_dead_zone3_f32 *state, float phi, float dt);
 int32_t hgo_dead_zone3_f32_estimate(const hgo_dead_zone3_f32 *state, float *x_hat, size_t n);
 int32_t hgo_dead_zone3_f32_restart(hgo_dead_zone3_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_dead_zone3_f32_counts(const hgo_dead_zone3_f32 *state, hgo_step_counts *counts);
 
-#define HGO_DEAD_ZONE4_F32_SIZE 88
-#define HGO_DEAD_ZONE4_F32_MEMORY 5
+#define HGO_DEAD_ZONE4_F32_SIZE 108
+#define HGO_DEAD_ZONE4_F32_MEMORY 6
 typedef struct { uint32_t opaque[HGO_DEAD_ZONE4_F32_SIZE / 4]; } hgo_dead_zone4_f32;
 int32_t hgo_dead_zone4_f32_init(hgo_dead_zone4_f32 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_dead_zone4_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_dead_zone4_f32_step(hgo_dead_zone4_f32 *state, float y, float phi, float dt);
+int32_t hgo_dead_zone4_f32_correct(hgo_dead_zone4_f32 *state, float y);
+int32_t hgo_dead_zone4_f32_predict(hgo_dead_zone4_f32 *state, float phi, float dt);
 int32_t hgo_dead_zone4_f32_estimate(const hgo_dead_zone4_f32 *state, float *x_hat, size_t n);
 int32_t hgo_dead_zone4_f32_restart(hgo_dead_zone4_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_dead_zone4_f32_counts(const hgo_dead_zone4_f32 *state, hgo_step_counts *counts);
 
-#define HGO_DEAD_ZONE5_F32_SIZE 96
-#define HGO_DEAD_ZONE5_F32_MEMORY 6
+#define HGO_DEAD_ZONE5_F32_SIZE 116
+#define HGO_DEAD_ZONE5_F32_MEMORY 7
 typedef struct { uint32_t opaque[HGO_DEAD_ZONE5_F32_SIZE / 4]; } hgo_dead_zone5_f32;
 int32_t hgo_dead_zone5_f32_init(hgo_dead_zone5_f32 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_dead_zone5_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_dead_zone5_f32_step(hgo_dead_zone5_f32 *state, float y, float phi, float dt);
+int32_t hgo_dead_zone5_f32_correct(hgo_dead_zone5_f32 *state, float y);
+int32_t hgo_dead_zone5_f32_predict(hgo_dead_zone5_f32 *state, float phi, float dt);
 int32_t hgo_dead_zone5_f32_estimate(const hgo_dead_zone5_f32 *state, float *x_hat, size_t n);
 int32_t hgo_dead_zone5_f32_restart(hgo_dead_zone5_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_dead_zone5_f32_counts(const hgo_dead_zone5_f32 *state, hgo_step_counts *counts);
 
-#define HGO_DEAD_ZONE2_F64_SIZE 120
-#define HGO_DEAD_ZONE2_F64_MEMORY 3
+#define HGO_DEAD_ZONE2_F64_SIZE 160
+#define HGO_DEAD_ZONE2_F64_MEMORY 4
 typedef struct { uint64_t opaque[HGO_DEAD_ZONE2_F64_SIZE / 8]; } hgo_dead_zone2_f64;
 int32_t hgo_dead_zone2_f64_init(hgo_dead_zone2_f64 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_dead_zone2_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_dead_zone2_f64_step(hgo_dead_zone2_f64 *state, double y, double phi, double dt);
+int32_t hgo_dead_zone2_f64_correct(hgo_dead_zone2_f64 *state, double y);
+int32_t hgo_dead_zone2_f64_predict(hgo_dead_zone2_f64 *state, double phi, double dt);
 int32_t hgo_dead_zone2_f64_estimate(const hgo_dead_zone2_f64 *state, double *x_hat, size_t n);
 int32_t hgo_dead_zone2_f64_restart(hgo_dead_zone2_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_dead_zone2_f64_counts(const hgo_dead_zone2_f64 *state, hgo_step_counts *counts);
 
-#define HGO_DEAD_ZONE3_F64_SIZE 136
-#define HGO_DEAD_ZONE3_F64_MEMORY 4
+#define HGO_DEAD_ZONE3_F64_SIZE 176
+#define HGO_DEAD_ZONE3_F64_MEMORY 5
 typedef struct { uint64_t opaque[HGO_DEAD_ZONE3_F64_SIZE / 8]; } hgo_dead_zone3_f64;
 int32_t hgo_dead_zone3_f64_init(hgo_dead_zone3_f64 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_dead_zone3_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_dead_zone3_f64_step(hgo_dead_zone3_f64 *state, double y, double phi, double dt);
+int32_t hgo_dead_zone3_f64_correct(hgo_dead_zone3_f64 *state, double y);
+int32_t hgo_dead_zone3_f64_predict(hgo_dead_zone3_f64 *state, double phi, double dt);
 int32_t hgo_dead_zone3_f64_estimate(const hgo_dead_zone3_f64 *state, double *x_hat, size_t n);
 int32_t hgo_dead_zone3_f64_restart(hgo_dead_zone3_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_dead_zone3_f64_counts(const hgo_dead_zone3_f64 *state, hgo_step_counts *counts);
 
-#define HGO_DEAD_ZONE4_F64_SIZE 152
-#define HGO_DEAD_ZONE4_F64_MEMORY 5
+#define HGO_DEAD_ZONE4_F64_SIZE 192
+#define HGO_DEAD_ZONE4_F64_MEMORY 6
 typedef struct { uint64_t opaque[HGO_DEAD_ZONE4_F64_SIZE / 8]; } hgo_dead_zone4_f64;
 int32_t hgo_dead_zone4_f64_init(hgo_dead_zone4_f64 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_dead_zone4_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_dead_zone4_f64_step(hgo_dead_zone4_f64 *state, double y, double phi, double dt);
+int32_t hgo_dead_zone4_f64_correct(hgo_dead_zone4_f64 *state, double y);
+int32_t hgo_dead_zone4_f64_predict(hgo_dead_zone4_f64 *state, double phi, double dt);
 int32_t hgo_dead_zone4_f64_estimate(const hgo_dead_zone4_f64 *state, double *x_hat, size_t n);
 int32_t hgo_dead_zone4_f64_restart(hgo_dead_zone4_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_dead_zone4_f64_counts(const hgo_dead_zone4_f64 *state, hgo_step_counts *counts);
 
-#define HGO_DEAD_ZONE5_F64_SIZE 168
-#define HGO_DEAD_ZONE5_F64_MEMORY 6
+#define HGO_DEAD_ZONE5_F64_SIZE 208
+#define HGO_DEAD_ZONE5_F64_MEMORY 7
 typedef struct { uint64_t opaque[HGO_DEAD_ZONE5_F64_SIZE / 8]; } hgo_dead_zone5_f64;
 int32_t hgo_dead_zone5_f64_init(hgo_dead_zone5_f64 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_dead_zone5_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_dead_zone5_f64_step(hgo_dead_zone5_f64 *state, double y, double phi, double dt);
+int32_t hgo_dead_zone5_f64_correct(hgo_dead_zone5_f64 *state, double y);
+int32_t hgo_dead_zone5_f64_predict(hgo_dead_zone5_f64 *state, double phi, double dt);
 int32_t hgo_dead_zone5_f64_estimate(const hgo_dead_zone5_f64 *state, double *x_hat, size_t n);
 int32_t hgo_dead_zone5_f64_restart(hgo_dead_zone5_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_dead_zone5_f64_counts(const hgo_dead_zone5_f64 *state, hgo_step_counts *counts);
 
-/* Low-power observer, fixed gain: the memory is x_hat, eta. */
+/* Low-power observer, fixed gain: memory x_hat, eta, time. */
 
-#define HGO_LOW_POWER2_F32_SIZE 72
-#define HGO_LOW_POWER2_F32_MEMORY 3
+#define HGO_LOW_POWER2_F32_SIZE 92
+#define HGO_LOW_POWER2_F32_MEMORY 4
 typedef struct { uint32_t opaque[HGO_LOW_POWER2_F32_SIZE / 4]; } hgo_low_power2_f32;
 int32_t hgo_low_power2_f32_init(hgo_low_power2_f32 *state, size_t size, uint32_t version,
     const hgo_low_power_config_f32 *config, hgo_error *error);
 int32_t hgo_low_power2_f32_step_limit(const hgo_low_power_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_low_power2_f32_step(hgo_low_power2_f32 *state, float y, float phi, float dt);
+int32_t hgo_low_power2_f32_correct(hgo_low_power2_f32 *state, float y);
+int32_t hgo_low_power2_f32_predict(hgo_low_power2_f32 *state, float phi, float dt);
 int32_t hgo_low_power2_f32_estimate(const hgo_low_power2_f32 *state, float *x_hat, size_t n);
 int32_t hgo_low_power2_f32_restart(hgo_low_power2_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_low_power2_f32_counts(const hgo_low_power2_f32 *state, hgo_step_counts *counts);
 
-#define HGO_LOW_POWER3_F32_SIZE 88
-#define HGO_LOW_POWER3_F32_MEMORY 5
+#define HGO_LOW_POWER3_F32_SIZE 108
+#define HGO_LOW_POWER3_F32_MEMORY 6
 typedef struct { uint32_t opaque[HGO_LOW_POWER3_F32_SIZE / 4]; } hgo_low_power3_f32;
 int32_t hgo_low_power3_f32_init(hgo_low_power3_f32 *state, size_t size, uint32_t version,
     const hgo_low_power_config_f32 *config, hgo_error *error);
 int32_t hgo_low_power3_f32_step_limit(const hgo_low_power_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_low_power3_f32_step(hgo_low_power3_f32 *state, float y, float phi, float dt);
+int32_t hgo_low_power3_f32_correct(hgo_low_power3_f32 *state, float y);
+int32_t hgo_low_power3_f32_predict(hgo_low_power3_f32 *state, float phi, float dt);
 int32_t hgo_low_power3_f32_estimate(const hgo_low_power3_f32 *state, float *x_hat, size_t n);
 int32_t hgo_low_power3_f32_restart(hgo_low_power3_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_low_power3_f32_counts(const hgo_low_power3_f32 *state, hgo_step_counts *counts);
 
-#define HGO_LOW_POWER4_F32_SIZE 104
-#define HGO_LOW_POWER4_F32_MEMORY 7
+#define HGO_LOW_POWER4_F32_SIZE 124
+#define HGO_LOW_POWER4_F32_MEMORY 8
 typedef struct { uint32_t opaque[HGO_LOW_POWER4_F32_SIZE / 4]; } hgo_low_power4_f32;
 int32_t hgo_low_power4_f32_init(hgo_low_power4_f32 *state, size_t size, uint32_t version,
     const hgo_low_power_config_f32 *config, hgo_error *error);
 int32_t hgo_low_power4_f32_step_limit(const hgo_low_power_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_low_power4_f32_step(hgo_low_power4_f32 *state, float y, float phi, float dt);
+int32_t hgo_low_power4_f32_correct(hgo_low_power4_f32 *state, float y);
+int32_t hgo_low_power4_f32_predict(hgo_low_power4_f32 *state, float phi, float dt);
 int32_t hgo_low_power4_f32_estimate(const hgo_low_power4_f32 *state, float *x_hat, size_t n);
 int32_t hgo_low_power4_f32_restart(hgo_low_power4_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_low_power4_f32_counts(const hgo_low_power4_f32 *state, hgo_step_counts *counts);
 
-#define HGO_LOW_POWER5_F32_SIZE 120
-#define HGO_LOW_POWER5_F32_MEMORY 9
+#define HGO_LOW_POWER5_F32_SIZE 140
+#define HGO_LOW_POWER5_F32_MEMORY 10
 typedef struct { uint32_t opaque[HGO_LOW_POWER5_F32_SIZE / 4]; } hgo_low_power5_f32;
 int32_t hgo_low_power5_f32_init(hgo_low_power5_f32 *state, size_t size, uint32_t version,
     const hgo_low_power_config_f32 *config, hgo_error *error);
 int32_t hgo_low_power5_f32_step_limit(const hgo_low_power_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_low_power5_f32_step(hgo_low_power5_f32 *state, float y, float phi, float dt);
+int32_t hgo_low_power5_f32_correct(hgo_low_power5_f32 *state, float y);
+int32_t hgo_low_power5_f32_predict(hgo_low_power5_f32 *state, float phi, float dt);
 int32_t hgo_low_power5_f32_estimate(const hgo_low_power5_f32 *state, float *x_hat, size_t n);
 int32_t hgo_low_power5_f32_restart(hgo_low_power5_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_low_power5_f32_counts(const hgo_low_power5_f32 *state, hgo_step_counts *counts);
 
-#define HGO_LOW_POWER2_F64_SIZE 120
-#define HGO_LOW_POWER2_F64_MEMORY 3
+#define HGO_LOW_POWER2_F64_SIZE 160
+#define HGO_LOW_POWER2_F64_MEMORY 4
 typedef struct { uint64_t opaque[HGO_LOW_POWER2_F64_SIZE / 8]; } hgo_low_power2_f64;
 int32_t hgo_low_power2_f64_init(hgo_low_power2_f64 *state, size_t size, uint32_t version,
     const hgo_low_power_config_f64 *config, hgo_error *error);
 int32_t hgo_low_power2_f64_step_limit(const hgo_low_power_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_low_power2_f64_step(hgo_low_power2_f64 *state, double y, double phi, double dt);
+int32_t hgo_low_power2_f64_correct(hgo_low_power2_f64 *state, double y);
+int32_t hgo_low_power2_f64_predict(hgo_low_power2_f64 *state, double phi, double dt);
 int32_t hgo_low_power2_f64_estimate(const hgo_low_power2_f64 *state, double *x_hat, size_t n);
 int32_t hgo_low_power2_f64_restart(hgo_low_power2_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_low_power2_f64_counts(const hgo_low_power2_f64 *state, hgo_step_counts *counts);
 
-#define HGO_LOW_POWER3_F64_SIZE 152
-#define HGO_LOW_POWER3_F64_MEMORY 5
+#define HGO_LOW_POWER3_F64_SIZE 192
+#define HGO_LOW_POWER3_F64_MEMORY 6
 typedef struct { uint64_t opaque[HGO_LOW_POWER3_F64_SIZE / 8]; } hgo_low_power3_f64;
 int32_t hgo_low_power3_f64_init(hgo_low_power3_f64 *state, size_t size, uint32_t version,
     const hgo_low_power_config_f64 *config, hgo_error *error);
 int32_t hgo_low_power3_f64_step_limit(const hgo_low_power_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_low_power3_f64_step(hgo_low_power3_f64 *state, double y, double phi, double dt);
+int32_t hgo_low_power3_f64_correct(hgo_low_power3_f64 *state, double y);
+int32_t hgo_low_power3_f64_predict(hgo_low_power3_f64 *state, double phi, double dt);
 int32_t hgo_low_power3_f64_estimate(const hgo_low_power3_f64 *state, double *x_hat, size_t n);
 int32_t hgo_low_power3_f64_restart(hgo_low_power3_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_low_power3_f64_counts(const hgo_low_power3_f64 *state, hgo_step_counts *counts);
 
-#define HGO_LOW_POWER4_F64_SIZE 184
-#define HGO_LOW_POWER4_F64_MEMORY 7
+#define HGO_LOW_POWER4_F64_SIZE 224
+#define HGO_LOW_POWER4_F64_MEMORY 8
 typedef struct { uint64_t opaque[HGO_LOW_POWER4_F64_SIZE / 8]; } hgo_low_power4_f64;
 int32_t hgo_low_power4_f64_init(hgo_low_power4_f64 *state, size_t size, uint32_t version,
     const hgo_low_power_config_f64 *config, hgo_error *error);
 int32_t hgo_low_power4_f64_step_limit(const hgo_low_power_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_low_power4_f64_step(hgo_low_power4_f64 *state, double y, double phi, double dt);
+int32_t hgo_low_power4_f64_correct(hgo_low_power4_f64 *state, double y);
+int32_t hgo_low_power4_f64_predict(hgo_low_power4_f64 *state, double phi, double dt);
 int32_t hgo_low_power4_f64_estimate(const hgo_low_power4_f64 *state, double *x_hat, size_t n);
 int32_t hgo_low_power4_f64_restart(hgo_low_power4_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_low_power4_f64_counts(const hgo_low_power4_f64 *state, hgo_step_counts *counts);
 
-#define HGO_LOW_POWER5_F64_SIZE 216
-#define HGO_LOW_POWER5_F64_MEMORY 9
+#define HGO_LOW_POWER5_F64_SIZE 256
+#define HGO_LOW_POWER5_F64_MEMORY 10
 typedef struct { uint64_t opaque[HGO_LOW_POWER5_F64_SIZE / 8]; } hgo_low_power5_f64;
 int32_t hgo_low_power5_f64_init(hgo_low_power5_f64 *state, size_t size, uint32_t version,
     const hgo_low_power_config_f64 *config, hgo_error *error);
 int32_t hgo_low_power5_f64_step_limit(const hgo_low_power_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_low_power5_f64_step(hgo_low_power5_f64 *state, double y, double phi, double dt);
+int32_t hgo_low_power5_f64_correct(hgo_low_power5_f64 *state, double y);
+int32_t hgo_low_power5_f64_predict(hgo_low_power5_f64 *state, double phi, double dt);
 int32_t hgo_low_power5_f64_estimate(const hgo_low_power5_f64 *state, double *x_hat, size_t n);
 int32_t hgo_low_power5_f64_restart(hgo_low_power5_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_low_power5_f64_counts(const hgo_low_power5_f64 *state, hgo_step_counts *counts);
 
-/* Peaking-free observer (hard clips), fixed gain: the memory is x_hat, eta. */
+/* Peaking-free observer (hard clips), fixed gain: memory x_hat, eta, time. */
 
-#define HGO_PEAKING_FREE2_F32_SIZE 80
-#define HGO_PEAKING_FREE2_F32_MEMORY 3
+#define HGO_PEAKING_FREE2_F32_SIZE 100
+#define HGO_PEAKING_FREE2_F32_MEMORY 4
 typedef struct { uint32_t opaque[HGO_PEAKING_FREE2_F32_SIZE / 4]; } hgo_peaking_free2_f32;
 int32_t hgo_peaking_free2_f32_init(hgo_peaking_free2_f32 *state, size_t size, uint32_t version,
     const hgo_peaking_free_config_f32 *config, hgo_error *error);
 int32_t hgo_peaking_free2_f32_step_limit(const hgo_peaking_free_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_peaking_free2_f32_step(hgo_peaking_free2_f32 *state, float y, float phi, float dt);
+int32_t hgo_peaking_free2_f32_correct(hgo_peaking_free2_f32 *state, float y);
+int32_t hgo_peaking_free2_f32_predict(hgo_peaking_free2_f32 *state, float phi, float dt);
 int32_t hgo_peaking_free2_f32_estimate(const hgo_peaking_free2_f32 *state, float *x_hat, size_t n);
 int32_t hgo_peaking_free2_f32_restart(hgo_peaking_free2_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_peaking_free2_f32_counts(const hgo_peaking_free2_f32 *state, hgo_step_counts *counts);
 
-#define HGO_PEAKING_FREE3_F32_SIZE 100
-#define HGO_PEAKING_FREE3_F32_MEMORY 5
+#define HGO_PEAKING_FREE3_F32_SIZE 120
+#define HGO_PEAKING_FREE3_F32_MEMORY 6
 typedef struct { uint32_t opaque[HGO_PEAKING_FREE3_F32_SIZE / 4]; } hgo_peaking_free3_f32;
 int32_t hgo_peaking_free3_f32_init(hgo_peaking_free3_f32 *state, size_t size, uint32_t version,
     const hgo_peaking_free_config_f32 *config, hgo_error *error);
 int32_t hgo_peaking_free3_f32_step_limit(const hgo_peaking_free_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_peaking_free3_f32_step(hgo_peaking_free3_f32 *state, float y, float phi, float dt);
+int32_t hgo_peaking_free3_f32_correct(hgo_peaking_free3_f32 *state, float y);
+int32_t hgo_peaking_free3_f32_predict(hgo_peaking_free3_f32 *state, float phi, float dt);
 int32_t hgo_peaking_free3_f32_estimate(const hgo_peaking_free3_f32 *state, float *x_hat, size_t n);
 int32_t hgo_peaking_free3_f32_restart(hgo_peaking_free3_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_peaking_free3_f32_counts(const hgo_peaking_free3_f32 *state, hgo_step_counts *counts);
 
-#define HGO_PEAKING_FREE4_F32_SIZE 120
-#define HGO_PEAKING_FREE4_F32_MEMORY 7
+#define HGO_PEAKING_FREE4_F32_SIZE 140
+#define HGO_PEAKING_FREE4_F32_MEMORY 8
 typedef struct { uint32_t opaque[HGO_PEAKING_FREE4_F32_SIZE / 4]; } hgo_peaking_free4_f32;
 int32_t hgo_peaking_free4_f32_init(hgo_peaking_free4_f32 *state, size_t size, uint32_t version,
     const hgo_peaking_free_config_f32 *config, hgo_error *error);
 int32_t hgo_peaking_free4_f32_step_limit(const hgo_peaking_free_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_peaking_free4_f32_step(hgo_peaking_free4_f32 *state, float y, float phi, float dt);
+int32_t hgo_peaking_free4_f32_correct(hgo_peaking_free4_f32 *state, float y);
+int32_t hgo_peaking_free4_f32_predict(hgo_peaking_free4_f32 *state, float phi, float dt);
 int32_t hgo_peaking_free4_f32_estimate(const hgo_peaking_free4_f32 *state, float *x_hat, size_t n);
 int32_t hgo_peaking_free4_f32_restart(hgo_peaking_free4_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_peaking_free4_f32_counts(const hgo_peaking_free4_f32 *state, hgo_step_counts *counts);
 
-#define HGO_PEAKING_FREE5_F32_SIZE 140
-#define HGO_PEAKING_FREE5_F32_MEMORY 9
+#define HGO_PEAKING_FREE5_F32_SIZE 160
+#define HGO_PEAKING_FREE5_F32_MEMORY 10
 typedef struct { uint32_t opaque[HGO_PEAKING_FREE5_F32_SIZE / 4]; } hgo_peaking_free5_f32;
 int32_t hgo_peaking_free5_f32_init(hgo_peaking_free5_f32 *state, size_t size, uint32_t version,
     const hgo_peaking_free_config_f32 *config, hgo_error *error);
 int32_t hgo_peaking_free5_f32_step_limit(const hgo_peaking_free_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_peaking_free5_f32_step(hgo_peaking_free5_f32 *state, float y, float phi, float dt);
+int32_t hgo_peaking_free5_f32_correct(hgo_peaking_free5_f32 *state, float y);
+int32_t hgo_peaking_free5_f32_predict(hgo_peaking_free5_f32 *state, float phi, float dt);
 int32_t hgo_peaking_free5_f32_estimate(const hgo_peaking_free5_f32 *state, float *x_hat, size_t n);
 int32_t hgo_peaking_free5_f32_restart(hgo_peaking_free5_f32 *state, const float *x_hat, size_t n);
 int32_t hgo_peaking_free5_f32_counts(const hgo_peaking_free5_f32 *state, hgo_step_counts *counts);
 
-#define HGO_PEAKING_FREE2_F64_SIZE 136
-#define HGO_PEAKING_FREE2_F64_MEMORY 3
+#define HGO_PEAKING_FREE2_F64_SIZE 176
+#define HGO_PEAKING_FREE2_F64_MEMORY 4
 typedef struct { uint64_t opaque[HGO_PEAKING_FREE2_F64_SIZE / 8]; } hgo_peaking_free2_f64;
 int32_t hgo_peaking_free2_f64_init(hgo_peaking_free2_f64 *state, size_t size, uint32_t version,
     const hgo_peaking_free_config_f64 *config, hgo_error *error);
 int32_t hgo_peaking_free2_f64_step_limit(const hgo_peaking_free_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_peaking_free2_f64_step(hgo_peaking_free2_f64 *state, double y, double phi, double dt);
+int32_t hgo_peaking_free2_f64_correct(hgo_peaking_free2_f64 *state, double y);
+int32_t hgo_peaking_free2_f64_predict(hgo_peaking_free2_f64 *state, double phi, double dt);
 int32_t hgo_peaking_free2_f64_estimate(const hgo_peaking_free2_f64 *state, double *x_hat, size_t n);
 int32_t hgo_peaking_free2_f64_restart(hgo_peaking_free2_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_peaking_free2_f64_counts(const hgo_peaking_free2_f64 *state, hgo_step_counts *counts);
 
-#define HGO_PEAKING_FREE3_F64_SIZE 176
-#define HGO_PEAKING_FREE3_F64_MEMORY 5
+#define HGO_PEAKING_FREE3_F64_SIZE 216
+#define HGO_PEAKING_FREE3_F64_MEMORY 6
 typedef struct { uint64_t opaque[HGO_PEAKING_FREE3_F64_SIZE / 8]; } hgo_peaking_free3_f64;
 int32_t hgo_peaking_free3_f64_init(hgo_peaking_free3_f64 *state, size_t size, uint32_t version,
     const hgo_peaking_free_config_f64 *config, hgo_error *error);
 int32_t hgo_peaking_free3_f64_step_limit(const hgo_peaking_free_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_peaking_free3_f64_step(hgo_peaking_free3_f64 *state, double y, double phi, double dt);
+int32_t hgo_peaking_free3_f64_correct(hgo_peaking_free3_f64 *state, double y);
+int32_t hgo_peaking_free3_f64_predict(hgo_peaking_free3_f64 *state, double phi, double dt);
 int32_t hgo_peaking_free3_f64_estimate(const hgo_peaking_free3_f64 *state, double *x_hat, size_t n);
 int32_t hgo_peaking_free3_f64_restart(hgo_peaking_free3_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_peaking_free3_f64_counts(const hgo_peaking_free3_f64 *state, hgo_step_counts *counts);
 
-#define HGO_PEAKING_FREE4_F64_SIZE 216
-#define HGO_PEAKING_FREE4_F64_MEMORY 7
+#define HGO_PEAKING_FREE4_F64_SIZE 256
+#define HGO_PEAKING_FREE4_F64_MEMORY 8
 typedef struct { uint64_t opaque[HGO_PEAKING_FREE4_F64_SIZE / 8]; } hgo_peaking_free4_f64;
 int32_t hgo_peaking_free4_f64_init(hgo_peaking_free4_f64 *state, size_t size, uint32_t version,
     const hgo_peaking_free_config_f64 *config, hgo_error *error);
 int32_t hgo_peaking_free4_f64_step_limit(const hgo_peaking_free_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_peaking_free4_f64_step(hgo_peaking_free4_f64 *state, double y, double phi, double dt);
+int32_t hgo_peaking_free4_f64_correct(hgo_peaking_free4_f64 *state, double y);
+int32_t hgo_peaking_free4_f64_predict(hgo_peaking_free4_f64 *state, double phi, double dt);
 int32_t hgo_peaking_free4_f64_estimate(const hgo_peaking_free4_f64 *state, double *x_hat, size_t n);
 int32_t hgo_peaking_free4_f64_restart(hgo_peaking_free4_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_peaking_free4_f64_counts(const hgo_peaking_free4_f64 *state, hgo_step_counts *counts);
 
-#define HGO_PEAKING_FREE5_F64_SIZE 256
-#define HGO_PEAKING_FREE5_F64_MEMORY 9
+#define HGO_PEAKING_FREE5_F64_SIZE 296
+#define HGO_PEAKING_FREE5_F64_MEMORY 10
 typedef struct { uint64_t opaque[HGO_PEAKING_FREE5_F64_SIZE / 8]; } hgo_peaking_free5_f64;
 int32_t hgo_peaking_free5_f64_init(hgo_peaking_free5_f64 *state, size_t size, uint32_t version,
     const hgo_peaking_free_config_f64 *config, hgo_error *error);
 int32_t hgo_peaking_free5_f64_step_limit(const hgo_peaking_free_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_peaking_free5_f64_step(hgo_peaking_free5_f64 *state, double y, double phi, double dt);
+int32_t hgo_peaking_free5_f64_correct(hgo_peaking_free5_f64 *state, double y);
+int32_t hgo_peaking_free5_f64_predict(hgo_peaking_free5_f64 *state, double phi, double dt);
 int32_t hgo_peaking_free5_f64_estimate(const hgo_peaking_free5_f64 *state, double *x_hat, size_t n);
 int32_t hgo_peaking_free5_f64_restart(hgo_peaking_free5_f64 *state, const double *x_hat, size_t n);
 int32_t hgo_peaking_free5_f64_counts(const hgo_peaking_free5_f64 *state, hgo_step_counts *counts);

@@ -2,7 +2,7 @@
 
 use hgo_rs::error::{DesignError, require};
 use hgo_rs::nalgebra::SVector;
-use hgo_rs::observer::{ContinuousLaw, Timing};
+use hgo_rs::observer::{Causal, ContinuousLaw, Timing};
 use hgo_rs::observers::LowPower;
 use hgo_rs::polynomial::{euler_limit, low_power_polynomial};
 use hgo_rs::prelude::*;
@@ -83,53 +83,90 @@ impl<T: Scalar, const N: usize> PhaseVariable<T, N, 1> for Given {
     }
 }
 
-/// A law under forward Euler that holds its estimate where φ is not finite.
+/// A law under forward Euler that holds its estimate where φ is not finite: the papers' recursion, or
+/// (`CAUSAL`) the law with current timing. One memory serves both.
 #[derive(Clone, Copy)]
-pub struct Guarded<L>(Discretised<L, Euler>);
+pub struct Guarded<L, const CAUSAL: bool>(Current<L, Euler>);
 
-impl<T, L> Observer<T> for Guarded<L>
+impl<L: Copy> Guarded<L, true> {
+    /// The papers' recursion of the same law.
+    #[inline(always)]
+    pub fn recursion(&self) -> Guarded<L, false> {
+        Guarded(self.0)
+    }
+}
+
+impl<T, L, const CAUSAL: bool> Observer<T> for Guarded<L, CAUSAL>
 where
     T: Scalar,
     L: ContinuousLaw<T, Input = SVector<T, 1>>,
 {
-    type State = L::State;
+    type State = (L::State, T);
     type Measurement = T;
     type Input = SVector<T, 1>;
-    const TIMING: Timing = Timing::Predictor;
+    const TIMING: Timing = if CAUSAL { Timing::Current } else { Timing::Predictor };
     const ESTIMATED: usize = L::ESTIMATED;
 
     #[inline(always)]
-    fn initial(&self) -> L::State {
+    fn initial(&self) -> Self::State {
         self.0.initial()
     }
 
     #[inline(always)]
-    fn step(&self, z: &mut L::State, y: &T, phi: &SVector<T, 1>, t: T, dt: T) -> Status {
-        if phi.x.is_finite() { self.0.step(z, y, phi, t, dt) } else { Status::ModelUndefined }
+    fn correct(&self, z: &mut Self::State, y: &T, t: T) -> Status {
+        if CAUSAL { self.0.correct(z, y, t) } else { Status::of(y) }
     }
 
     #[inline(always)]
-    fn speed(&self, z: &L::State) -> T {
+    fn advance(&self, z: &mut Self::State, y: &T, phi: &SVector<T, 1>, t: T, dt: T) -> Status {
+        if !phi.x.is_finite() {
+            return Status::ModelUndefined;
+        }
+        if CAUSAL {
+            return self.0.advance(z, y, phi, t, dt);
+        }
+        let Current { law, scheme } = self.0;
+        z.1 = T::ZERO; // the sample was used for the period: no correction is left
+        Discretised { law, scheme }.advance(&mut z.0, y, phi, t, dt)
+    }
+
+    #[inline(always)]
+    fn held(&self, z: &Self::State, dt: T) -> Self::State {
+        if CAUSAL { self.0.held(z, dt) } else { (z.0, T::ZERO) }
+    }
+
+    #[inline(always)]
+    fn speed(&self, z: &Self::State) -> T {
         self.0.speed(z)
     }
 
     #[inline(always)]
-    fn estimate<'a>(&self, z: &'a L::State) -> &'a [T] {
+    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
         self.0.estimate(z)
     }
 
     #[inline(always)]
-    fn innovation(&self, t: T, z: &L::State, y: &T) -> T {
-        self.0.innovation(t, z, y)
+    fn innovation(&self, t: T, z: &Self::State, y: &T, phi: &SVector<T, 1>) -> T {
+        self.0.innovation(t, z, y, phi)
     }
 }
+
+impl<T, L> Causal<T> for Guarded<L, true>
+where
+    T: Scalar,
+    L: ContinuousLaw<T, Input = SVector<T, 1>>,
+{
+}
+
+/// What a C state's estimator remembers: the law's memory, and the time that a correction is for.
+pub type Remembered<T, L> = (<L as ContinuousLaw<T>>::State, T);
 
 /// A law that C can configure.
 pub trait Law<T: Scalar>: ContinuousLaw<T, Input = SVector<T, 1>> {
     /// Order n: the first n numbers of the memory are x̂.
     const ORDER: usize;
-    /// Whether the last number of the memory is a gain r ≥ 1.
-    const GAIN_MOVES: bool;
+    /// Where in the memory a gain r ≥ 1 stands, if it moves.
+    const GAIN: Option<usize>;
     /// As C gives it.
     type Config: Copy;
     /// The law.
@@ -140,11 +177,11 @@ pub trait Law<T: Scalar>: ContinuousLaw<T, Input = SVector<T, 1>> {
     fn euler_limit(config: &Self::Config) -> T;
 
     /// An estimator at x̂ = 0.
-    fn estimator(config: &Self::Config) -> Result<Estimator<T, Guarded<Self>>, DesignError> {
+    fn estimator(config: &Self::Config) -> Result<Estimator<T, Guarded<Self, true>>, DesignError> {
         let (law, dt_max) = (Self::law(config)?, Self::dt_max(config));
         let allowed = "it must be finite and > 0; step_limit computes the largest";
         require("dt_max", dt_max, dt_max.is_finite() && dt_max > T::ZERO, allowed)?;
-        Estimator::new(Guarded(Discretised { law, scheme: Euler }), dt_max)
+        Estimator::new(Guarded(Current { law, scheme: Euler }), dt_max)
     }
 
     /// The largest `dt_max`.
@@ -156,11 +193,10 @@ pub trait Law<T: Scalar>: ContinuousLaw<T, Input = SVector<T, 1>> {
     }
 
     /// The memory that starts with `numbers`: the rest is 0, and r is 1.
-    fn memory(numbers: &[T]) -> Self::State {
-        let (mut z, mut place) = (Self::State::zero(), 0);
+    fn memory(numbers: &[T]) -> Remembered<T, Self> {
+        let (mut z, mut place) = (Remembered::<T, Self>::zero(), 0);
         z.visit_mut(&mut |entry| {
-            let is_gain = Self::GAIN_MOVES && place + 1 == Self::State::LEN;
-            let start = if is_gain { T::ONE } else { T::ZERO };
+            let start = if Some(place) == Self::GAIN { T::ONE } else { T::ZERO };
             *entry = numbers.get(place).copied().unwrap_or(start);
             place += 1;
         });
@@ -169,9 +205,11 @@ pub trait Law<T: Scalar>: ContinuousLaw<T, Input = SVector<T, 1>> {
 
     /// Whether a memory that starts with `numbers` is one of this law's.
     fn admits(numbers: &[T]) -> bool {
-        let whole = Self::GAIN_MOVES && numbers.len() == Self::State::LEN;
-        let gain = if whole { numbers.last() } else { None };
-        numbers.iter().all(|x| x.is_finite()) && gain.is_none_or(|r| *r >= T::ONE)
+        let gain = Self::GAIN.and_then(|place| numbers.get(place));
+        let elapsed = numbers.get(Self::State::LEN);
+        numbers.iter().all(|x| x.is_finite())
+            && gain.is_none_or(|r| *r >= T::ONE)
+            && elapsed.is_none_or(|time| *time >= T::ZERO)
     }
 }
 
@@ -212,7 +250,7 @@ pub type Standard<T, const N: usize> = StandardObserver<T, ConstantGain<T>, Give
 
 impl<T: Scalar, const N: usize> Law<T> for Standard<T, N> {
     const ORDER: usize = N;
-    const GAIN_MOVES: bool = false;
+    const GAIN: Option<usize> = None;
     type Config = StandardConfig<T>;
     fn law(c: &Self::Config) -> Result<Self, DesignError> {
         StandardObserver::new(head("k", &c.k, N)?, ConstantGain::new(c.ell)?, Given)
@@ -232,7 +270,7 @@ macro_rules! standard_with_moving_gain {
 
         impl<T: Scalar, const N: usize> Law<T> for $name<T, N> {
             const ORDER: usize = N;
-            const GAIN_MOVES: bool = true;
+            const GAIN: Option<usize> = Some(N);
             type Config = AdaptiveConfig<T>;
             fn law(c: &Self::Config) -> Result<Self, DesignError> {
                 StandardObserver::new(head("k", &c.k, N)?, $gain::new(c.p1, c.p2, c.b)?, Given)
@@ -261,7 +299,7 @@ pub type LowPowerFixed<T, const N: usize> = LowPowerObserver<T, ConstantGain<T>,
 
 impl<T: Scalar, const N: usize> Law<T> for LowPowerFixed<T, N> {
     const ORDER: usize = N;
-    const GAIN_MOVES: bool = false;
+    const GAIN: Option<usize> = None;
     type Config = LowPowerConfig<T>;
     fn law(c: &Self::Config) -> Result<Self, DesignError> {
         let (alpha, beta) = (head("alpha", &c.alpha, N)?, head("beta", &c.beta, N - 1)?);
@@ -281,7 +319,7 @@ pub type PeakingFree<T, const N: usize> =
 
 impl<T: Scalar, const N: usize> Law<T> for PeakingFree<T, N> {
     const ORDER: usize = N;
-    const GAIN_MOVES: bool = false;
+    const GAIN: Option<usize> = None;
     type Config = PeakingFreeConfig<T>;
     fn law(c: &Self::Config) -> Result<Self, DesignError> {
         let (alpha, beta) = (head("alpha", &c.alpha, N)?, head("beta", &c.beta, N - 1)?);

@@ -14,9 +14,10 @@ use hgo_rs::Estimator;
 use hgo_rs::estimator::Counts;
 use hgo_rs::memory::Memory;
 use hgo_rs::nalgebra::Vector1;
-use hgo_rs::observer::ContinuousLaw;
 use hgo_rs::prelude::{DesignError, Scalar, Status};
-use law::{AdaptiveConfig, Guarded, Law, LowPowerConfig, PeakingFreeConfig, StandardConfig};
+use law::{
+    AdaptiveConfig, Guarded, Law, LowPowerConfig, PeakingFreeConfig, Remembered, StandardConfig,
+};
 
 /// An image links only if no panic is reachable in it: this calls a function that exists nowhere.
 #[panic_handler]
@@ -29,7 +30,7 @@ fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
 }
 
 /// Layout of the structs and meaning of the functions.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 macro_rules! codes {
     ($($name:ident = $value:literal, $text:literal;)*) => {
@@ -54,7 +55,7 @@ macro_rules! codes {
 codes! {
     UPDATED = 0, b"done: the sample was used\0";
     PREDICTED = 1, b"the sample is missing (NaN or infinite): predicted over it\0";
-    MODEL_UNDEFINED = 2, b"phi is not finite: the estimate was held\0";
+    MODEL_UNDEFINED = 2, b"phi, or what a step makes of it, is not finite: the estimate was held\0";
     STEP_TOO_LONG = 3, b"dt is above dt_max: predicted over the sample as over a missing one\0";
     STEP_REFUSED = 4, b"dt is zero, negative, NaN or infinite: no step was taken\0";
     DIVERGED = 5, b"the memory is not finite any more: restart\0";
@@ -158,7 +159,7 @@ pub extern "C" fn hgo_status_text(status: i32) -> *const c_char {
 #[repr(C)]
 pub struct State<T: Scalar, L: Law<T>> {
     mark: u32,
-    estimator: MaybeUninit<Estimator<T, Guarded<L>>>,
+    estimator: MaybeUninit<Estimator<T, Guarded<L, true>>>,
 }
 
 /// A mark from a type's name and the version (FNV-1a).
@@ -191,7 +192,7 @@ fn plausible<P>(pointer: *const P) -> Result<(), i32> {
 unsafe fn open<T: Scalar, L: Law<T>>(
     state: *const State<T, L>,
     mark: u32,
-) -> Result<*const Estimator<T, Guarded<L>>, i32> {
+) -> Result<*const Estimator<T, Guarded<L, true>>, i32> {
     plausible(state)?;
     // SAFETY: not null and aligned; the caller vouches for the rest.
     if unsafe { (*state).mark } == mark {
@@ -201,6 +202,19 @@ unsafe fn open<T: Scalar, L: Law<T>>(
     } else {
         Err(NOT_INITIALISED)
     }
+}
+
+/// The same, to be changed.
+///
+/// # Safety
+/// As [`open`].
+#[inline(always)]
+unsafe fn open_mut<'a, T: Scalar, L: Law<T>>(
+    state: *mut State<T, L>,
+    mark: u32,
+) -> Result<&'a mut Estimator<T, Guarded<L, true>>, i32> {
+    // SAFETY: the caller vouches for it; an opened state holds an estimator.
+    unsafe { open(state, mark).map(|estimator| &mut *estimator.cast_mut()) }
 }
 
 /// A pointer's target with nothing in it, if there is a pointer.
@@ -293,7 +307,7 @@ unsafe fn estimate<T: Scalar, L: Law<T>>(
     // SAFETY: the caller vouches for it; an opened state holds an estimator.
     let estimator = unsafe { &*open(state, mark)? };
     plausible(numbers)?;
-    if !(L::ORDER..=L::State::LEN).contains(&n) {
+    if !(L::ORDER..=Remembered::<T, L>::LEN).contains(&n) {
         return Err(BUFFER_LENGTH);
     }
     // SAFETY: not null and aligned, n is small; the caller vouches for the rest.
@@ -315,10 +329,10 @@ unsafe fn restart<T: Scalar, L: Law<T>>(
     n: usize,
     mark: u32,
 ) -> Result<(), i32> {
-    // SAFETY: the caller vouches for it; an opened state holds an estimator.
-    let estimator = unsafe { &mut *open(state, mark)?.cast_mut() };
+    // SAFETY: the caller vouches for it.
+    let estimator = unsafe { open_mut(state, mark) }?;
     plausible(numbers)?;
-    if n != L::ORDER && n != L::State::LEN {
+    if n != L::ORDER && n != Remembered::<T, L>::LEN {
         return Err(BUFFER_LENGTH);
     }
     // SAFETY: not null and aligned, n is small; the caller vouches for the rest.
@@ -356,7 +370,7 @@ macro_rules! observers {
     ($($name:ident: $law:ident<$t:ident, $n:literal> from $config:ident,
         $bytes:literal bytes, $memory:literal numbers;)*) => {$(
         mod $name {
-            use super::{ContinuousLaw, Error, Memory, StepCounts, law};
+            use super::{Error, Memory, Remembered, StepCounts, law};
 
             type Law = law::$law<$t, $n>;
             type Config = law::$config<$t>;
@@ -364,7 +378,7 @@ macro_rules! observers {
             const MARK: u32 = super::mark(stringify!($name));
             const _: () = {
                 assert!(size_of::<State>() == $bytes && align_of::<State>() == align_of::<$t>());
-                assert!(<<Law as ContinuousLaw<$t>>::State as Memory<$t>>::LEN == $memory);
+                assert!(<Remembered<$t, Law> as Memory<$t>>::LEN == $memory);
             };
 
             /// Make a state of `size` bytes from a configuration, with the estimate 0. `error` may
@@ -393,23 +407,50 @@ macro_rules! observers {
                 super::code(unsafe { super::step_limit::<$t, Law>(config, dt_max, error) })
             }
 
-            /// Take the sample y (NaN: it is missing) and advance by dt [s], the time until the
-            /// next sample. phi: what is known of the n-th derivative of y, computed from the
-            /// estimate before this step and the inputs; 0 if nothing is.
+            /// Take the sample y of now (NaN: it is missing) and advance by dt [s], the time until the
+            /// next sample: the papers' recursion, one call a sample. phi: what is known of the n-th
+            /// derivative of y over that time, computed from the estimate before this step and from
+            /// the inputs; 0 if nothing is. The estimate is then that of the next sample's time.
             #[unsafe(export_name = concat!("hgo_", stringify!($name), "_step"))]
             unsafe extern "C" fn step(state: *mut State, y: $t, phi: $t, dt: $t) -> i32 {
                 // SAFETY: the C caller vouches for the pointer.
-                match unsafe { super::open(state, MARK) } {
-                    // SAFETY: the same; an opened state holds an estimator.
-                    Ok(estimator) => unsafe { &mut *estimator.cast_mut() }
-                        .step(&y, &super::Vector1::new(phi), dt) as i32,
+                match unsafe { super::open_mut(state, MARK) } {
+                    Ok(estimator) => {
+                        let recursion = estimator.observer().recursion();
+                        estimator.step_by(&recursion, &y, &super::Vector1::new(phi), dt) as i32
+                    }
                     Err(code) => code,
                 }
             }
 
-            /// Copy the first n numbers of the memory: x_hat_1 ... x_hat_n, which estimate y and
-            /// its derivatives at the next sample. A larger n, up to the length of the memory,
-            /// gives what the law remembers beside: eta_1 ... eta_(n-1) or r.
+            /// Take the sample y of now (NaN: it is missing, and nothing changes). The estimate is
+            /// then that of now, this sample used. The correction is for the last period that predict
+            /// moved over; where there was none, as at the start, it changes nothing.
+            #[unsafe(export_name = concat!("hgo_", stringify!($name), "_correct"))]
+            unsafe extern "C" fn correct(state: *mut State, y: $t) -> i32 {
+                // SAFETY: the C caller vouches for the pointer.
+                match unsafe { super::open_mut(state, MARK) } {
+                    Ok(estimator) => estimator.correct(&y) as i32,
+                    Err(code) => code,
+                }
+            }
+
+            /// Move over the period of dt [s] that begins, without a sample: HGO_PREDICTED. phi: what
+            /// is known of the n-th derivative of y over it, computed from the estimate of now and
+            /// from the inputs that are applied from now on; 0 if nothing is.
+            #[unsafe(export_name = concat!("hgo_", stringify!($name), "_predict"))]
+            unsafe extern "C" fn predict(state: *mut State, phi: $t, dt: $t) -> i32 {
+                // SAFETY: the C caller vouches for the pointer.
+                match unsafe { super::open_mut(state, MARK) } {
+                    Ok(estimator) => estimator.predict(&super::Vector1::new(phi), dt) as i32,
+                    Err(code) => code,
+                }
+            }
+
+            /// Copy the first n numbers of the memory: x_hat_1 ... x_hat_n, which estimate y and its
+            /// derivatives now (after correct), or at the next sample (after step and predict). A
+            /// larger n, up to the length of the memory, gives what the law remembers beside: eta_1
+            /// ... eta_(n-1) or r, and last the time [s] that the next correction is for.
             #[unsafe(export_name = concat!("hgo_", stringify!($name), "_estimate"))]
             unsafe extern "C" fn estimate(state: *const State, x_hat: *mut $t, n: usize) -> i32 {
                 // SAFETY: the C caller vouches for the pointers.
@@ -417,7 +458,7 @@ macro_rules! observers {
             }
 
             /// Start again at time 0 from an estimate of n numbers, n the order, or from a whole
-            /// memory; every number finite, r at least 1. The counts go on.
+            /// memory; every number finite, r at least 1, the time not negative. The counts go on.
             #[unsafe(export_name = concat!("hgo_", stringify!($name), "_restart"))]
             unsafe extern "C" fn restart(state: *mut State, x_hat: *const $t, n: usize) -> i32 {
                 // SAFETY: the C caller vouches for the pointers.
@@ -435,44 +476,44 @@ macro_rules! observers {
 }
 
 observers! {
-    standard2_f32: Standard<f32, 2> from StandardConfig, 56 bytes, 2 numbers;
-    standard3_f32: Standard<f32, 3> from StandardConfig, 64 bytes, 3 numbers;
-    standard4_f32: Standard<f32, 4> from StandardConfig, 72 bytes, 4 numbers;
-    standard5_f32: Standard<f32, 5> from StandardConfig, 80 bytes, 5 numbers;
-    standard2_f64: Standard<f64, 2> from StandardConfig, 88 bytes, 2 numbers;
-    standard3_f64: Standard<f64, 3> from StandardConfig, 104 bytes, 3 numbers;
-    standard4_f64: Standard<f64, 4> from StandardConfig, 120 bytes, 4 numbers;
-    standard5_f64: Standard<f64, 5> from StandardConfig, 136 bytes, 5 numbers;
-    adaptive2_f32: Adaptive<f32, 2> from AdaptiveConfig, 72 bytes, 3 numbers;
-    adaptive3_f32: Adaptive<f32, 3> from AdaptiveConfig, 80 bytes, 4 numbers;
-    adaptive4_f32: Adaptive<f32, 4> from AdaptiveConfig, 88 bytes, 5 numbers;
-    adaptive5_f32: Adaptive<f32, 5> from AdaptiveConfig, 96 bytes, 6 numbers;
-    adaptive2_f64: Adaptive<f64, 2> from AdaptiveConfig, 120 bytes, 3 numbers;
-    adaptive3_f64: Adaptive<f64, 3> from AdaptiveConfig, 136 bytes, 4 numbers;
-    adaptive4_f64: Adaptive<f64, 4> from AdaptiveConfig, 152 bytes, 5 numbers;
-    adaptive5_f64: Adaptive<f64, 5> from AdaptiveConfig, 168 bytes, 6 numbers;
-    dead_zone2_f32: DeadZone<f32, 2> from AdaptiveConfig, 72 bytes, 3 numbers;
-    dead_zone3_f32: DeadZone<f32, 3> from AdaptiveConfig, 80 bytes, 4 numbers;
-    dead_zone4_f32: DeadZone<f32, 4> from AdaptiveConfig, 88 bytes, 5 numbers;
-    dead_zone5_f32: DeadZone<f32, 5> from AdaptiveConfig, 96 bytes, 6 numbers;
-    dead_zone2_f64: DeadZone<f64, 2> from AdaptiveConfig, 120 bytes, 3 numbers;
-    dead_zone3_f64: DeadZone<f64, 3> from AdaptiveConfig, 136 bytes, 4 numbers;
-    dead_zone4_f64: DeadZone<f64, 4> from AdaptiveConfig, 152 bytes, 5 numbers;
-    dead_zone5_f64: DeadZone<f64, 5> from AdaptiveConfig, 168 bytes, 6 numbers;
-    low_power2_f32: LowPowerFixed<f32, 2> from LowPowerConfig, 72 bytes, 3 numbers;
-    low_power3_f32: LowPowerFixed<f32, 3> from LowPowerConfig, 88 bytes, 5 numbers;
-    low_power4_f32: LowPowerFixed<f32, 4> from LowPowerConfig, 104 bytes, 7 numbers;
-    low_power5_f32: LowPowerFixed<f32, 5> from LowPowerConfig, 120 bytes, 9 numbers;
-    low_power2_f64: LowPowerFixed<f64, 2> from LowPowerConfig, 120 bytes, 3 numbers;
-    low_power3_f64: LowPowerFixed<f64, 3> from LowPowerConfig, 152 bytes, 5 numbers;
-    low_power4_f64: LowPowerFixed<f64, 4> from LowPowerConfig, 184 bytes, 7 numbers;
-    low_power5_f64: LowPowerFixed<f64, 5> from LowPowerConfig, 216 bytes, 9 numbers;
-    peaking_free2_f32: PeakingFree<f32, 2> from PeakingFreeConfig, 80 bytes, 3 numbers;
-    peaking_free3_f32: PeakingFree<f32, 3> from PeakingFreeConfig, 100 bytes, 5 numbers;
-    peaking_free4_f32: PeakingFree<f32, 4> from PeakingFreeConfig, 120 bytes, 7 numbers;
-    peaking_free5_f32: PeakingFree<f32, 5> from PeakingFreeConfig, 140 bytes, 9 numbers;
-    peaking_free2_f64: PeakingFree<f64, 2> from PeakingFreeConfig, 136 bytes, 3 numbers;
-    peaking_free3_f64: PeakingFree<f64, 3> from PeakingFreeConfig, 176 bytes, 5 numbers;
-    peaking_free4_f64: PeakingFree<f64, 4> from PeakingFreeConfig, 216 bytes, 7 numbers;
-    peaking_free5_f64: PeakingFree<f64, 5> from PeakingFreeConfig, 256 bytes, 9 numbers;
+    standard2_f32: Standard<f32, 2> from StandardConfig, 76 bytes, 3 numbers;
+    standard3_f32: Standard<f32, 3> from StandardConfig, 84 bytes, 4 numbers;
+    standard4_f32: Standard<f32, 4> from StandardConfig, 92 bytes, 5 numbers;
+    standard5_f32: Standard<f32, 5> from StandardConfig, 100 bytes, 6 numbers;
+    standard2_f64: Standard<f64, 2> from StandardConfig, 128 bytes, 3 numbers;
+    standard3_f64: Standard<f64, 3> from StandardConfig, 144 bytes, 4 numbers;
+    standard4_f64: Standard<f64, 4> from StandardConfig, 160 bytes, 5 numbers;
+    standard5_f64: Standard<f64, 5> from StandardConfig, 176 bytes, 6 numbers;
+    adaptive2_f32: Adaptive<f32, 2> from AdaptiveConfig, 92 bytes, 4 numbers;
+    adaptive3_f32: Adaptive<f32, 3> from AdaptiveConfig, 100 bytes, 5 numbers;
+    adaptive4_f32: Adaptive<f32, 4> from AdaptiveConfig, 108 bytes, 6 numbers;
+    adaptive5_f32: Adaptive<f32, 5> from AdaptiveConfig, 116 bytes, 7 numbers;
+    adaptive2_f64: Adaptive<f64, 2> from AdaptiveConfig, 160 bytes, 4 numbers;
+    adaptive3_f64: Adaptive<f64, 3> from AdaptiveConfig, 176 bytes, 5 numbers;
+    adaptive4_f64: Adaptive<f64, 4> from AdaptiveConfig, 192 bytes, 6 numbers;
+    adaptive5_f64: Adaptive<f64, 5> from AdaptiveConfig, 208 bytes, 7 numbers;
+    dead_zone2_f32: DeadZone<f32, 2> from AdaptiveConfig, 92 bytes, 4 numbers;
+    dead_zone3_f32: DeadZone<f32, 3> from AdaptiveConfig, 100 bytes, 5 numbers;
+    dead_zone4_f32: DeadZone<f32, 4> from AdaptiveConfig, 108 bytes, 6 numbers;
+    dead_zone5_f32: DeadZone<f32, 5> from AdaptiveConfig, 116 bytes, 7 numbers;
+    dead_zone2_f64: DeadZone<f64, 2> from AdaptiveConfig, 160 bytes, 4 numbers;
+    dead_zone3_f64: DeadZone<f64, 3> from AdaptiveConfig, 176 bytes, 5 numbers;
+    dead_zone4_f64: DeadZone<f64, 4> from AdaptiveConfig, 192 bytes, 6 numbers;
+    dead_zone5_f64: DeadZone<f64, 5> from AdaptiveConfig, 208 bytes, 7 numbers;
+    low_power2_f32: LowPowerFixed<f32, 2> from LowPowerConfig, 92 bytes, 4 numbers;
+    low_power3_f32: LowPowerFixed<f32, 3> from LowPowerConfig, 108 bytes, 6 numbers;
+    low_power4_f32: LowPowerFixed<f32, 4> from LowPowerConfig, 124 bytes, 8 numbers;
+    low_power5_f32: LowPowerFixed<f32, 5> from LowPowerConfig, 140 bytes, 10 numbers;
+    low_power2_f64: LowPowerFixed<f64, 2> from LowPowerConfig, 160 bytes, 4 numbers;
+    low_power3_f64: LowPowerFixed<f64, 3> from LowPowerConfig, 192 bytes, 6 numbers;
+    low_power4_f64: LowPowerFixed<f64, 4> from LowPowerConfig, 224 bytes, 8 numbers;
+    low_power5_f64: LowPowerFixed<f64, 5> from LowPowerConfig, 256 bytes, 10 numbers;
+    peaking_free2_f32: PeakingFree<f32, 2> from PeakingFreeConfig, 100 bytes, 4 numbers;
+    peaking_free3_f32: PeakingFree<f32, 3> from PeakingFreeConfig, 120 bytes, 6 numbers;
+    peaking_free4_f32: PeakingFree<f32, 4> from PeakingFreeConfig, 140 bytes, 8 numbers;
+    peaking_free5_f32: PeakingFree<f32, 5> from PeakingFreeConfig, 160 bytes, 10 numbers;
+    peaking_free2_f64: PeakingFree<f64, 2> from PeakingFreeConfig, 176 bytes, 4 numbers;
+    peaking_free3_f64: PeakingFree<f64, 3> from PeakingFreeConfig, 216 bytes, 6 numbers;
+    peaking_free4_f64: PeakingFree<f64, 4> from PeakingFreeConfig, 256 bytes, 8 numbers;
+    peaking_free5_f64: PeakingFree<f64, 5> from PeakingFreeConfig, 296 bytes, 10 numbers;
 }

@@ -75,10 +75,13 @@ where
     pub z0: Z,
 }
 
-/// Looks over an observer's shoulder: what runs is the observer, but each step passes through here.
+/// Looks over an observer's shoulder: what runs is the observer, but each step passes through here, as
+/// its two halves.
 pub trait Instrument<T: Scalar> {
-    /// One step of an observer.
-    fn step<O: Observer<T>>(
+    /// The first half of a step: the sample is taken, with current timing.
+    fn correct<O: Observer<T>>(observer: &O, z: &mut O::State, y: &O::Measurement, t: T) -> Status;
+    /// The second half: the period passes.
+    fn advance<O: Observer<T>>(
         observer: &O,
         z: &mut O::State,
         y: &O::Measurement,
@@ -94,7 +97,10 @@ pub trait Instrument<T: Scalar> {
 pub struct Plain;
 
 impl<T: Scalar> Instrument<T> for Plain {
-    fn step<O: Observer<T>>(
+    fn correct<O: Observer<T>>(observer: &O, z: &mut O::State, y: &O::Measurement, t: T) -> Status {
+        observer.correct(z, y, t)
+    }
+    fn advance<O: Observer<T>>(
         observer: &O,
         z: &mut O::State,
         y: &O::Measurement,
@@ -102,7 +108,7 @@ impl<T: Scalar> Instrument<T> for Plain {
         t: T,
         dt: T,
     ) -> Status {
-        observer.step(z, y, u, t, dt)
+        observer.advance(z, y, u, t, dt)
     }
     fn dt<S: Schedule<T>>(schedule: &S, k: u64) -> T {
         schedule.dt(k)
@@ -139,14 +145,17 @@ impl<T: Scalar, O: Observer<T>, I: Instrument<T>> Observer<T> for Watched<O, I> 
     fn initial(&self) -> O::State {
         self.watched.initial()
     }
-    fn step(&self, z: &mut O::State, y: &O::Measurement, u: &O::Input, t: T, dt: T) -> Status {
-        I::step(&self.watched, z, y, u, t, dt)
+    fn correct(&self, z: &mut O::State, y: &O::Measurement, t: T) -> Status {
+        I::correct(&self.watched, z, y, t)
+    }
+    fn advance(&self, z: &mut O::State, y: &O::Measurement, u: &O::Input, t: T, dt: T) -> Status {
+        I::advance(&self.watched, z, y, u, t, dt)
     }
     fn estimate<'a>(&self, z: &'a O::State) -> &'a [T] {
         self.watched.estimate(z)
     }
-    fn innovation(&self, t: T, z: &O::State, y: &O::Measurement) -> O::Measurement {
-        self.watched.innovation(t, z, y)
+    fn innovation(&self, t: T, z: &O::State, y: &O::Measurement, u: &O::Input) -> O::Measurement {
+        self.watched.innovation(t, z, y, u)
     }
 }
 

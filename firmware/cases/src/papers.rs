@@ -268,7 +268,7 @@ case! {
             Vector3::new(c(0.0), c(10.0), c(core::f64::consts::FRAC_PI_6)),
             Vector3::new(c(0.5), c(-0.5), c(-0.5)),
         );
-        let z0 = hgo_rs::observers::ReducedOrderState::zero();
+        let z0 = <Self as Case<T>>::observer(c)?.initial();
         Ok(Scenario { plant: Ship::new(c(0.0), [T::ZERO; 3])?, scheme: RK4, draw: Draw::None, x0, z0 })
     };
     schedule: |I| fixed(0.01);

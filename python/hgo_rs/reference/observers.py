@@ -17,7 +17,7 @@ from . import integrate
 from .error import Array, Spec, choice, fail, integer, known, member, number, vector
 from .gain import AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw, gain_from
 from .models import Chain, Own, Plant, Ship, VanDerPol, plant_from
-from .placement import PLACED, ahead, chain_gains, low_power_gains
+from .placement import BILINEAR_LIMIT, PLACED, ahead, chain_gains, low_power_gains
 from .polynomial import is_hurwitz, low_power_polynomial
 
 METHODS = (
@@ -957,6 +957,10 @@ def _timed(law: Law, spec: Spec) -> Law:
     if method in PLACED and isinstance(law, CollectionObserver):
         placed = "a method of step-by-step rates"
         raise fail("observer.method", method, placed, "eigenvalues are placed for single laws")
+    if method == "bilinear" and law.n > BILINEAR_LIMIT[spec["kind"]]:
+        allowed = f"at most {BILINEAR_LIMIT[spec['kind']]} under method bilinear"
+        remedy = "choose method zoh: rounding moves eigenvalues gathered at -1"
+        raise fail("observer.n", law.n, allowed, remedy)
     if timing == "current" and isinstance(law, ContinuousLaw):
         return CurrentLaw(law)
     return law
