@@ -90,11 +90,13 @@ def test_what_is_wrong_in_a_later_chunk_says_where():
     t[300:] += 5.0
     names, none = log.names, np.zeros(400, bool)
     bad = Log(t, np.sin(t), None, names, "log.csv", none)
-    law = hgo_rs.StandardObserver(3, gain=12.0, method="euler")
-    with pytest.raises(
-        hgo_rs.DesignError, match=r"log\.csv, counting samples from t = 2\.5 s \(sa"
+    for timing, told in (
+        ("predictor", r"t = 2\.5 s \(sample 250\): after sample 49"),
+        ("current", r"t = 8 s \(sample 300\): before sample 0"),
     ):
-        list(run_chunks(law, cut(bad, 50)))
+        law = hgo_rs.StandardObserver(3, gain=12.0, method="euler", timing=timing)
+        with pytest.raises(hgo_rs.DesignError, match=rf"log\.csv, counting samples from {told}"):
+            list(run_chunks(law, cut(bad, 50)))
 
 
 CONFIG = 'format = 1\nobserver = "standard"\norder = 2\ngain = 12.0\n'
