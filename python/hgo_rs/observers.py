@@ -473,11 +473,16 @@ class Observer(_core.Online):
             return clock * k if isinstance(clock, float) else float(clock[k])
 
         k, longest = track["longest_step"]
+        where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
+        if self._core.is_current and self._law_len < len(start) and not track["missing"][0]:
+            # the first sample corrects over the time that its start has waited
+            waited = float(start[self._law_len])
+            if waited > longest:
+                longest, where = waited, f"before sample 0 (t = {time(0):g} s), "
         if longest > 0.0:
             try:
                 self._check_dt(longest, allow)
             except DesignError as error:
-                where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
                 raise DesignError(f"{where}{error}") from None
         memory = track["memory"]
         bound = self._bound(float(np.max(np.abs(start))), track["largest_sample"])
