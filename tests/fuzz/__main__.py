@@ -182,7 +182,9 @@ class Driver:
         kind = f"{check}: {NUMBER.sub('#', what)[:80]}"
         self.kinds[kind] += 1
         if self.kinds[kind] <= SHOWN:
-            print(f"# case {number} of seed {self.given.seed}, {check}: {what}\n{lines}\n", flush=True)
+            print(
+                f"# case {number} of seed {self.given.seed}, {check}: {what}\n{lines}\n", flush=True
+            )
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import ctypes
+import itertools
 import os
 import pickle
 import re
@@ -31,6 +32,9 @@ count: Counter[str] = Counter()
 
 CLOSE = 1e-9
 """Core and twin: the core's step is that of the twin on data that differ by so much, relatively."""
+
+NO_ANGLE = 1e8
+"""Beyond about this the core's sine has no value, NumPy's has: own models are not compared."""
 
 
 class Different(AssertionError):
@@ -159,7 +163,7 @@ def chunks(observer: Any, t: Any, y: Any, u: Any, start: Any, order: int) -> Non
     inner = max(len(y) - 1, 0)
     cuts = [0, *sorted(1 + rng.choice(inner, min(3, inner), replace=False)), len(y)]
     memory, parts = start, []
-    for first, end in zip(cuts[:-1], cuts[1:], strict=True):
+    for first, end in itertools.pairwise(cuts):
         until = t[end] if end < len(y) else None
         part = attempt(
             lambda f=first, e=end, un=until, m=memory: observer.run(
@@ -224,14 +228,17 @@ def twin(observer: Any, t: Any, y: Any, u: Any, start: Any, order: int) -> None:
         count["steps"] += 2
         where = f"{verb} at sample {k}"
         if refused(made):
-            large = max(np.abs(before).max(), np.abs(y[np.isfinite(y)]).max(initial=0)) > 1e50
+            largest = max(np.abs(before).max(), np.abs(y[np.isfinite(y)]).max(initial=0.0))
             absent = status == 2 or not np.isfinite(expected).all()
-            agreed = large or absent or "has no value" not in str(made)
+            agreed = largest > NO_ANGLE or absent or "has no value" not in str(made)
             must(agreed, f"{where}: the twin has {expected.tolist()}, the core: {made}")
             return False
         if status == 2 or not np.isfinite(expected).all():
             told_large = max(np.abs(before).max(), np.abs(online.memory).max()) > 1e50
             must(told_large, f"{where}: the twin has no value, the core {online.memory}")
+            return False
+        made_own = (observer.spec.get("model") or {}).get("kind") == "own"
+        if made_own and max(np.abs(before).max(), np.abs(expected).max()) > NO_ANGLE:
             return False
         near = []
         for _ in range(3):
@@ -264,6 +271,8 @@ def own(observer: Any, other: Any, t: Any, y: Any, u: Any, start: Any) -> None:
     """A model of one's own has the bits of the built-in model with its equations."""
     a, b = (attempt(lambda o=o: o.run(t, y, u, memory0=start)) for o in (observer, other))
     count["steps"] += 2 * len(y)
+    if "stab" in str(a) and refused(a):  # of an own sampled-data observer no limit is known
+        return
     must(refused(a) == refused(b), f"built-in: {a}; own: {b}")
     if not refused(a):
         same(a.memory, b.memory, "memory of built-in and own")
@@ -352,7 +361,9 @@ def blocks(plant: Any, observer: Any, x0: Any, dt: float, steps: int, runs: int,
         for piece in (runs, 1, max(1, runs // 2))
     ]
     if runs > 32:
-        alone = attempt(lambda: study_of(plant, observer, x0, given, runs, seed, runs, one_thread()))
+        alone = attempt(
+            lambda: study_of(plant, observer, x0, given, runs, seed, runs, one_thread())
+        )
         made.append(alone)
     count["steps"] += len(made) * runs * steps
     must(len({refused(one) for one in made}) == 1, f"refused or not: {made}")
@@ -393,11 +404,11 @@ def played_again(plant: Any, observer: Any, x0: Any, dt: float, steps: int, runs
     result = attempt(lambda: hgo.simulate(**given, runs=runs, rng=seed))
     if refused(result):
         return
+    start = observer.initial_memory()
     for i in range(min(runs, 3)):
         if result.diverged_at[i] >= 0 or result.undefined_at[i] >= 0:
             continue
         y = result.y[i, :, 0]
-        start = observer.initial_memory()
         run = attempt(lambda y=y: observer.run(dt, y, memory0=start, allow_unstable=True))
         must(not refused(run), f"run refuses what a study takes: {run}")
         same(run.memory, result.memory[i], f"memory of run {i} and of the record")
@@ -484,7 +495,6 @@ def _in_c(library: Any, header: str, online: Any, t: Any, y: Any, u: Any) -> Non
         verb: [word.split()[-1] for word in arguments.split(",")[1:]]
         for verb, arguments in re.findall(r"^int observer_(\w+)\(([^)]*)\)", header, re.MULTILINE)
     }
-    n_y, n_u = online.n_y, online.n_u
 
     def act(verb: str, k: int, dt: float) -> int:
         time = online._time
@@ -492,7 +502,7 @@ def _in_c(library: Any, header: str, online: Any, t: Any, y: Any, u: Any) -> Non
         if verb != "predict":
             values += np.ravel(y[k]).tolist()
         if verb != "correct":
-            values += [] if n_u == 0 else np.ravel(u[k]).tolist()
+            values += [] if online.n_u == 0 else np.ravel(u[k]).tolist()
         must(len(words) - len(values) in (0, 1, 2), f"{verb} takes {words}")
         left = words[len(values) :]
         values += [{"t": time, "dt": dt}["dt" if word == words[-1] and verb != "correct" else "t"]

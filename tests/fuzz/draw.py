@@ -15,9 +15,10 @@ METHODS = (
     "zoh", "bilinear", "euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine",
 )  # fmt: skip
 NAMES = (
-    "q", "v", "x1", "x2", "x3", "a", "b", "c", "d", "k", "r", "e", "l", "z", "w", "p", "phi", "int",
-    "dt", "state", "next", "eta_v", "elapsed", "started", "float", "fn", "isfinite", "x_hat", "gain",
-    "speed", "omega", "M", "I", "y1", "u1", "double", "main", "self", "status", "new", "dx", "HIGH",
+    "q", "v", "x1", "x2", "x3", "a", "b", "c", "d", "k", "r", "e", "l", "z", "w", "p", "phi",
+    "int", "dt", "state", "next", "eta_v", "elapsed", "started", "float", "fn", "isfinite", "x_hat",
+    "gain", "speed", "omega", "M", "I", "y1", "u1", "double", "main", "self", "status", "new", "dx",
+    "HIGH",
 )  # fmt: skip
 
 
@@ -327,7 +328,8 @@ class _Draw:
         self.lines += [
             f"observer = hgo.SampledDataObserver(hgo.VanDerPol({epsilon}))",
             f"mu = '{epsilon}*(1 - y*y)'",
-            "l2 = f'(5 - %s*(x1 + y)*x2 + (5 + {mu})*({mu}))*T*(y - x1)'" % epsilon,
+            f"epsilon = {epsilon}",
+            "l2 = f'(5 - {epsilon}*(x1 + y)*x2 + (5 + {mu})*({mu}))*T*(y - x1)'",
             f"f = ['x2', '-x1 + {epsilon}*(1 - x1*x1)*x2']",
             "same = hgo.Model(states=['x1', 'x2'], f=f, K_T=[f'(5 + {mu})*T*(y - x1)', l2])",
             "other = hgo.SampledDataObserver(same)",
@@ -355,7 +357,7 @@ class _Draw:
     # --- records ------------------------------------------------------------------------------
 
     def clock(self, samples: int) -> Any:
-        """A period, or times; of a model that looks at the time such that sums of steps are exact."""
+        """A period, or times; where a model looks at the time, sums of steps are exact."""
         product = self.pick(0.02, 0.1, 0.3, self.power(-4, 0), self.power(-1, 1))
         period = product / self.ell / (1.0 if self.chance(0.5) else self.n)
         if self.chance(0.25):
@@ -459,23 +461,24 @@ class _Draw:
         """A call that must be refused, and words of which its message has one."""
         n_y = self.n_y
         calls: list[tuple[str, list[str]]] = [
-            ("observer.run(0.0, y, u)", ["dt"]),
-            ("observer.run(float('nan'), y, u)", ["dt"]),
-            ("observer.run('fast', y, u)", ["dt", "t_or_dt"]),
-            ("observer.run(1e-6, y[:0], u)", ["y"]),
-            ("observer.run(1e-6, 'y', u)", ["y"]),
-            ("observer.run(1e-6, y + np.inf, u)", ["y"]),
-            ("observer.run(-np.arange(len(y)), np.vstack([y, y]), u)", ["y", "t", "u"]),
+            ("observer.run(0.0, y, u, memory0=start)", ["dt"]),
+            ("observer.run(float('nan'), y, u, memory0=start)", ["dt"]),
+            ("observer.run('fast', y, u, memory0=start)", ["dt", "t_or_dt"]),
+            ("observer.run(1e-6, y[:0], u, memory0=start)", ["y"]),
+            ("observer.run(1e-6, 'y', u, memory0=start)", ["y"]),
+            ("observer.run(1e-6, y + np.inf, u, memory0=start)", ["y"]),
+            ("observer.run(-np.arange(len(y)), np.vstack([y, y]), u, memory0=start)",
+             ["y", "t", "u"]),
             ("observer.run(np.zeros(2), np.zeros((2, observer.n_y)), np.zeros((2, observer.n_u)))",
              ["t"]),
             ("observer.run([0.0, np.nan], np.zeros((2, observer.n_y)), "
              "np.zeros((2, observer.n_u)))", ["t"]),
-            ("observer.run(1e-6, y, np.zeros((len(y) + 1, 3)))", ["u"]),
+            ("observer.run(1e-6, y, np.zeros((len(y) + 1, 3)), memory0=start)", ["u"]),
             ("observer.run(1e-6, y, u, memory0=start[:-1])", ["memory0"]),
             ("observer.run(1e-6, y, u, memory0=start + np.nan)", ["memory0"]),
             ("observer.run(1e-6, y, u, x_hat0=np.zeros(observer.n + 1))", ["x_hat0"]),
             ("observer.run(1e-6, y, u, r0=0.5)", ["r0"]),
-            ("observer.run(1e-6, y, u, until=-1.0)", ["until"]),
+            ("observer.run(1e-6, y, u, until=-1.0, memory0=start)", ["until"]),
             ("observer.run(1e-6, y, u, timing='late')", ["timing"]),
             ("observer.step(np.zeros(observer.n_y + 1), np.zeros(observer.n_u), dt=1e-6)", ["y"]),
             ("observer.step(np.zeros(observer.n_y), np.zeros(observer.n_u + 1), dt=1e-6)", ["u"]),
@@ -488,8 +491,8 @@ class _Draw:
             ("observer.export(to='basic', out='nowhere')", ["to"]),
         ]  # fmt: skip
         if self.n_u:
-            calls.append(("observer.run(1e-6, y)", ["u"]))
-            calls.append(("observer.run(1e-6, y, u + np.nan)", ["u"]))
+            calls.append(("observer.run(1e-6, y, memory0=start)", ["u"]))
+            calls.append(("observer.run(1e-6, y, u + np.nan, memory0=start)", ["u"]))
         if n_y > 1:
-            calls.append(("observer.run(1e-6, y[:, 0], u)", ["y"]))
+            calls.append(("observer.run(1e-6, y[:, 0], u, memory0=start)", ["y"]))
         return calls[int(self.rng.integers(len(calls)))]
