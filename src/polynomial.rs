@@ -92,8 +92,9 @@ impl<T: Number> Ascending<T> {
 
     /// self − a·other.
     fn less(mut self, a: T, other: &Self) -> Self {
-        for (c, other) in self.c.iter_mut().zip(other.c) {
-            *c = *c - a * other;
+        let terms = self.degree.max(other.degree) + 1;
+        for (c, other) in self.c.iter_mut().zip(&other.c).take(terms) {
+            *c = *c - a * *other;
         }
         self
     }
@@ -101,7 +102,7 @@ impl<T: Number> Ascending<T> {
     /// The derivative.
     fn slope(&self) -> Self {
         let mut slope = self.without_zero();
-        for (c, power) in slope.c.iter_mut().zip(1..=MAX_DEGREE) {
+        for (c, power) in slope.c.iter_mut().zip(1..=self.degree) {
             *c = *c * T::from_f64(power as f64);
         }
         slope
@@ -114,7 +115,7 @@ impl<T: Number> Ascending<T> {
         for _ in 0..40 {
             step = self.at(s) / slope.at(s);
             s = s - step;
-            if step.abs() <= T::from_f64(4.0 * T::EPSILON) * s.abs() {
+            if step.abs() <= T::from_f64(T::SETTLED) * s.abs() {
                 break;
             }
         }
@@ -174,6 +175,27 @@ pub fn is_hurwitz<T: Scalar>(coefficients: &[T]) -> bool {
     true
 }
 
+/// Whether a forward Euler step of length c is stable for the polynomial of the trailing
+/// `coefficients`: every root λ has |1 + cλ| < 1.
+pub fn euler_is_stable<T: Scalar>(coefficients: &[T], c: f64) -> bool {
+    // 1 + k₁v + … + kₙvⁿ with v = c(w − 1)/2, by Horner, then made monic
+    let mut q = Ascending { c: [0.0; MAX_DEGREE + 1], degree: 0 };
+    for k in coefficients.iter().rev() {
+        q.c[0] += k.to_f64();
+        q.times_linear(-1.0);
+        for entry in &mut q.c {
+            *entry *= 0.5 * c;
+        }
+    }
+    q.c[0] += 1.0;
+    let leading = q.c.get(q.degree).copied().unwrap_or(1.0);
+    let mut trailing = [0.0; MAX_DEGREE];
+    for (slot, value) in trailing.iter_mut().zip(q.trailing()) {
+        *slot = value / leading;
+    }
+    trailing.get(..q.degree).is_some_and(is_hurwitz)
+}
+
 /// The stability limit of forward Euler: the c below which every 1 + cλ lies in the unit disc, λ the
 /// roots of the Hurwitz polynomial sⁿ + c₁sⁿ⁻¹ + … + cₙ. A step dt under the gain ℓ is stable for
 /// ℓ·dt < c. 0 where the polynomial is not Hurwitz or its degree is above 23.
@@ -186,29 +208,11 @@ pub fn euler_limit<T: Scalar>(coefficients: &[T]) -> T {
     if coefficients.is_empty() || !is_hurwitz(coefficients) {
         return T::ZERO;
     }
-    let stable = |c: f64| {
-        // 1 + k₁v + … + kₙvⁿ with v = c(w − 1)/2, by Horner, then made monic
-        let mut q = Ascending { c: [0.0; MAX_DEGREE + 1], degree: 0 };
-        for k in coefficients.iter().rev() {
-            q.c[0] += k.to_f64();
-            q.times_linear(-1.0);
-            for entry in &mut q.c {
-                *entry *= 0.5 * c;
-            }
-        }
-        q.c[0] += 1.0;
-        let leading = q.c.get(q.degree).copied().unwrap_or(1.0);
-        let mut trailing = [0.0; MAX_DEGREE];
-        for (slot, value) in trailing.iter_mut().zip(q.trailing()) {
-            *slot = value / leading;
-        }
-        trailing.get(..q.degree).is_some_and(is_hurwitz)
-    };
     // Re λ > −2/c for each of the n roots, whose sum is −k₁
     let (mut low, mut high) = (0.0, 2.0 * coefficients.len() as f64 / first);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if stable(middle) {
+        if euler_is_stable(coefficients, middle) {
             low = middle;
         } else {
             high = middle;

@@ -128,6 +128,13 @@ pub trait Scalar:
         if y.is_finite() { Self::ZERO } else { self }
     }
 
+    /// A time `self` after dt more; one that is negative has not begun, and stays.
+    #[inline(always)]
+    #[must_use]
+    fn passed(self, dt: Self) -> Self {
+        if self < Self::ZERO { self } else { self + dt }
+    }
+
     /// `self` brought into [low, high]; NaN stays NaN.
     #[inline(always)]
     #[must_use]

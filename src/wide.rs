@@ -21,6 +21,8 @@ pub(crate) trait Number:
     const ONE: Self;
     /// One unit in the last place of 1.
     const EPSILON: f64;
+    /// Newton's step over the root, from which on the next one would change nothing that counts.
+    const SETTLED: f64;
     fn from_f64(value: f64) -> Self;
     fn to_f64(self) -> f64;
     fn abs(self) -> Self;
@@ -33,6 +35,7 @@ impl<T: Scalar> Number for T {
     const ZERO: Self = T::ZERO;
     const ONE: Self = T::ONE;
     const EPSILON: f64 = f64::EPSILON;
+    const SETTLED: f64 = 4.0 * f64::EPSILON;
     fn from_f64(value: f64) -> Self {
         T::from_f64(value)
     }
@@ -64,13 +67,17 @@ fn sum(a: f64, b: f64) -> (f64, f64) {
     (s, (a - (s - of_b)) + (b - of_b))
 }
 
+/// x as a sum of two numbers of half its length.
+#[inline(always)]
+const fn halves(x: f64) -> (f64, f64) {
+    let spread = 134_217_729.0 * x; // 2²⁷ + 1
+    let high = spread - (spread - x);
+    (high, x - high)
+}
+
 /// a·b, and what rounding took from it.
-fn product(a: f64, b: f64) -> (f64, f64) {
-    let halves = |x: f64| {
-        let spread = 134_217_729.0 * x; // 2²⁷ + 1
-        let high = spread - (spread - x);
-        (high, x - high)
-    };
+#[inline(always)]
+const fn product(a: f64, b: f64) -> (f64, f64) {
     let ((a1, a2), (b1, b2), p) = (halves(a), halves(b), a * b);
     (p, a2 * b2 - (((p - a1 * b1) - a2 * b1) - a1 * b2))
 }
@@ -147,6 +154,7 @@ impl Number for Wide {
     const ZERO: Self = Self::new(0.0);
     const ONE: Self = Self::new(1.0);
     const EPSILON: f64 = f64::EPSILON * f64::EPSILON;
+    const SETTLED: f64 = 1e-13; // steps shrink quadratically
     fn from_f64(value: f64) -> Self {
         Self::new(value)
     }
@@ -168,6 +176,19 @@ impl Number for Wide {
     }
 }
 
+/// 1/2 … 1/16, and what rounding took from them.
+const OVER: [Wide; 15] = {
+    let (mut over, mut i) = ([Wide::ONE; 15], 0);
+    while i < over.len() {
+        let n = (i + 2) as f64;
+        let high = 1.0 / n;
+        let (p, rest) = product(high, n);
+        over[i] = Wide { high, low: ((1.0 - p) - rest) / n };
+        i += 1;
+    }
+    over
+};
+
 /// e^(a + ib) − 1, as exact for small arguments, for a below the range of [`f64::exp`]'s logarithm:
 /// a series for a part of the argument, which doubles by e²ᶻ − 1 = (eᶻ − 1)(2 + (eᶻ − 1)).
 pub(crate) fn exp_m1((a, b): (Wide, Wide)) -> (Wide, Wide) {
@@ -175,17 +196,22 @@ pub(crate) fn exp_m1((a, b): (Wide, Wide)) -> (Wide, Wide) {
         return (-Wide::ONE, Wide::ZERO); // to the last bit
     }
     let (mut part, mut halvings, size) = (1.0, 0, a.high.abs() + b.high.abs());
-    while size * part > 0.5 && halvings < 64 {
+    while size * part > 0.0625 && halvings < 64 {
         part *= 0.5;
         halvings += 1;
     }
     let z = (a.scaled(part), b.scaled(part));
-    let times = |(a, b): (Wide, Wide), (c, d): (Wide, Wide)| (a * c - b * d, a * d + b * c);
+    let times = |(a, b): (Wide, Wide), (c, d): (Wide, Wide)| {
+        if b.high == 0.0 && d.high == 0.0 {
+            (a * c, Wide::ZERO)
+        } else {
+            (a * c - b * d, a * d + b * c)
+        }
+    };
     let mut series = (Wide::ONE, Wide::ZERO);
-    for i in (2..=27_u32).rev() {
+    for over in OVER.iter().rev() {
         let (re, im) = times(series, z);
-        let i = Wide::new(f64::from(i));
-        series = (Wide::ONE + re / i, im / i);
+        series = (Wide::ONE + re * *over, im * *over);
     }
     let mut grown = times(series, z);
     for _ in 0..halvings {

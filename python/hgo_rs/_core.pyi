@@ -78,7 +78,9 @@ class Online:
     def memory(self, memory: npt.ArrayLike) -> None: ...
     allow_unstable: bool
     _time: float
+    _clock: tuple[int, list[float]]
     _started: bool
+    _open: bool
     def __new__(cls, *_args: Any, **_kwargs: Any) -> Self: ...
     def __init__(self, law: Observer, lift: float, allow_unstable: bool) -> None: ...
     def step(

@@ -412,7 +412,9 @@ class Config:
             key = named[0] if named else ""
             key = _KEYS.get(key, key)
             inside = path if key not in self._at(path) else (*path, key)
-            raise ConfigError(f"{self.place(inside)}: {error}") from error
+            told, *shown = str(error).split("\n")  # of an expression: its text, and a caret below
+            told += f", in {shown[0].strip()!r}" if shown else ""
+            raise ConfigError(f"{self.place(inside)}: {told}") from error
 
     # --- checks ---------------------------------------------------------------------------------
 

@@ -433,6 +433,8 @@ class TableWriter:
             self._file.__exit__(kind, error, trace)
         except OSError as failure:
             raise self._refused(failure) from failure
+        if kind is None and self._text is None and self._parquet is None:
+            raise DataError(f"cannot write {self.path}: no columns were given; call write before")
 
     def _refused(self, error: OSError) -> DataError:
         return DataError(f"cannot write {self.path}: {error.strerror or error}")
@@ -666,7 +668,7 @@ class _Clock:
                 where = table.where(k - 1) if k else self._last[1] if self._last else ""
                 raise DataError(
                     f"{self.path}, {table.where(k)}: time {t[k]:.12g} does not come after "
-                    f"{before[k]:.12g} ({where}); {self._remedy(bits, reset, newest_first)}"
+                    f"{before[k]:.12g} ({where}); {self._remedy(fell, bits, reset, newest_first)}"
                 )
             if bits:
                 self.remarks += (
@@ -689,7 +691,7 @@ class _Clock:
         ticks = float(self.length or 1)
         return wrapped(fell / ticks, usual / ticks) if 0.0 < usual < fell else None
 
-    def _remedy(self, bits: int | None, reset: bool, newest_first: bool) -> str:
+    def _remedy(self, fell: float, bits: int | None, reset: bool, newest_first: bool) -> str:
         if newest_first:
             return "the log runs backwards, newest first: sort it by time"
         if bits:
@@ -702,6 +704,8 @@ class _Clock:
                 "the clock was set back: cut the log there, or take it as pieces with "
                 'resets = "split"'
             )
+        if fell == 0.0:
+            return "time must increase: remove repeated rows, or write times with all their digits"
         return "time must increase: sort the log or remove repeated rows"
 
     def _check_steps(self, steps: np.ndarray, table: _Table) -> None:
@@ -738,7 +742,7 @@ class _Clock:
         if days:
             raise DataError(
                 f"{self.path}: the times {self.time!r} begin at {self._first:.9g} with a median "
-                f"step of {median:.3g}, as {days} dates in days, taken in s; say unit = one of s, d"
+                f"step of {median:.3g}, a {days} date in days, taken in s; say unit = one of s, d"
             )
         if median < (SLOW if self.assumed else SLOWEST):
             return

@@ -136,16 +136,23 @@ class Observer(_core.Online):
         """ "predictor" or "current"."""
         return TIMINGS[self._core.is_current]
 
-    def __getstate__(self) -> tuple[dict[str, Any], bool, Array, float, bool]:
+    def __getstate__(self) -> tuple[dict[str, Any], bool, Array, Any, Any]:
         """All that a copy needs, or a pickle."""
         own = {name: value for name, value in self.__dict__.items() if name != "_core"}
-        return own, self.allow_unstable, self.memory.copy(), self._time, self._started
+        return (
+            own,
+            self.allow_unstable,
+            self.memory.copy(),
+            self._clock,
+            (self._started, self._open),
+        )
 
-    def __setstate__(self, state: tuple[dict[str, Any], bool, Array, float, bool]) -> None:
-        own, allow_unstable, memory, time, started = state
+    def __setstate__(self, state: tuple[dict[str, Any], bool, Array, Any, Any]) -> None:
+        own, allow_unstable, memory, clock, begun = state
         model = own.get("_model")
         Observer.__init__(self, own["_spec"], model=model, allow_unstable=allow_unstable)
-        self.memory, self._time, self._started = memory, time, started
+        self.memory, self._clock = memory, clock
+        self._started, self._open = begun
         self.__dict__.update(own)
         self._spec = ReadOnlyDict(self._spec)
 

@@ -71,76 +71,80 @@ _CALENDAR = {
 
 # --- the unit -----------------------------------------------------------------------------------
 
-_ANYWHERE = {
-    "ms": "ms msec msecs milli millis millisec millisecs millisecond milliseconds",
-    "us": "us μs usec usecs micro micros microsec microsecs microsecond microseconds",
-    "ns": "ns nsec nsecs nano nanos nanosec nanosecs nanosecond nanoseconds",
+_PREFIXES = {
+    **dict.fromkeys(("m", "milli", "mili"), "ms"),
+    **dict.fromkeys(("u", "μ", "micro", "mikro"), "us"),
+    **dict.fromkeys(("n", "nano"), "ns"),
 }
-_AT_THE_END = {
-    "s": "s sec secs second seconds sekunde sekunden",
-    "min": "min mins minute minutes minuten",
-    "h": "hr hrs hour hours stunde stunden",
-    "d": "day days tag tage",
-}
-_OTHER = (
-    *("tick", "ticks", "jiffies", "cycle", "cycles", "counts", "clk", "ps", "fs", "cs"),
-    *("week", "weeks", "month", "months", "year", "years", "filetime", "datenum"),
+_PREFIX = f"({'|'.join(_PREFIXES)})"
+_SECOND = r"se[ckg](?:[ou]nd)?[a-z]{0,3}"  # sec, secs, seconds, Sekunden, segundos
+_TIME = "(?:timestamp|time|stamp|ts|t|clock|epoch|unix|boot|uptime|elapsed|zeit)"
+_PART = re.compile(
+    rf"{_TIME}?{_PREFIX}(?:s|{_SECOND})|(milli|micro|mikro|nano)|[a-z]*(milli|micro|nano)s"
 )
-"""Words at the end of a name that say a unit which is none of `UNITS`."""
+_WHOLE = re.compile(rf"s|{_TIME}?{_SECOND}")
+_LONGER = {
+    **dict.fromkeys(("min", "mins", "minute", "minutes", "minuten"), "min"),
+    **dict.fromkeys(("hr", "hrs", "hour", "hours", "stunde", "stunden"), "h"),
+    **dict.fromkeys(("day", "days", "tag", "tage"), "d"),
+}
+_OTHER = re.compile(
+    r"ticks?|jiffies|cycles?|counts|clk|[pfcd]s|weeks?|months?|years?|filetime|datenum|[hdm]"
+    rf"|[a-z]+{_SECOND}"
+)
+"""Words at the end of a name that say a unit which is none of `UNITS`, or may say one."""
 _COUNTERS = (
     *("index", "idx", "sample", "samples", "frame", "frames", "row", "rows"),
     *("seq", "sequence", "number", "no", "nr", "unnamed"),
 )
 """Names made of these words alone count samples."""
-_TIME_WORDS = "timestamp|time|stamp|ts|t|clock|epoch|unix|boot|uptime|elapsed|zeit"
-
-_UNIT_OF = {word: unit for unit, words in _ANYWHERE.items() for word in words.split()}
-_UNIT_AT_END = {word: unit for unit, words in _AT_THE_END.items() for word in words.split()}
-_LONG = sorted((w for w in _UNIT_OF if len(w) > 3), key=len, reverse=True)
 
 
 def named_unit(name: str) -> tuple[str | None, str]:
     """(unit, ""): what a column's name says, None for nothing; (None, why): the unit must be given.
 
-    The unit stands in brackets, after a sign or a capital letter, or is the whole name: `t_ms`,
-    `time [us]`, `TimeUS`, `millis`, `t_min`, `ms since boot`.
+    The unit is a word between signs or capital letters, or follows a word for time: `t_ms`,
+    `time [us]`, `TimeUS`, `millis`, `t_min`, `ms since boot`. Seconds, minutes, hours and days
+    stand at the end.
     """
-    letters = re.sub("µ", "μ", name)
-    found = _words(re.findall(r"[^\W\d_]+", letters.casefold()))
-    if found == (set(), ""):
-        found = _words(
-            [w.casefold() for w in re.findall(r"[A-Z]+(?![a-zμ])|[A-Z]?[a-zμ]+", letters)]
-        )
-    units, why = found
+    letters = name.replace("µ", "μ")
+    words = _before_since(re.findall(r"[^\W\d_]+", letters.casefold()))
+    if words and all(word in _COUNTERS for word in words):
+        return None, "the name speaks of counted samples"
+    if re.search(r"\d[mun\u03bc]?s(?![a-z\u03bc])", letters.casefold()):
+        return None, "the name speaks of a number of units"
+    units = _units(words)
     bracket = re.search(r"[\[(/]\s*([hd])\s*[\])]?\s*$", letters.casefold())
-    if bracket:
-        units, why = units | {bracket[1]}, ""
+    if bracket or words in (["h"], ["d"]):
+        units.add(bracket[1] if bracket else words[0])
+    if not units:
+        camel = re.findall(r"[^\W\d_]+", re.sub(r"(?<=[a-zμ])(?=[A-Z])", " ", letters).casefold())
+        words = _before_since(camel)
+        units = _units(words)
     if len(units) > 1:
         return None, f"the name speaks of {' and '.join(sorted(units))}"
-    return (units.pop(), "") if units else (None, why)
+    if units:
+        return units.pop(), ""
+    if words and _OTHER.fullmatch(words[-1]):
+        return None, f"the name ends in {words[-1]!r}"
+    return None, ""
 
 
-def _words(words: list[str]) -> tuple[set[str], str]:
-    """The units among the words of a name, and why the unit must be asked for."""
-    if words and all(word in _COUNTERS for word in words):
-        return set(), "the name speaks of counted samples"
-    since = next((i for i, w in enumerate(words) if i and w in ("since", "from", "after")), None)
-    words = words[:since]
-    units = set()
-    for word in words:
-        short = re.fullmatch(rf"(?:{_TIME_WORDS})(ms|us|μs|ns)", word)
-        long = next((end for end in _LONG if word.endswith(end)), "")
-        unit = _UNIT_OF.get(word) or _UNIT_OF.get(long) or (short and _UNIT_OF[short[1]])
-        units |= {unit} if unit else set()
-    last = words[-1] if words else ""
-    if last in _UNIT_AT_END and last not in _UNIT_OF:
-        units.add(_UNIT_AT_END[last])
-    why = ""
-    if last in _OTHER or last == "m" or (last in ("h", "d") and len(words) > 1):
-        why = f"the name ends in {last!r}"
-    elif last in ("h", "d"):
-        units.add(last)
-    return units, why
+def _before_since(words: list[str]) -> list[str]:
+    """The words of a name without its origin: ms (since boot)."""
+    origin = (i for i, w in enumerate(words) if i and w in ("since", "from", "after"))
+    return words[: next(origin, len(words))]
+
+
+def _units(words: list[str]) -> set[str]:
+    """The units that the words of a name say."""
+    parts = [_PART.fullmatch(word) for word in words]
+    found = {_PREFIXES[next(filter(None, part.groups()))] for part in parts if part}
+    if words and _WHOLE.fullmatch(words[-1]):
+        found.add("s")
+    if words and words[-1] in _LONGER:
+        found.add(_LONGER[words[-1]])
+    return found
 
 
 def unix_unit(value: float) -> str | None:
@@ -152,8 +156,10 @@ def unix_unit(value: float) -> str | None:
 
 
 def unix_days(value: float) -> str | None:
-    """Whose count of days makes this number a date of the years 2000 to 2100."""
-    for name, begin in (("spreadsheets count", 36526.0), ("MATLAB counts", 730486.0)):
+    """Which count of days makes this number a date of the years 2000 to 2100."""
+    counts = {"spreadsheet": 36526.0, "modified Julian": 51544.0}
+    counts |= {"MATLAB": 730486.0, "Julian": 2451544.5}
+    for name, begin in counts.items():
         if begin <= value < begin + 36525.0:
             return name
     return None

@@ -10,7 +10,7 @@ use crate::Scalar;
 use crate::error::{DesignError, positive, require};
 use crate::memory::Memory;
 use crate::model::StrictFeedback;
-use crate::observer::{Causal, Measurement, Observer, Status, Timing};
+use crate::observer::{Causal, Measurement, Observer, Status, Timing, absent};
 use nalgebra::SVector;
 
 /// ẑ, the last sample seen, and the step that the next one closes.
@@ -49,6 +49,18 @@ impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> ReducedOrderSt
     #[inline(always)]
     fn parts(&self) -> Parts<T, NX, NZ, M> {
         (self.z_hat, (self.y, (self.u, (self.elapsed, self.period))))
+    }
+
+    /// ẑ at the end of the step, and what became of it: it is held where the model has no value.
+    #[inline(always)]
+    fn moved(&mut self, rate: &SVector<T, NZ>, status: Status) -> Status {
+        let next = self.z_hat + rate * self.period;
+        if next.is_present() {
+            self.z_hat = next;
+            status
+        } else {
+            Status::ModelUndefined
+        }
     }
 }
 
@@ -176,29 +188,24 @@ where
     /// Close the step that ends at t.
     #[inline(always)]
     fn correct(&self, z: &mut Self::State, y: &Self::Measurement, t: T) -> Status {
-        let mut status = Status::of(y);
-        if z.elapsed > T::ZERO {
-            let (last, begun) = (t - z.elapsed, t - z.period);
-            let rate = if y.is_present() {
+        let (closes, last, begun) = (z.elapsed > T::ZERO, t - z.elapsed, t - z.period);
+        let status = if y.is_present() {
+            let mut status = Status::Updated;
+            if closes {
                 let slope = (y - z.y).map(|d| d / z.elapsed);
                 let moved = slope - self.model.f1(last, &z.y, &z.u);
                 let psi = self.model.explain(last, &z.y, &z.u, &moved);
                 let f2 = self.model.f2(begun, &z.y, &psi, &z.u);
-                self.h.component_mul(&(psi - z.z_hat)) + f2 // (8)
-            } else {
-                self.model.f2(begun, &z.y, &z.z_hat, &z.u)
-            };
-            let next = z.z_hat + rate * z.period;
-            if next.is_present() {
-                z.z_hat = next;
-            } else {
-                status = Status::ModelUndefined;
+                status = z.moved(&(self.h.component_mul(&(psi - z.z_hat)) + f2), status); // (8)
             }
-        }
-        z.period = T::ZERO; // it is closed
-        if y.is_present() {
             (z.y, z.elapsed) = (*y, T::ZERO);
-        }
+            status
+        } else if closes {
+            z.moved(&self.model.f2(begun, &z.y, &z.z_hat, &z.u), Status::Predicted)
+        } else {
+            Status::Predicted
+        };
+        z.period = T::ZERO; // it is closed
         status
     }
 
@@ -211,9 +218,17 @@ where
         _: T,
         dt: T,
     ) -> Status {
-        let started = T::ONE.copysign(z.elapsed).max(T::ZERO); // 1, or 0 before the first sample
-        (z.elapsed, z.u, z.period) = (z.elapsed + started * dt, *u, dt);
+        (z.elapsed, z.u, z.period) = (z.elapsed.passed(dt), *u, dt);
         Status::Predicted
+    }
+
+    /// After a step that was left open, which is closed without a sample.
+    #[inline(always)]
+    fn predict(&self, z: &mut Self::State, u: &Self::Input, t: T, dt: T) -> Status {
+        let open = z.period > T::ZERO;
+        let closed = if open { self.correct(z, &absent(), t) } else { Status::Predicted };
+        self.advance(z, &absent(), u, t, dt);
+        closed
     }
 
     #[inline(always)]

@@ -33,12 +33,13 @@ impl<T: Scalar, Md: SampledModel<T, N, M>, const N: usize, const M: usize> Obser
     #[inline(always)]
     fn advance(&self, x_hat: &mut Self::State, y: &T, u: &Self::Input, t: T, dt: T) -> Status {
         let predicted = *x_hat + self.model.f(t, x_hat, u) * dt;
-        *x_hat = if y.is_finite() {
-            predicted + self.model.correction(t, x_hat, u, *y, dt) // (5)
+        if y.is_finite() {
+            *x_hat = predicted + self.model.correction(t, x_hat, u, *y, dt); // (5)
+            Status::Updated
         } else {
-            predicted
-        };
-        Status::of(y)
+            *x_hat = predicted;
+            Status::Predicted
+        }
     }
 
     #[inline(always)]

@@ -1092,13 +1092,14 @@ impl Step {
             outputs.iter().map(|output| r.0[usize::from(*output)]).collect()
         };
         let (next, shown) = (numbers(next, r), numbers(shown, r));
+        let taken = self.shown > 0 && shown.iter().all(|value| value.is_finite());
         if moved {
             r.0[MEMORY..MEMORY + memory].copy_from_slice(&next);
-        } else if self.shown > 0 && shown.iter().all(|value| value.is_finite()) {
+        } else if taken {
             // the sample was taken, the way on has no value
             r.0[MEMORY..MEMORY + memory].copy_from_slice(&shown);
         }
-        if moved || self.shown > 0 {
+        if moved || taken {
             for (i, value) in shown.iter().enumerate() {
                 keep(*value, row.get_mut(i), largest.get_mut(i));
             }

@@ -405,4 +405,8 @@ impl Scalar for Traced {
         let present = apply(Operation::Equal, [nothing, nothing]);
         apply(Operation::Select, [present, Self::ZERO, self])
     }
+    fn passed(self, dt: Self) -> Self {
+        let none = apply(Operation::Less, [self, Self::ZERO]);
+        apply(Operation::Select, [none, self, self + dt])
+    }
 }

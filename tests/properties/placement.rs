@@ -185,18 +185,17 @@ fn gains_are<const N: usize, const C: usize>((alpha, beta, cases): Precise<N, C>
         let mut z = law.initial();
         z.0.eta.fill(1.0); // e_i = eta_(i-1)
         let moved = law.inject(&z, &1.0, &gains, dt);
-        let near = |found: f64, wanted: f64| (found / wanted - 1.0).abs() < 1e-12;
-        for i in 0..N {
-            let found = moved.0.x_hat[i];
-            assert!(near(found, a[i]), "n = {N}, T = {dt}, a_{}: {found}, {}", i + 1, a[i]);
-        }
+        let compare = |name: &str, found: &[f64], wanted: &[f64]| {
+            for (i, (found, wanted)) in found.iter().zip(wanted).enumerate() {
+                let near = (found / wanted - 1.0).abs() < 1e-12;
+                assert!(near, "n = {N}, T = {dt}, {name}_{}: {found}, {wanted}", i + 1);
+            }
+        };
+        compare("a", moved.0.x_hat.as_slice(), &a);
         z.0.eta.fill(0.0);
         z.0.x_hat.fill(-1.0); // e_i = -x_hat_i
         let moved = law.inject(&z, &1.0, &gains, dt);
-        for i in 0..N - 1 {
-            let found = moved.0.eta[i];
-            assert!(near(found, b[i]), "n = {N}, T = {dt}, b_{}: {found}, {}", i + 1, b[i]);
-        }
+        compare("b", &moved.0.eta.as_slice()[..N - 1], &b[..N - 1]);
     }
 }
 

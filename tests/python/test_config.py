@@ -154,6 +154,13 @@ def test_what_may_have_no_end_is_refused(tmp_path):
             hgo_rs.load(path)
 
 
+def test_a_wrong_expression_is_shown_on_one_line():
+    text = 'format = 1\nobserver = "standard"\ngain = 2.0\n[model]\nstates = ["q", "v"]\n'
+    said = refusal(text + 'phi = "sin(q) + * v"\n')
+    assert "line 6: phi: unexpected '*'" in said
+    assert said.endswith(", in 'sin(q) + * v'")
+
+
 HEAD = 'format = 1\nobserver = "standard"\n'
 
 

@@ -544,8 +544,8 @@ def test_names_that_leave_the_unit_open_are_asked(tmp_path, name):
         (np.arange(50) * 1e6, "is 11.6 days, taken in s"),
         (3_600_000_000_000 + np.arange(50) * 5_000_000, "taken in ms, which neither"),  # uptime, ns
         (133_542_000_000_000_000 + np.arange(50) * 50_000, "years from its origin"),  # 100 ns
-        (739_000.3 + np.arange(50) * 5e-3 / 86400, "as MATLAB counts dates in days"),
-        (45_356.3 + np.arange(50) * 5e-3 / 86400, "as spreadsheets count dates in days"),
+        (739_000.3 + np.arange(50) * 5e-3 / 86400, "a MATLAB date in days"),
+        (45_356.3 + np.arange(50) * 5e-3 / 86400, "a spreadsheet date in days"),
         (np.r_[np.arange(50) * 0.005, 1.7e9 + np.arange(50) * 0.005], "leaps by 53.9 years"),
     ],
 )
@@ -618,6 +618,12 @@ def test_rows_out_of_order_are_no_pieces(tmp_path, resets, order):
     assert "sort" in said or (order == "interleaved" and resets == "refuse")
     if order == "newest first":
         assert "newest first: sort it by time" in said
+
+
+def test_times_written_with_too_few_digits(tmp_path):
+    times = [f"{1.7e9 + 0.005 * k:.6g}" for k in range(50)]
+    path = write(tmp_path, "t,q\n" + "".join(f"{t},1\n" for t in times))
+    assert "or write times with all their digits" in refusal(path, "t", "q")
 
 
 def test_a_last_piece_of_one_row_is_refused(tmp_path):

@@ -158,6 +158,8 @@ def test_a_table_in_pieces_comes_whole(tmp_path):
         writer.write({"t": np.array([1.0])})
         raise ZeroDivisionError
     assert path.read_bytes() == b"t\n0.0\n0.5\n\n"
+    with pytest.raises(HgoError, match="no columns"), TableWriter(tmp_path / "b.csv"):
+        pass
     assert list(tmp_path.iterdir()) == [path]
 
 

@@ -451,8 +451,10 @@ def test_a_simulation_of_callables_has_the_numbers_of_expressions(method: str, t
 
 @pytest.mark.parametrize("of", ["plant", "model"])
 def test_an_error_of_a_callable_ends_a_simulation(of: str) -> None:
+    late = [math.inf]
+
     def fails(t: float, x: np.ndarray, *_: Any) -> Any:
-        if t > 0.3:
+        if float(t) > late[0]:
             raise ZeroDivisionError("asked for")
         return -float(x[0])
 
@@ -462,7 +464,19 @@ def test_an_error_of_a_callable_ends_a_simulation(of: str) -> None:
         plant = hgo.Plant(states=["q", "v"], drift=["v", fails])
     else:
         model = hgo.Model(states=["q", "v"], phi=fails)
+    late[0] = 0.3
     with pytest.raises(ZeroDivisionError, match="asked for"):
         hgo.simulate(
             plant, hgo.StandardObserver(2, 10.0, model=model), x0=[1, 0], dt=1e-2, steps=90, runs=4
         )
+
+
+def test_a_reduced_order_observer_tells_its_states() -> None:
+    model = hgo.Model(states=["x", "z"], f1=["0"], g=[["1"]], f2=["log(z)"])
+    observer = hgo.ReducedOrderObserver(0.05, h_bar=[0.5], model=model)
+    told = r"f2\[0\] = log\(z\) is not finite at x = -1, z = 0"
+    with pytest.raises(hgo.HgoError, match=rf"sample 1 .*{told}"):
+        observer.run(1e-2, -np.arange(5.0))
+    observer.step(0.0, dt=1e-2)
+    with pytest.raises(hgo.HgoError, match=told):
+        observer.step(-1.0, dt=1e-2)

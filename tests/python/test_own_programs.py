@@ -190,7 +190,7 @@ def test_a_traced_step_is_a_table_with_the_bits_of_the_step() -> None:
             made = _core.evaluate_table(table, [[0.3, 0.001, *z, 0.7]])[0]
         else:
             z[-1] = 0.001  # the time that the correction is for already
-            predict = _core.trace_step(observer.spec, part="predict")
+            predict = _core.trace_step(observer.spec, dt=0.002 if placed else None, part="predict")
             correct = _core.trace_step(observer.spec, dt=0.002 if placed else None, part="correct")
             before = _core.evaluate_table(predict, [[0.3, 0.001, *z]])[0][:m]
             made = _core.evaluate_table(correct, [[0.3 + 0.001, *before, 0.7]])[0]

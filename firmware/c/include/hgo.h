@@ -141,7 +141,7 @@ typedef struct {
     float k[5];
     /* gain [1/s], > 0 */
     float ell;
-    /* longest step [s], > 0: at most what step_limit gives */
+    /* longest step [s], > 0: at most step_limit, or predict_limit where predict is called */
     float dt_max;
 } hgo_standard_config_f32;
 HGO_ASSERT(sizeof(hgo_standard_config_f32) == 28);
@@ -152,7 +152,7 @@ typedef struct {
     double k[5];
     /* gain [1/s], > 0 */
     double ell;
-    /* longest step [s], > 0: at most what step_limit gives */
+    /* longest step [s], > 0: at most step_limit, or predict_limit where predict is called */
     double dt_max;
 } hgo_standard_config_f64;
 HGO_ASSERT(sizeof(hgo_standard_config_f64) == 56);
@@ -167,7 +167,8 @@ typedef struct {
     float p2;
     /* exponent, between 0 and 1/2 */
     float b;
-    /* longest step at r = 1 [s], > 0: at most what step_limit gives; at r it is dt_max/r */
+    /* longest step at r = 1 [s], > 0: at most step_limit, or predict_limit where predict is called;
+     * at r it is dt_max/r */
     float dt_max;
 } hgo_adaptive_config_f32;
 HGO_ASSERT(sizeof(hgo_adaptive_config_f32) == 36);
@@ -182,7 +183,8 @@ typedef struct {
     double p2;
     /* exponent, between 0 and 1/2 */
     double b;
-    /* longest step at r = 1 [s], > 0: at most what step_limit gives; at r it is dt_max/r */
+    /* longest step at r = 1 [s], > 0: at most step_limit, or predict_limit where predict is called;
+     * at r it is dt_max/r */
     double dt_max;
 } hgo_adaptive_config_f64;
 HGO_ASSERT(sizeof(hgo_adaptive_config_f64) == 72);
@@ -195,7 +197,7 @@ typedef struct {
     float beta[4];
     /* gain [1/s], > 0 */
     float ell;
-    /* longest step [s], > 0: at most what step_limit gives */
+    /* longest step [s], > 0: at most step_limit, or predict_limit where predict is called */
     float dt_max;
 } hgo_low_power_config_f32;
 HGO_ASSERT(sizeof(hgo_low_power_config_f32) == 44);
@@ -208,7 +210,7 @@ typedef struct {
     double beta[4];
     /* gain [1/s], > 0 */
     double ell;
-    /* longest step [s], > 0: at most what step_limit gives */
+    /* longest step [s], > 0: at most step_limit, or predict_limit where predict is called */
     double dt_max;
 } hgo_low_power_config_f64;
 HGO_ASSERT(sizeof(hgo_low_power_config_f64) == 88);
@@ -223,7 +225,7 @@ typedef struct {
     float saturation[4];
     /* gain [1/s], > 0 */
     float ell;
-    /* longest step [s], > 0: at most what step_limit gives */
+    /* longest step [s], > 0: at most step_limit, or predict_limit where predict is called */
     float dt_max;
 } hgo_peaking_free_config_f32;
 HGO_ASSERT(sizeof(hgo_peaking_free_config_f32) == 60);
@@ -238,7 +240,7 @@ typedef struct {
     double saturation[4];
     /* gain [1/s], > 0 */
     double ell;
-    /* longest step [s], > 0: at most what step_limit gives */
+    /* longest step [s], > 0: at most step_limit, or predict_limit where predict is called */
     double dt_max;
 } hgo_peaking_free_config_f64;
 HGO_ASSERT(sizeof(hgo_peaking_free_config_f64) == 120);
@@ -251,8 +253,9 @@ HGO_ASSERT(sizeof(hgo_peaking_free_config_f64) == 120);
  *
  * _init: Make a state of `size` bytes from a configuration, with the estimate 0. `error` may be
  *     NULL; after HGO_BAD_PARAMETER it says what was refused.
- * _step_limit: Write the stability limit of forward Euler [s], above which dt_max must not be, for
- *     the law of a configuration; its dt_max is not read. `error` may be NULL.
+ * _step_limit: Write the stability limit of step [s], above which dt_max must not be, for the law
+ *     of a configuration; its dt_max is not read. `error` may be NULL.
+ * _predict_limit: The same for correct and predict, whose limit is another one: mostly about half.
  * _step: Take the sample y of now (NaN: it is missing) and advance by dt [s], the time until the
  *     next sample: the papers' recursion, one call a sample. phi: what is known of the n-th
  *     derivative of y over that time, computed from the estimate before this step and from the
@@ -262,14 +265,16 @@ HGO_ASSERT(sizeof(hgo_peaking_free_config_f64) == 120);
  *     over; where there was none, as at the start, it changes nothing.
  * _predict: Move over the period of dt [s] that begins, without a sample: HGO_PREDICTED. phi: what
  *     is known of the n-th derivative of y over it, computed from the estimate of now and from the
- *     inputs that are applied from now on; 0 if nothing is.
+ *     inputs that are applied from now on; 0 if nothing is. After a period above dt_max the next
+ *     sample is not used, and correct says so.
  * _estimate: Copy the first n numbers of the memory: x_hat_1 ... x_hat_n, which estimate y and its
  *     derivatives now (after correct), or at the next sample (after step and predict). A larger n,
  *     up to the length of the memory, gives what the law remembers beside: eta_1 ... eta_(n-1) or
  *     r, and last the time [s] that the next correction is for.
  * _restart: Start again at time 0 from an estimate of n numbers, n the order, or from a whole
  *     memory; every number finite, r at least 1, the time not negative. The counts go on.
- * _counts: Copy the counts of what the steps ended in.
+ * _counts: Copy the counts of what step and correct ended in, one a sample, and of what predict
+ *     refused or held.
  */
 
 /* Standard observer, fixed gain: memory x_hat, time. */
@@ -280,6 +285,8 @@ typedef struct { uint32_t opaque[HGO_STANDARD2_F32_SIZE / 4]; } hgo_standard2_f3
 int32_t hgo_standard2_f32_init(hgo_standard2_f32 *state, size_t size, uint32_t version,
     const hgo_standard_config_f32 *config, hgo_error *error);
 int32_t hgo_standard2_f32_step_limit(const hgo_standard_config_f32 *config, float *dt_max,
+    hgo_error *error);
+int32_t hgo_standard2_f32_predict_limit(const hgo_standard_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_standard2_f32_step(hgo_standard2_f32 *state, float y, float phi, float dt);
 int32_t hgo_standard2_f32_correct(hgo_standard2_f32 *state, float y);
@@ -295,6 +302,8 @@ int32_t hgo_standard3_f32_init(hgo_standard3_f32 *state, size_t size, uint32_t v
     const hgo_standard_config_f32 *config, hgo_error *error);
 int32_t hgo_standard3_f32_step_limit(const hgo_standard_config_f32 *config, float *dt_max,
     hgo_error *error);
+int32_t hgo_standard3_f32_predict_limit(const hgo_standard_config_f32 *config, float *dt_max,
+    hgo_error *error);
 int32_t hgo_standard3_f32_step(hgo_standard3_f32 *state, float y, float phi, float dt);
 int32_t hgo_standard3_f32_correct(hgo_standard3_f32 *state, float y);
 int32_t hgo_standard3_f32_predict(hgo_standard3_f32 *state, float phi, float dt);
@@ -308,6 +317,8 @@ typedef struct { uint32_t opaque[HGO_STANDARD4_F32_SIZE / 4]; } hgo_standard4_f3
 int32_t hgo_standard4_f32_init(hgo_standard4_f32 *state, size_t size, uint32_t version,
     const hgo_standard_config_f32 *config, hgo_error *error);
 int32_t hgo_standard4_f32_step_limit(const hgo_standard_config_f32 *config, float *dt_max,
+    hgo_error *error);
+int32_t hgo_standard4_f32_predict_limit(const hgo_standard_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_standard4_f32_step(hgo_standard4_f32 *state, float y, float phi, float dt);
 int32_t hgo_standard4_f32_correct(hgo_standard4_f32 *state, float y);
@@ -323,6 +334,8 @@ int32_t hgo_standard5_f32_init(hgo_standard5_f32 *state, size_t size, uint32_t v
     const hgo_standard_config_f32 *config, hgo_error *error);
 int32_t hgo_standard5_f32_step_limit(const hgo_standard_config_f32 *config, float *dt_max,
     hgo_error *error);
+int32_t hgo_standard5_f32_predict_limit(const hgo_standard_config_f32 *config, float *dt_max,
+    hgo_error *error);
 int32_t hgo_standard5_f32_step(hgo_standard5_f32 *state, float y, float phi, float dt);
 int32_t hgo_standard5_f32_correct(hgo_standard5_f32 *state, float y);
 int32_t hgo_standard5_f32_predict(hgo_standard5_f32 *state, float phi, float dt);
@@ -336,6 +349,8 @@ typedef struct { uint64_t opaque[HGO_STANDARD2_F64_SIZE / 8]; } hgo_standard2_f6
 int32_t hgo_standard2_f64_init(hgo_standard2_f64 *state, size_t size, uint32_t version,
     const hgo_standard_config_f64 *config, hgo_error *error);
 int32_t hgo_standard2_f64_step_limit(const hgo_standard_config_f64 *config, double *dt_max,
+    hgo_error *error);
+int32_t hgo_standard2_f64_predict_limit(const hgo_standard_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_standard2_f64_step(hgo_standard2_f64 *state, double y, double phi, double dt);
 int32_t hgo_standard2_f64_correct(hgo_standard2_f64 *state, double y);
@@ -351,6 +366,8 @@ int32_t hgo_standard3_f64_init(hgo_standard3_f64 *state, size_t size, uint32_t v
     const hgo_standard_config_f64 *config, hgo_error *error);
 int32_t hgo_standard3_f64_step_limit(const hgo_standard_config_f64 *config, double *dt_max,
     hgo_error *error);
+int32_t hgo_standard3_f64_predict_limit(const hgo_standard_config_f64 *config, double *dt_max,
+    hgo_error *error);
 int32_t hgo_standard3_f64_step(hgo_standard3_f64 *state, double y, double phi, double dt);
 int32_t hgo_standard3_f64_correct(hgo_standard3_f64 *state, double y);
 int32_t hgo_standard3_f64_predict(hgo_standard3_f64 *state, double phi, double dt);
@@ -365,6 +382,8 @@ int32_t hgo_standard4_f64_init(hgo_standard4_f64 *state, size_t size, uint32_t v
     const hgo_standard_config_f64 *config, hgo_error *error);
 int32_t hgo_standard4_f64_step_limit(const hgo_standard_config_f64 *config, double *dt_max,
     hgo_error *error);
+int32_t hgo_standard4_f64_predict_limit(const hgo_standard_config_f64 *config, double *dt_max,
+    hgo_error *error);
 int32_t hgo_standard4_f64_step(hgo_standard4_f64 *state, double y, double phi, double dt);
 int32_t hgo_standard4_f64_correct(hgo_standard4_f64 *state, double y);
 int32_t hgo_standard4_f64_predict(hgo_standard4_f64 *state, double phi, double dt);
@@ -378,6 +397,8 @@ typedef struct { uint64_t opaque[HGO_STANDARD5_F64_SIZE / 8]; } hgo_standard5_f6
 int32_t hgo_standard5_f64_init(hgo_standard5_f64 *state, size_t size, uint32_t version,
     const hgo_standard_config_f64 *config, hgo_error *error);
 int32_t hgo_standard5_f64_step_limit(const hgo_standard_config_f64 *config, double *dt_max,
+    hgo_error *error);
+int32_t hgo_standard5_f64_predict_limit(const hgo_standard_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_standard5_f64_step(hgo_standard5_f64 *state, double y, double phi, double dt);
 int32_t hgo_standard5_f64_correct(hgo_standard5_f64 *state, double y);
@@ -395,6 +416,8 @@ int32_t hgo_adaptive2_f32_init(hgo_adaptive2_f32 *state, size_t size, uint32_t v
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_adaptive2_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
+int32_t hgo_adaptive2_f32_predict_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
+    hgo_error *error);
 int32_t hgo_adaptive2_f32_step(hgo_adaptive2_f32 *state, float y, float phi, float dt);
 int32_t hgo_adaptive2_f32_correct(hgo_adaptive2_f32 *state, float y);
 int32_t hgo_adaptive2_f32_predict(hgo_adaptive2_f32 *state, float phi, float dt);
@@ -408,6 +431,8 @@ typedef struct { uint32_t opaque[HGO_ADAPTIVE3_F32_SIZE / 4]; } hgo_adaptive3_f3
 int32_t hgo_adaptive3_f32_init(hgo_adaptive3_f32 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_adaptive3_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
+    hgo_error *error);
+int32_t hgo_adaptive3_f32_predict_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_adaptive3_f32_step(hgo_adaptive3_f32 *state, float y, float phi, float dt);
 int32_t hgo_adaptive3_f32_correct(hgo_adaptive3_f32 *state, float y);
@@ -423,6 +448,8 @@ int32_t hgo_adaptive4_f32_init(hgo_adaptive4_f32 *state, size_t size, uint32_t v
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_adaptive4_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
+int32_t hgo_adaptive4_f32_predict_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
+    hgo_error *error);
 int32_t hgo_adaptive4_f32_step(hgo_adaptive4_f32 *state, float y, float phi, float dt);
 int32_t hgo_adaptive4_f32_correct(hgo_adaptive4_f32 *state, float y);
 int32_t hgo_adaptive4_f32_predict(hgo_adaptive4_f32 *state, float phi, float dt);
@@ -436,6 +463,8 @@ typedef struct { uint32_t opaque[HGO_ADAPTIVE5_F32_SIZE / 4]; } hgo_adaptive5_f3
 int32_t hgo_adaptive5_f32_init(hgo_adaptive5_f32 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_adaptive5_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
+    hgo_error *error);
+int32_t hgo_adaptive5_f32_predict_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_adaptive5_f32_step(hgo_adaptive5_f32 *state, float y, float phi, float dt);
 int32_t hgo_adaptive5_f32_correct(hgo_adaptive5_f32 *state, float y);
@@ -451,6 +480,8 @@ int32_t hgo_adaptive2_f64_init(hgo_adaptive2_f64 *state, size_t size, uint32_t v
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_adaptive2_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
+int32_t hgo_adaptive2_f64_predict_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
+    hgo_error *error);
 int32_t hgo_adaptive2_f64_step(hgo_adaptive2_f64 *state, double y, double phi, double dt);
 int32_t hgo_adaptive2_f64_correct(hgo_adaptive2_f64 *state, double y);
 int32_t hgo_adaptive2_f64_predict(hgo_adaptive2_f64 *state, double phi, double dt);
@@ -464,6 +495,8 @@ typedef struct { uint64_t opaque[HGO_ADAPTIVE3_F64_SIZE / 8]; } hgo_adaptive3_f6
 int32_t hgo_adaptive3_f64_init(hgo_adaptive3_f64 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_adaptive3_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
+    hgo_error *error);
+int32_t hgo_adaptive3_f64_predict_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_adaptive3_f64_step(hgo_adaptive3_f64 *state, double y, double phi, double dt);
 int32_t hgo_adaptive3_f64_correct(hgo_adaptive3_f64 *state, double y);
@@ -479,6 +512,8 @@ int32_t hgo_adaptive4_f64_init(hgo_adaptive4_f64 *state, size_t size, uint32_t v
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_adaptive4_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
+int32_t hgo_adaptive4_f64_predict_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
+    hgo_error *error);
 int32_t hgo_adaptive4_f64_step(hgo_adaptive4_f64 *state, double y, double phi, double dt);
 int32_t hgo_adaptive4_f64_correct(hgo_adaptive4_f64 *state, double y);
 int32_t hgo_adaptive4_f64_predict(hgo_adaptive4_f64 *state, double phi, double dt);
@@ -492,6 +527,8 @@ typedef struct { uint64_t opaque[HGO_ADAPTIVE5_F64_SIZE / 8]; } hgo_adaptive5_f6
 int32_t hgo_adaptive5_f64_init(hgo_adaptive5_f64 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_adaptive5_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
+    hgo_error *error);
+int32_t hgo_adaptive5_f64_predict_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_adaptive5_f64_step(hgo_adaptive5_f64 *state, double y, double phi, double dt);
 int32_t hgo_adaptive5_f64_correct(hgo_adaptive5_f64 *state, double y);
@@ -509,6 +546,8 @@ int32_t hgo_dead_zone2_f32_init(hgo_dead_zone2_f32 *state, size_t size, uint32_t
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_dead_zone2_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
+int32_t hgo_dead_zone2_f32_predict_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
+    hgo_error *error);
 int32_t hgo_dead_zone2_f32_step(hgo_dead_zone2_f32 *state, float y, float phi, float dt);
 int32_t hgo_dead_zone2_f32_correct(hgo_dead_zone2_f32 *state, float y);
 int32_t hgo_dead_zone2_f32_predict(hgo_dead_zone2_f32 *state, float phi, float dt);
@@ -522,6 +561,8 @@ typedef struct { uint32_t opaque[HGO_DEAD_ZONE3_F32_SIZE / 4]; } hgo_dead_zone3_
 int32_t hgo_dead_zone3_f32_init(hgo_dead_zone3_f32 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_dead_zone3_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
+    hgo_error *error);
+int32_t hgo_dead_zone3_f32_predict_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_dead_zone3_f32_step(hgo_dead_zone3_f32 *state, float y, float phi, float dt);
 int32_t hgo_dead_zone3_f32_correct(hgo_dead_zone3_f32 *state, float y);
@@ -537,6 +578,8 @@ int32_t hgo_dead_zone4_f32_init(hgo_dead_zone4_f32 *state, size_t size, uint32_t
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_dead_zone4_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
+int32_t hgo_dead_zone4_f32_predict_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
+    hgo_error *error);
 int32_t hgo_dead_zone4_f32_step(hgo_dead_zone4_f32 *state, float y, float phi, float dt);
 int32_t hgo_dead_zone4_f32_correct(hgo_dead_zone4_f32 *state, float y);
 int32_t hgo_dead_zone4_f32_predict(hgo_dead_zone4_f32 *state, float phi, float dt);
@@ -550,6 +593,8 @@ typedef struct { uint32_t opaque[HGO_DEAD_ZONE5_F32_SIZE / 4]; } hgo_dead_zone5_
 int32_t hgo_dead_zone5_f32_init(hgo_dead_zone5_f32 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f32 *config, hgo_error *error);
 int32_t hgo_dead_zone5_f32_step_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
+    hgo_error *error);
+int32_t hgo_dead_zone5_f32_predict_limit(const hgo_adaptive_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_dead_zone5_f32_step(hgo_dead_zone5_f32 *state, float y, float phi, float dt);
 int32_t hgo_dead_zone5_f32_correct(hgo_dead_zone5_f32 *state, float y);
@@ -565,6 +610,8 @@ int32_t hgo_dead_zone2_f64_init(hgo_dead_zone2_f64 *state, size_t size, uint32_t
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_dead_zone2_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
+int32_t hgo_dead_zone2_f64_predict_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
+    hgo_error *error);
 int32_t hgo_dead_zone2_f64_step(hgo_dead_zone2_f64 *state, double y, double phi, double dt);
 int32_t hgo_dead_zone2_f64_correct(hgo_dead_zone2_f64 *state, double y);
 int32_t hgo_dead_zone2_f64_predict(hgo_dead_zone2_f64 *state, double phi, double dt);
@@ -578,6 +625,8 @@ typedef struct { uint64_t opaque[HGO_DEAD_ZONE3_F64_SIZE / 8]; } hgo_dead_zone3_
 int32_t hgo_dead_zone3_f64_init(hgo_dead_zone3_f64 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_dead_zone3_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
+    hgo_error *error);
+int32_t hgo_dead_zone3_f64_predict_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_dead_zone3_f64_step(hgo_dead_zone3_f64 *state, double y, double phi, double dt);
 int32_t hgo_dead_zone3_f64_correct(hgo_dead_zone3_f64 *state, double y);
@@ -593,6 +642,8 @@ int32_t hgo_dead_zone4_f64_init(hgo_dead_zone4_f64 *state, size_t size, uint32_t
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_dead_zone4_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
+int32_t hgo_dead_zone4_f64_predict_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
+    hgo_error *error);
 int32_t hgo_dead_zone4_f64_step(hgo_dead_zone4_f64 *state, double y, double phi, double dt);
 int32_t hgo_dead_zone4_f64_correct(hgo_dead_zone4_f64 *state, double y);
 int32_t hgo_dead_zone4_f64_predict(hgo_dead_zone4_f64 *state, double phi, double dt);
@@ -606,6 +657,8 @@ typedef struct { uint64_t opaque[HGO_DEAD_ZONE5_F64_SIZE / 8]; } hgo_dead_zone5_
 int32_t hgo_dead_zone5_f64_init(hgo_dead_zone5_f64 *state, size_t size, uint32_t version,
     const hgo_adaptive_config_f64 *config, hgo_error *error);
 int32_t hgo_dead_zone5_f64_step_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
+    hgo_error *error);
+int32_t hgo_dead_zone5_f64_predict_limit(const hgo_adaptive_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_dead_zone5_f64_step(hgo_dead_zone5_f64 *state, double y, double phi, double dt);
 int32_t hgo_dead_zone5_f64_correct(hgo_dead_zone5_f64 *state, double y);
@@ -623,6 +676,8 @@ int32_t hgo_low_power2_f32_init(hgo_low_power2_f32 *state, size_t size, uint32_t
     const hgo_low_power_config_f32 *config, hgo_error *error);
 int32_t hgo_low_power2_f32_step_limit(const hgo_low_power_config_f32 *config, float *dt_max,
     hgo_error *error);
+int32_t hgo_low_power2_f32_predict_limit(const hgo_low_power_config_f32 *config, float *dt_max,
+    hgo_error *error);
 int32_t hgo_low_power2_f32_step(hgo_low_power2_f32 *state, float y, float phi, float dt);
 int32_t hgo_low_power2_f32_correct(hgo_low_power2_f32 *state, float y);
 int32_t hgo_low_power2_f32_predict(hgo_low_power2_f32 *state, float phi, float dt);
@@ -636,6 +691,8 @@ typedef struct { uint32_t opaque[HGO_LOW_POWER3_F32_SIZE / 4]; } hgo_low_power3_
 int32_t hgo_low_power3_f32_init(hgo_low_power3_f32 *state, size_t size, uint32_t version,
     const hgo_low_power_config_f32 *config, hgo_error *error);
 int32_t hgo_low_power3_f32_step_limit(const hgo_low_power_config_f32 *config, float *dt_max,
+    hgo_error *error);
+int32_t hgo_low_power3_f32_predict_limit(const hgo_low_power_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_low_power3_f32_step(hgo_low_power3_f32 *state, float y, float phi, float dt);
 int32_t hgo_low_power3_f32_correct(hgo_low_power3_f32 *state, float y);
@@ -651,6 +708,8 @@ int32_t hgo_low_power4_f32_init(hgo_low_power4_f32 *state, size_t size, uint32_t
     const hgo_low_power_config_f32 *config, hgo_error *error);
 int32_t hgo_low_power4_f32_step_limit(const hgo_low_power_config_f32 *config, float *dt_max,
     hgo_error *error);
+int32_t hgo_low_power4_f32_predict_limit(const hgo_low_power_config_f32 *config, float *dt_max,
+    hgo_error *error);
 int32_t hgo_low_power4_f32_step(hgo_low_power4_f32 *state, float y, float phi, float dt);
 int32_t hgo_low_power4_f32_correct(hgo_low_power4_f32 *state, float y);
 int32_t hgo_low_power4_f32_predict(hgo_low_power4_f32 *state, float phi, float dt);
@@ -664,6 +723,8 @@ typedef struct { uint32_t opaque[HGO_LOW_POWER5_F32_SIZE / 4]; } hgo_low_power5_
 int32_t hgo_low_power5_f32_init(hgo_low_power5_f32 *state, size_t size, uint32_t version,
     const hgo_low_power_config_f32 *config, hgo_error *error);
 int32_t hgo_low_power5_f32_step_limit(const hgo_low_power_config_f32 *config, float *dt_max,
+    hgo_error *error);
+int32_t hgo_low_power5_f32_predict_limit(const hgo_low_power_config_f32 *config, float *dt_max,
     hgo_error *error);
 int32_t hgo_low_power5_f32_step(hgo_low_power5_f32 *state, float y, float phi, float dt);
 int32_t hgo_low_power5_f32_correct(hgo_low_power5_f32 *state, float y);
@@ -679,6 +740,8 @@ int32_t hgo_low_power2_f64_init(hgo_low_power2_f64 *state, size_t size, uint32_t
     const hgo_low_power_config_f64 *config, hgo_error *error);
 int32_t hgo_low_power2_f64_step_limit(const hgo_low_power_config_f64 *config, double *dt_max,
     hgo_error *error);
+int32_t hgo_low_power2_f64_predict_limit(const hgo_low_power_config_f64 *config, double *dt_max,
+    hgo_error *error);
 int32_t hgo_low_power2_f64_step(hgo_low_power2_f64 *state, double y, double phi, double dt);
 int32_t hgo_low_power2_f64_correct(hgo_low_power2_f64 *state, double y);
 int32_t hgo_low_power2_f64_predict(hgo_low_power2_f64 *state, double phi, double dt);
@@ -692,6 +755,8 @@ typedef struct { uint64_t opaque[HGO_LOW_POWER3_F64_SIZE / 8]; } hgo_low_power3_
 int32_t hgo_low_power3_f64_init(hgo_low_power3_f64 *state, size_t size, uint32_t version,
     const hgo_low_power_config_f64 *config, hgo_error *error);
 int32_t hgo_low_power3_f64_step_limit(const hgo_low_power_config_f64 *config, double *dt_max,
+    hgo_error *error);
+int32_t hgo_low_power3_f64_predict_limit(const hgo_low_power_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_low_power3_f64_step(hgo_low_power3_f64 *state, double y, double phi, double dt);
 int32_t hgo_low_power3_f64_correct(hgo_low_power3_f64 *state, double y);
@@ -707,6 +772,8 @@ int32_t hgo_low_power4_f64_init(hgo_low_power4_f64 *state, size_t size, uint32_t
     const hgo_low_power_config_f64 *config, hgo_error *error);
 int32_t hgo_low_power4_f64_step_limit(const hgo_low_power_config_f64 *config, double *dt_max,
     hgo_error *error);
+int32_t hgo_low_power4_f64_predict_limit(const hgo_low_power_config_f64 *config, double *dt_max,
+    hgo_error *error);
 int32_t hgo_low_power4_f64_step(hgo_low_power4_f64 *state, double y, double phi, double dt);
 int32_t hgo_low_power4_f64_correct(hgo_low_power4_f64 *state, double y);
 int32_t hgo_low_power4_f64_predict(hgo_low_power4_f64 *state, double phi, double dt);
@@ -720,6 +787,8 @@ typedef struct { uint64_t opaque[HGO_LOW_POWER5_F64_SIZE / 8]; } hgo_low_power5_
 int32_t hgo_low_power5_f64_init(hgo_low_power5_f64 *state, size_t size, uint32_t version,
     const hgo_low_power_config_f64 *config, hgo_error *error);
 int32_t hgo_low_power5_f64_step_limit(const hgo_low_power_config_f64 *config, double *dt_max,
+    hgo_error *error);
+int32_t hgo_low_power5_f64_predict_limit(const hgo_low_power_config_f64 *config, double *dt_max,
     hgo_error *error);
 int32_t hgo_low_power5_f64_step(hgo_low_power5_f64 *state, double y, double phi, double dt);
 int32_t hgo_low_power5_f64_correct(hgo_low_power5_f64 *state, double y);
@@ -737,6 +806,8 @@ int32_t hgo_peaking_free2_f32_init(hgo_peaking_free2_f32 *state, size_t size, ui
     const hgo_peaking_free_config_f32 *config, hgo_error *error);
 int32_t hgo_peaking_free2_f32_step_limit(const hgo_peaking_free_config_f32 *config, float *dt_max,
     hgo_error *error);
+int32_t hgo_peaking_free2_f32_predict_limit(const hgo_peaking_free_config_f32 *config,
+    float *dt_max, hgo_error *error);
 int32_t hgo_peaking_free2_f32_step(hgo_peaking_free2_f32 *state, float y, float phi, float dt);
 int32_t hgo_peaking_free2_f32_correct(hgo_peaking_free2_f32 *state, float y);
 int32_t hgo_peaking_free2_f32_predict(hgo_peaking_free2_f32 *state, float phi, float dt);
@@ -751,6 +822,8 @@ int32_t hgo_peaking_free3_f32_init(hgo_peaking_free3_f32 *state, size_t size, ui
     const hgo_peaking_free_config_f32 *config, hgo_error *error);
 int32_t hgo_peaking_free3_f32_step_limit(const hgo_peaking_free_config_f32 *config, float *dt_max,
     hgo_error *error);
+int32_t hgo_peaking_free3_f32_predict_limit(const hgo_peaking_free_config_f32 *config,
+    float *dt_max, hgo_error *error);
 int32_t hgo_peaking_free3_f32_step(hgo_peaking_free3_f32 *state, float y, float phi, float dt);
 int32_t hgo_peaking_free3_f32_correct(hgo_peaking_free3_f32 *state, float y);
 int32_t hgo_peaking_free3_f32_predict(hgo_peaking_free3_f32 *state, float phi, float dt);
@@ -765,6 +838,8 @@ int32_t hgo_peaking_free4_f32_init(hgo_peaking_free4_f32 *state, size_t size, ui
     const hgo_peaking_free_config_f32 *config, hgo_error *error);
 int32_t hgo_peaking_free4_f32_step_limit(const hgo_peaking_free_config_f32 *config, float *dt_max,
     hgo_error *error);
+int32_t hgo_peaking_free4_f32_predict_limit(const hgo_peaking_free_config_f32 *config,
+    float *dt_max, hgo_error *error);
 int32_t hgo_peaking_free4_f32_step(hgo_peaking_free4_f32 *state, float y, float phi, float dt);
 int32_t hgo_peaking_free4_f32_correct(hgo_peaking_free4_f32 *state, float y);
 int32_t hgo_peaking_free4_f32_predict(hgo_peaking_free4_f32 *state, float phi, float dt);
@@ -779,6 +854,8 @@ int32_t hgo_peaking_free5_f32_init(hgo_peaking_free5_f32 *state, size_t size, ui
     const hgo_peaking_free_config_f32 *config, hgo_error *error);
 int32_t hgo_peaking_free5_f32_step_limit(const hgo_peaking_free_config_f32 *config, float *dt_max,
     hgo_error *error);
+int32_t hgo_peaking_free5_f32_predict_limit(const hgo_peaking_free_config_f32 *config,
+    float *dt_max, hgo_error *error);
 int32_t hgo_peaking_free5_f32_step(hgo_peaking_free5_f32 *state, float y, float phi, float dt);
 int32_t hgo_peaking_free5_f32_correct(hgo_peaking_free5_f32 *state, float y);
 int32_t hgo_peaking_free5_f32_predict(hgo_peaking_free5_f32 *state, float phi, float dt);
@@ -793,6 +870,8 @@ int32_t hgo_peaking_free2_f64_init(hgo_peaking_free2_f64 *state, size_t size, ui
     const hgo_peaking_free_config_f64 *config, hgo_error *error);
 int32_t hgo_peaking_free2_f64_step_limit(const hgo_peaking_free_config_f64 *config, double *dt_max,
     hgo_error *error);
+int32_t hgo_peaking_free2_f64_predict_limit(const hgo_peaking_free_config_f64 *config,
+    double *dt_max, hgo_error *error);
 int32_t hgo_peaking_free2_f64_step(hgo_peaking_free2_f64 *state, double y, double phi, double dt);
 int32_t hgo_peaking_free2_f64_correct(hgo_peaking_free2_f64 *state, double y);
 int32_t hgo_peaking_free2_f64_predict(hgo_peaking_free2_f64 *state, double phi, double dt);
@@ -807,6 +886,8 @@ int32_t hgo_peaking_free3_f64_init(hgo_peaking_free3_f64 *state, size_t size, ui
     const hgo_peaking_free_config_f64 *config, hgo_error *error);
 int32_t hgo_peaking_free3_f64_step_limit(const hgo_peaking_free_config_f64 *config, double *dt_max,
     hgo_error *error);
+int32_t hgo_peaking_free3_f64_predict_limit(const hgo_peaking_free_config_f64 *config,
+    double *dt_max, hgo_error *error);
 int32_t hgo_peaking_free3_f64_step(hgo_peaking_free3_f64 *state, double y, double phi, double dt);
 int32_t hgo_peaking_free3_f64_correct(hgo_peaking_free3_f64 *state, double y);
 int32_t hgo_peaking_free3_f64_predict(hgo_peaking_free3_f64 *state, double phi, double dt);
@@ -821,6 +902,8 @@ int32_t hgo_peaking_free4_f64_init(hgo_peaking_free4_f64 *state, size_t size, ui
     const hgo_peaking_free_config_f64 *config, hgo_error *error);
 int32_t hgo_peaking_free4_f64_step_limit(const hgo_peaking_free_config_f64 *config, double *dt_max,
     hgo_error *error);
+int32_t hgo_peaking_free4_f64_predict_limit(const hgo_peaking_free_config_f64 *config,
+    double *dt_max, hgo_error *error);
 int32_t hgo_peaking_free4_f64_step(hgo_peaking_free4_f64 *state, double y, double phi, double dt);
 int32_t hgo_peaking_free4_f64_correct(hgo_peaking_free4_f64 *state, double y);
 int32_t hgo_peaking_free4_f64_predict(hgo_peaking_free4_f64 *state, double phi, double dt);
@@ -835,6 +918,8 @@ int32_t hgo_peaking_free5_f64_init(hgo_peaking_free5_f64 *state, size_t size, ui
     const hgo_peaking_free_config_f64 *config, hgo_error *error);
 int32_t hgo_peaking_free5_f64_step_limit(const hgo_peaking_free_config_f64 *config, double *dt_max,
     hgo_error *error);
+int32_t hgo_peaking_free5_f64_predict_limit(const hgo_peaking_free_config_f64 *config,
+    double *dt_max, hgo_error *error);
 int32_t hgo_peaking_free5_f64_step(hgo_peaking_free5_f64 *state, double y, double phi, double dt);
 int32_t hgo_peaking_free5_f64_correct(hgo_peaking_free5_f64 *state, double y);
 int32_t hgo_peaking_free5_f64_predict(hgo_peaking_free5_f64 *state, double phi, double dt);

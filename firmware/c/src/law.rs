@@ -4,7 +4,7 @@ use hgo_rs::error::{DesignError, require};
 use hgo_rs::nalgebra::SVector;
 use hgo_rs::observer::{Causal, ContinuousLaw, Timing};
 use hgo_rs::observers::LowPower;
-use hgo_rs::polynomial::{euler_limit, low_power_polynomial};
+use hgo_rs::polynomial::{euler_is_stable, euler_limit, low_power_polynomial};
 use hgo_rs::prelude::*;
 
 /// Standard observer with a fixed gain.
@@ -15,7 +15,7 @@ pub struct StandardConfig<T> {
     pub k: [T; 5],
     /// gain [1/s], > 0
     pub ell: T,
-    /// longest step [s], > 0: at most what step_limit gives
+    /// longest step [s], > 0: at most step_limit, or predict_limit where predict is called
     pub dt_max: T,
 }
 
@@ -31,7 +31,8 @@ pub struct AdaptiveConfig<T> {
     pub p2: T,
     /// exponent, between 0 and 1/2
     pub b: T,
-    /// longest step at r = 1 [s], > 0: at most what step_limit gives; at r it is dt_max/r
+    /// longest step at r = 1 [s], > 0: at most step_limit, or predict_limit where predict is called;
+    /// at r it is dt_max/r
     pub dt_max: T,
 }
 
@@ -45,7 +46,7 @@ pub struct LowPowerConfig<T> {
     pub beta: [T; 4],
     /// gain [1/s], > 0
     pub ell: T,
-    /// longest step [s], > 0: at most what step_limit gives
+    /// longest step [s], > 0: at most step_limit, or predict_limit where predict is called
     pub dt_max: T,
 }
 
@@ -61,7 +62,7 @@ pub struct PeakingFreeConfig<T> {
     pub saturation: [T; 4],
     /// gain [1/s], > 0
     pub ell: T,
-    /// longest step [s], > 0: at most what step_limit gives
+    /// longest step [s], > 0: at most step_limit, or predict_limit where predict is called
     pub dt_max: T,
 }
 
@@ -175,6 +176,8 @@ pub trait Law<T: Scalar>: ContinuousLaw<T, Input = SVector<T, 1>> {
     fn dt_max(config: &Self::Config) -> T;
     /// Its stability limit under forward Euler, of coefficients that make a law.
     fn euler_limit(config: &Self::Config) -> T;
+    /// The same of prediction and correction by forward Euler.
+    fn causal_limit(config: &Self::Config) -> T;
 
     /// An estimator at x̂ = 0.
     fn estimator(config: &Self::Config) -> Result<Estimator<T, Guarded<Self, true>>, DesignError> {
@@ -184,10 +187,10 @@ pub trait Law<T: Scalar>: ContinuousLaw<T, Input = SVector<T, 1>> {
         Estimator::new(Guarded(Current { law, scheme: Euler }), dt_max)
     }
 
-    /// The largest `dt_max`.
-    fn limit(config: &Self::Config) -> Result<T, DesignError> {
+    /// The largest `dt_max`, by one of the two limits.
+    fn limit(config: &Self::Config, computed: fn(&Self::Config) -> T) -> Result<T, DesignError> {
         Self::law(config)?;
-        let limit = Self::euler_limit(config);
+        let limit = computed(config);
         let allowed = "the computed limit is not finite and > 0; scale the coefficients";
         require("dt_max", limit, limit.is_finite() && limit > T::ZERO, allowed)
     }
@@ -227,22 +230,79 @@ fn head<T: Scalar, const N: usize>(
     Ok(core::array::from_fn(entry))
 }
 
-/// c of a low-power law of order N. In double precision, which products of coefficients need.
-fn low_power_limit<T: Scalar, const N: usize>(alpha: &[T; 5], beta: &[T; 4]) -> f64 {
-    let (alpha, beta) = (alpha.map(T::to_f64), beta.map(T::to_f64));
-    let mut polynomial = [0.0; 9];
-    low_power_polynomial(alpha.get(..N).unwrap_or(&[]), &beta, &mut polynomial);
-    euler_limit(polynomial.get(..2 * N - 1).unwrap_or(&[]))
+/// Degree of the characteristic polynomial of a low-power law of order 5.
+const DEGREE: usize = 9;
+
+/// c of prediction, then correction, from the characteristic polynomials p of the law and d of what it
+/// is without a sample, s of degree m and the trailing coefficients given.
+///
+/// For F − GC the two halves make (I + cF)(I − cGC), which is forward Euler's I + c(F − G′C) with
+/// G′ = (I + cF)G up to a change of coordinates: its polynomial is p + c(s(p − d) − g₁d), g₁ = p₁ − d₁.
+fn causal_limit(p: &[f64], d: &[f64]) -> f64 {
+    let at = |q: &[f64], i: usize| q.get(i).copied().unwrap_or(0.0);
+    let stable = |c: f64| {
+        let mut q = [0.0; DEGREE];
+        for (i, entry) in q.iter_mut().enumerate().take(p.len()) {
+            let moved = at(p, i + 1) - at(d, i + 1) - (at(p, 0) - at(d, 0)) * at(d, i);
+            *entry = at(p, i) + c * moved;
+        }
+        euler_is_stable(q.get(..p.len()).unwrap_or(&[]), c)
+    };
+    let (mut low, mut high) = (0.0, 1e-3 * euler_limit(p));
+    for _ in 0..500 {
+        if !stable(high) {
+            break;
+        }
+        (low, high) = (high, 1.03 * high);
+    }
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if stable(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    low
 }
 
-/// c of a block that a clip has cut off from the next one: x̂' = η + α e, η' = β e.
-fn block_limit<T: Scalar, const N: usize>(alpha: &[T; 5], beta: &[T; 4]) -> f64 {
-    let mut least = f64::INFINITY;
-    for (i, a) in alpha.iter().enumerate().take(N) {
-        let block = [a.to_f64(), beta.get(i).map_or(0.0, |b| b.to_f64())];
-        least = least.min(euler_limit(block.get(..if i + 1 < N { 2 } else { 1 }).unwrap_or(&[])));
+/// What the limits of a low-power law of order N need. In double precision, as its products do.
+struct LowPowerBlocks<const N: usize> {
+    alpha: [f64; 5],
+    beta: [f64; 4],
+}
+
+impl<const N: usize> LowPowerBlocks<N> {
+    fn new<T: Scalar>(alpha: &[T; 5], beta: &[T; 4]) -> Self {
+        Self { alpha: alpha.map(T::to_f64), beta: beta.map(T::to_f64) }
     }
-    least
+
+    /// c of all blocks together.
+    fn whole(&self, limit: impl Fn(&[f64], &[f64]) -> f64) -> f64 {
+        let Self { mut alpha, mut beta } = *self;
+        let (mut p, mut d) = ([0.0; DEGREE], [0.0; DEGREE]);
+        low_power_polynomial(alpha.get(..N).unwrap_or(&[]), &beta, &mut p);
+        (alpha[0], beta[0]) = (0.0, 0.0);
+        low_power_polynomial(alpha.get(..N).unwrap_or(&[]), &beta, &mut d);
+        limit(p.get(..2 * N - 1).unwrap_or(&[]), d.get(..2 * N - 1).unwrap_or(&[]))
+    }
+
+    /// The least c of the blocks that clips have cut off from the next ones: x̂' = η + α e, η' = β e.
+    /// The first one alone has a sample.
+    fn alone(&self, limit: impl Fn(&[f64], &[f64]) -> f64) -> f64 {
+        let mut least = limit(&[self.alpha[0], self.beta[0]], &[]);
+        for (i, a) in self.alpha.iter().enumerate().take(N).skip(1) {
+            let block = [*a, self.beta.get(i).copied().unwrap_or(0.0)];
+            let length = if i + 1 < N { 2 } else { 1 };
+            least = least.min(euler_limit(block.get(..length).unwrap_or(&[])));
+        }
+        least
+    }
+}
+
+/// Forward Euler's c, whatever the law is without a sample.
+fn whole_limit(p: &[f64], _: &[f64]) -> f64 {
+    euler_limit(p)
 }
 
 /// Standard observer, fixed gain.
@@ -260,6 +320,9 @@ impl<T: Scalar, const N: usize> Law<T> for Standard<T, N> {
     }
     fn euler_limit(c: &Self::Config) -> T {
         euler_limit(c.k.get(..N).unwrap_or(&[])) / c.ell
+    }
+    fn causal_limit(c: &Self::Config) -> T {
+        T::from_f64(causal_limit(c.k.map(T::to_f64).get(..N).unwrap_or(&[]), &[])) / c.ell
     }
 }
 
@@ -280,6 +343,9 @@ macro_rules! standard_with_moving_gain {
             }
             fn euler_limit(c: &Self::Config) -> T {
                 euler_limit(c.k.get(..N).unwrap_or(&[]))
+            }
+            fn causal_limit(c: &Self::Config) -> T {
+                T::from_f64(causal_limit(c.k.map(T::to_f64).get(..N).unwrap_or(&[]), &[]))
             }
         }
     };
@@ -309,7 +375,10 @@ impl<T: Scalar, const N: usize> Law<T> for LowPowerFixed<T, N> {
         c.dt_max
     }
     fn euler_limit(c: &Self::Config) -> T {
-        T::from_f64(low_power_limit::<T, N>(&c.alpha, &c.beta)) / c.ell
+        T::from_f64(LowPowerBlocks::<N>::new(&c.alpha, &c.beta).whole(whole_limit)) / c.ell
+    }
+    fn causal_limit(c: &Self::Config) -> T {
+        T::from_f64(LowPowerBlocks::<N>::new(&c.alpha, &c.beta).whole(causal_limit)) / c.ell
     }
 }
 
@@ -331,7 +400,11 @@ impl<T: Scalar, const N: usize> Law<T> for PeakingFree<T, N> {
     }
     fn euler_limit(c: &Self::Config) -> T {
         // as in Python: of the whole, and of every block alone
-        let whole = low_power_limit::<T, N>(&c.alpha, &c.beta);
-        T::from_f64(whole.min(block_limit::<T, N>(&c.alpha, &c.beta))) / c.ell
+        let blocks = LowPowerBlocks::<N>::new(&c.alpha, &c.beta);
+        T::from_f64(blocks.whole(whole_limit).min(blocks.alone(whole_limit))) / c.ell
+    }
+    fn causal_limit(c: &Self::Config) -> T {
+        let blocks = LowPowerBlocks::<N>::new(&c.alpha, &c.beta);
+        T::from_f64(blocks.whole(causal_limit).min(blocks.alone(causal_limit))) / c.ell
     }
 }

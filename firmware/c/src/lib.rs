@@ -278,17 +278,18 @@ unsafe fn init<T: Scalar, L: Law<T>>(
 
 /// # Safety
 /// Each pointer that is neither null nor unaligned points to bytes of its type.
-unsafe fn step_limit<T: Scalar, L: Law<T>>(
+unsafe fn limit<T: Scalar, L: Law<T>>(
     config: *const L::Config,
     dt_max: *mut T,
     error: *mut Error,
+    computed: fn(&L::Config) -> T,
 ) -> Result<(), i32> {
     // SAFETY: the caller vouches for it.
     unsafe { clear(error) }?;
     plausible(config)?;
     plausible(dt_max)?;
     // SAFETY: not null and aligned; the caller vouches for the rest.
-    let limit = L::limit(unsafe { &*config });
+    let limit = L::limit(unsafe { &*config }, computed);
     // SAFETY: the caller vouches for `error`.
     let limit = limit.map_err(|refused| unsafe { refuse(error, &refused) })?;
     // SAFETY: not null and aligned; the caller vouches for the rest.
@@ -395,16 +396,29 @@ macro_rules! observers {
                 super::code(unsafe { super::init(state, size, version, config, error, MARK) })
             }
 
-            /// Write the stability limit of forward Euler [s], above which dt_max must not be, for
-            /// the law of a configuration; its dt_max is not read. `error` may be NULL.
+            /// Write the stability limit of step [s], above which dt_max must not be, for the law of
+            /// a configuration; its dt_max is not read. `error` may be NULL.
             #[unsafe(export_name = concat!("hgo_", stringify!($name), "_step_limit"))]
             unsafe extern "C" fn step_limit(
                 config: *const Config,
                 dt_max: *mut $t,
                 error: *mut Error,
             ) -> i32 {
+                let computed = <Law as law::Law<$t>>::euler_limit;
                 // SAFETY: the C caller vouches for the pointers.
-                super::code(unsafe { super::step_limit::<$t, Law>(config, dt_max, error) })
+                super::code(unsafe { super::limit::<$t, Law>(config, dt_max, error, computed) })
+            }
+
+            /// The same for correct and predict, whose limit is another one: mostly about half.
+            #[unsafe(export_name = concat!("hgo_", stringify!($name), "_predict_limit"))]
+            unsafe extern "C" fn predict_limit(
+                config: *const Config,
+                dt_max: *mut $t,
+                error: *mut Error,
+            ) -> i32 {
+                let computed = <Law as law::Law<$t>>::causal_limit;
+                // SAFETY: the C caller vouches for the pointers.
+                super::code(unsafe { super::limit::<$t, Law>(config, dt_max, error, computed) })
             }
 
             /// Take the sample y of now (NaN: it is missing) and advance by dt [s], the time until the
@@ -437,7 +451,8 @@ macro_rules! observers {
 
             /// Move over the period of dt [s] that begins, without a sample: HGO_PREDICTED. phi: what
             /// is known of the n-th derivative of y over it, computed from the estimate of now and
-            /// from the inputs that are applied from now on; 0 if nothing is.
+            /// from the inputs that are applied from now on; 0 if nothing is. After a period above
+            /// dt_max the next sample is not used, and correct says so.
             #[unsafe(export_name = concat!("hgo_", stringify!($name), "_predict"))]
             unsafe extern "C" fn predict(state: *mut State, phi: $t, dt: $t) -> i32 {
                 // SAFETY: the C caller vouches for the pointer.
@@ -465,7 +480,8 @@ macro_rules! observers {
                 super::code(unsafe { super::restart(state, x_hat, n, MARK) })
             }
 
-            /// Copy the counts of what the steps ended in.
+            /// Copy the counts of what step and correct ended in, one a sample, and of what predict
+            /// refused or held.
             #[unsafe(export_name = concat!("hgo_", stringify!($name), "_counts"))]
             unsafe extern "C" fn counts(state: *const State, counts: *mut StepCounts) -> i32 {
                 // SAFETY: the C caller vouches for the pointers.

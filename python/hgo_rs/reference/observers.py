@@ -686,7 +686,6 @@ class OwnSampledDataObserver(Law):
 
 
 SLOTS = 8  # of an own model's memory for its inputs, as the core has them
-NOT_SEEN, CLOSED = 0.0, -1.0  # in the place of a period: no sample yet; no step is open
 
 
 class ReducedOrderObserver(Law):
@@ -697,9 +696,8 @@ class ReducedOrderObserver(Law):
     ``predict`` opens a step, ``correct`` closes it: with a sample by (8), without one by
     z_hat += T f2(y, z_hat, u).  Psi spans all the time since the last sample.
 
-    Memory: z_hat, the last sample y, the input u held over the open step, the time elapsed since y,
-    and the length of the open step: ``NOT_SEEN`` before the first sample, ``CLOSED`` after a
-    ``correct``.
+    Memory: z_hat, the last sample y, the input u held over the open step, the time elapsed since y
+    (-1 before the first sample), and the length of the open step (0 after a ``correct``).
     """
 
     is_current = True
@@ -723,6 +721,11 @@ class ReducedOrderObserver(Law):
             raise fail("observer.h_bar", self.h_bar.tolist(), "in (0, 1)", "see assumption A5")
         self.epsilon = number(member(spec, "epsilon", "observer"), "observer.epsilon", above=0.0)
         self._h = (self.h_bar / self.epsilon)[:, None]
+
+    def initial(self) -> Array:
+        memory = np.zeros(self.memory_len)
+        memory[-2] = -1.0  # no sample yet
+        return memory
 
     @property
     def signals(self) -> int:
@@ -750,7 +753,7 @@ class ReducedOrderObserver(Law):
         z_hat, y_last, slots, elapsed, period = self.parts(memory)
         y, u = np.reshape(y, y_last.shape), slots[: self.n_u]
         present = np.isfinite(y).all(axis=0)
-        opened = period > 0.0
+        opened = (elapsed > 0.0) & (period > 0.0)
         psi = self.model.explain(y_last, (y - y_last) / elapsed, u, t - elapsed)
         psi = np.where(present, psi, z_hat)
         # (I - T H) z_hat + T [H Psi + f2(y, Psi, u)] = z_hat + T [H (Psi - z_hat) + f2(y, Psi, u)]
@@ -761,22 +764,20 @@ class ReducedOrderObserver(Law):
                 np.where(present, y, y_last),
                 slots,
                 np.where(present, 0.0, elapsed),
-                np.where(present | opened, CLOSED, period),
+                np.zeros_like(period),
             ]
         )
 
     def predict(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
-        """Open a step under ``u``, after one that was left open; before a first sample nothing."""
+        """Open a step under ``u``, after one that was left open."""
         if u is None and self.n_u:
             allowed = f"of shape ({self.n_u}, runs)"
             raise fail("u", None, allowed, "give the input held from this sample on")
         new = self.correct(memory, np.full((self.n_y, memory.shape[1]), np.nan), t)
-        seen = memory[-1] != NOT_SEEN
         if u is not None:
-            held = new[self.n + self.n_y :][: self.n_u]
-            held[:] = np.where(seen, u, held)
-        new[-2] += np.where(seen, dt, 0.0)
-        new[-1] = np.where(seen, dt, NOT_SEEN)
+            new[self.n + self.n_y :][: self.n_u] = u
+        new[-2] += np.where(new[-2] >= 0.0, dt, 0.0)
+        new[-1] = dt
         return new
 
     def settle(self, old: Array, new: Array) -> tuple[Array, NDArray[np.bool_]]:

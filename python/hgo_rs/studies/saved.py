@@ -155,7 +155,7 @@ class Saved:
         """What of the study is on the disk, in words."""
         place = f"save={str(self.path)!r}"
         if not (self.on_disk and self.path.exists()):
-            return f"none is saved: {place} is not there"
+            return f"none is saved in {place}"
         count = "all" if self.on_disk == self.result.finished.sum() else f"{self.on_disk}"
         return f"{count} of them saved; the next call with {place} continues from these"
 
