@@ -55,6 +55,7 @@ Gain = float | ConstantGain | AdaptiveGain | DeadZoneGain
 Poles = Sequence[complex] | npt.ArrayLike
 
 _TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
+_OVERFLOW = "choose a smaller step or gain, another method, or fewer samples"
 _MARK = "mark a missing sample as NaN"
 _HUGE = 1e100  # beyond it a step overflows, whatever the model
 
@@ -490,13 +491,19 @@ class Observer(_core.Online):
         if not track["largest"] <= bound:  # NaN is not within
             diverged = int(np.argmin(np.all(np.abs(memory) <= bound, axis=1)))
         undefined = track["undefined"]
-        if undefined is not None and undefined < diverged:
+        if undefined is not None and (undefined < diverged or allow):
             k = undefined
             where = f"sample {k} (t = {time(k):.6g} s)"
             raise HgoError(self._undefined(where, time(k), track["y"][k], told[k], memory[k]))
         if diverged < len(memory) and not allow:
             k = diverged
             raise HgoError(f"the estimate diverged at sample {k} (t = {time(k):g} s): {_TAMER}")
+        finite = [*np.isfinite(memory[diverged:]).all(axis=1)]
+        finite += [] if end is None else [np.isfinite(track["next"]).all()]
+        if not all(finite):
+            k = diverged + finite.index(False)
+            where = f"sample {k} (t = {time(k):g} s)" if k < len(memory) else f"t = {end:g} s"
+            raise HgoError(f"the estimate overflowed at {where}: {_OVERFLOW}")
         self._tell_end(start, memory[-1])
         result = RunResult.of_run(
             clock,
