@@ -355,6 +355,9 @@ class Observer(_core.Online):
         return HgoError(f"the estimate would diverge at t = {self._time:g} s: {_TAMER}")
 
     def _no_value(self, sample: list[float], told: list[float] | None = None) -> HgoError:
+        given = np.abs([*sample, *(told or ())])
+        if np.max(given, initial=0.0, where=given == given) > _HUGE:
+            return self._divergence()
         where = f"t = {self._time:.6g} s"
         return HgoError(self._undefined(where, self._time, sample, told, self.memory))
 
@@ -375,7 +378,7 @@ class Observer(_core.Online):
         if known["kind"] == "ship":
             return (
                 f"{head}: a ship at rest has no course angle, z_1 = 0 makes atan(0/0) (Katayama, "
-                "assumption A1); start the record where the ship moves"
+                "assumption A1); start the record where the ship moves, or x_hat0 at its velocity"
             )
         estimate = f"x_hat = [{_row(memory[: self.n])}]"
         if known["kind"] != "own":
