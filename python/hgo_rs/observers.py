@@ -274,10 +274,26 @@ class Observer(_core.Online):
         *,
         r0: float | None = None,
         memory0: npt.ArrayLike | None = None,
+        t: float = 0.0,
     ) -> None:
-        """Start again at time 0, see `initial_memory`; or from the whole memory."""
+        """Start again, see `initial_memory`; or go on from the whole memory.
+
+        Parameters
+        ----------
+        x_hat0, r0, memory0 : optional
+            Where to start, see `initial_memory`; or the whole memory.
+        t : float
+            Time [s] at which it stands. Above 0 the observer is under way: with current timing the
+            next `step` predicts over its period, which the first one after a start does not.
+
+        Raises
+        ------
+        HgoError
+            What `initial_memory` refuses; t < 0.
+        """
+        time = check_number(t, "t", least=0.0)
         self.memory = self._start(x_hat0, r0, memory0)
-        self._told, self._time = memory0 is not None, 0.0
+        self._time = time
 
     def _start(
         self,

@@ -14,8 +14,7 @@ use super::recursion::{AnyObserver, Block, Recursion};
 use super::spec::Spec;
 use super::systems::{AnyModel, read_van_der_pol};
 use super::table::Table;
-pub use super::tabled::MAX_INPUTS;
-use super::tabled::{Gains, LawTables, flat};
+use super::tabled::{Gains, LawTables, MAX_INPUTS, flat};
 use super::trace::{self, PlacedGains, Setting, Traced, call, input, inputs, named, trace};
 use crate::Scalar;
 use crate::dispatch_order;
@@ -1382,16 +1381,22 @@ pub fn trace_step<'py>(
     let setting = Setting { gains, ..Setting::usual(single) };
     let tables = Tables::read(&Spec::new(spec, "observer")?, setting)?;
     let of_missing = tables.missing.filter(|_| missing);
-    let (table, untaken): (Table, &[&str]) = match (part, tables.correct) {
-        ("step", None) => (of_missing.unwrap_or(tables.advance), &[]),
-        ("correct", Some(correct)) => (of_missing.unwrap_or(correct), &["dt", "u["]),
-        ("predict", Some(_)) => (tables.advance, &["y["]),
+    let Shape { memory, n_y, n_u, .. } = tables.shape;
+    let y = MEMORY + memory..MEMORY + memory + n_y;
+    let u = y.end..y.end + n_u;
+    let table = match (part, tables.correct) {
+        ("step", None) => of_missing.unwrap_or(tables.advance),
+        ("correct", Some(correct)) => {
+            let step = MEMORY - 1; // its length
+            of_missing.unwrap_or(correct).without_inputs(|i| i == step || u.contains(&i))
+        }
+        ("predict", Some(_)) => tables.advance.without_inputs(|i| y.contains(&i)),
         (other, correct) => {
             let parts = if correct.is_some() { "correct or predict" } else { "step" };
             return Err(refused(&format!("part = {other:?} is not allowed: {parts}")));
         }
     };
-    table.without_inputs(untaken).to_dict(py)
+    table.to_dict(py)
 }
 
 /// Memories along a record in single precision: times (N,), samples (N, n_y), inputs (N, n_u), memory
