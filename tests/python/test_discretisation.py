@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
-
 from test_observers import by_steps
 
 from hgo_rs import (
