@@ -273,11 +273,8 @@ impl<T: Scalar, Z: Memory<T>> Moving<T, Z> {
             return Status::StepRefused;
         }
         self.stable = stable;
-        let taken = if stable {
-            observer.advance(&mut self.z, y, u, self.clock.time(), dt)
-        } else {
-            observer.predict(&mut self.z, u, self.clock.time(), dt)
-        };
+        let sample = if stable { *y } else { absent() };
+        let taken = observer.advance(&mut self.z, &sample, u, self.clock.time(), dt);
         self.clock.pass(dt);
         match self.judged(&before, taken) {
             Status::ModelUndefined => {
@@ -298,9 +295,8 @@ impl<T: Scalar, Z: Memory<T>> Moving<T, Z> {
     {
         let before = self.z;
         self.started = true;
-        let missing = absent();
-        let sample = if self.stable { y } else { &missing };
-        let taken = observer.correct(&mut self.z, sample, self.clock.time());
+        let sample = if self.stable { *y } else { absent() };
+        let taken = observer.correct(&mut self.z, &sample, self.clock.time());
         let stable = core::mem::replace(&mut self.stable, true);
         match self.judged(&before, taken) {
             Status::ModelUndefined => {
