@@ -2,6 +2,7 @@
 #
 #   make reproduce   every table and figure of the five papers -> out/report.html
 #   make test        format, lints, types, Rust and Python tests, doc examples, the wheel alone
+#   make fuzz        random observers and records, every engine against the others, for SECONDS=60
 #   make bench       one step of each observer (criterion), then side by side, then instructions
 #                    -> out/bench.json, out/performance.json
 #   make firmware    every observer on two Cortex-M: bits, instructions, proofs -> out/firmware.json
@@ -10,8 +11,9 @@
 #   make clean       remove .venv, dist, out and build products
 #
 # PYTHON=... chooses the interpreter for .venv.  PYTEST_ARGS=... is handed to pytest.
+# make fuzz SECONDS=60 SEED=1: case i of a seed is always the same.
 
-.PHONY: reproduce test test-rust test-python test-types pytest bench firmware docs wheel clean help
+.PHONY: reproduce test test-rust test-python test-types pytest fuzz bench firmware docs wheel clean help
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-print-directory
@@ -35,7 +37,7 @@ LIBM := --no-default-features --features libm
 say = @printf '\n\033[1m== %s\033[0m\n' "$(1)"
 
 help:
-	@sed -n '3,12s/^# \{0,1\}//p' Makefile
+	@sed -n '3,13s/^# \{0,1\}//p' Makefile
 
 # --- set-up: one stamp a stage, so that the second time takes no time ------------------------
 
@@ -102,6 +104,12 @@ test-python: $(VENV)/stamp-dev
 pytest:
 	$(call say,pytest: library$(,) stub$(,) doc examples$(,) command line$(,) wheel in an empty environment)
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
+
+SECONDS ?= 60
+SEED ?= 1
+fuzz: $(VENV)/stamp-dev
+	$(call say,fuzz: seed $(SEED)$(,) $(SECONDS) s)
+	$(BIN)/python tests/fuzz --seconds $(SECONDS) --seed $(SEED)
 
 bench: $(VENV)/stamp-bench
 	$(CARGO) bench

@@ -476,6 +476,37 @@ fn take<T: Scalar>(r: &[Lane<T>; REGISTERS], outputs: &[u8], to: &mut [[T; LANES
     }
 }
 
+/// Where the memory after a step is not finite although all was sound before it, the model has no value:
+/// the memory is held.
+#[inline(always)]
+fn hold<T: Scalar, X: Memory<T>, M: Memory<T>>(
+    r: &[Lane<T>; REGISTERS],
+    outputs: &[u8],
+    stood: &Aligned<Columns<T, M>>,
+    block: &mut Block<Columns<T, X>, Columns<T, M>>,
+    k: u64,
+) {
+    let mut spoilt = Lane([T::ZERO; LANES]); // NaN where an entry is not finite
+    for output in outputs {
+        let column = r[usize::from(*output)].0;
+        for lane in 0..LANES {
+            spoilt.0[lane] += T::ZERO * column[lane];
+        }
+    }
+    if spoilt.0.iter().fold(true, |sound, spoilt| sound & spoilt.is_finite()) {
+        return;
+    }
+    let bound = T::from_f64(DIVERGED);
+    for lane in 0..LANES {
+        let held = M::load(&stood.0, lane);
+        let sound = held.within(bound) && X::load(&block.x.0, lane).within(bound);
+        if !spoilt.0[lane].is_finite() && sound {
+            held.store(&mut block.z.0, lane);
+            block.undefined_at.0[lane] = block.undefined_at.0[lane].min(k);
+        }
+    }
+}
+
 impl<T, P, S, const X: usize, const Z: usize> Mover<T, P, S> for Programs<'_, T, Z>
 where
     T: Scalar,
@@ -526,8 +557,10 @@ where
         }
         program.run_lanes(r);
         let (of_z, of_x) = program.outputs.split_at(n_z.min(program.outputs.len()));
+        let stood = block.z;
         take(&r.0, of_z, &mut block.z.0);
         take(&r.0, of_x, &mut block.x.0);
+        hold::<T, P::State, SVector<T, Z>>(&r.0, of_z, &stood, block, at.k);
         if self.joint { Moved::Yes } else { Moved::No }
     }
 
@@ -545,7 +578,9 @@ where
         let (z, _) = rest.split_at_mut(n_z.min(REGISTERS / 4));
         put(z, &block.z.0);
         program.run_lanes(r);
+        let stood = block.z;
         take(&r.0, program.outputs, &mut block.z.0);
+        hold::<T, P::State, SVector<T, Z>>(&r.0, program.outputs, &stood, block, at.k);
     }
 
     #[inline(always)]

@@ -68,6 +68,17 @@ impl<T: Scalar> Clock<T> {
         Self { steps: 0, dt: T::ZERO, before: T::ZERO, dropped: T::ZERO }
     }
 
+    /// What it holds, to be kept and given to [`Clock::from_parts`]: steps and their length; the time
+    /// before them, and what its rounding dropped.
+    pub fn parts(&self) -> (u32, [T; 3]) {
+        (self.steps, [self.dt, self.before, self.dropped])
+    }
+
+    /// The clock that gave these parts.
+    pub fn from_parts((steps, [dt, before, dropped]): (u32, [T; 3])) -> Self {
+        Self { steps, dt, before, dropped }
+    }
+
     /// Time since the start in s.
     #[inline(always)]
     pub fn time(&self) -> T {

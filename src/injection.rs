@@ -38,7 +38,9 @@ pub enum Placement {
 
 impl Placement {
     /// Refuse an order above `most` under the bilinear rule, which takes all eigenvalues to −1 as ℓT grows:
-    /// there, rounding moves a bundle of them out of the unit circle.
+    /// there, rounding moves a bundle of them out of the unit circle. `most` is the highest order at which
+    /// one rounding of the gains in double precision, at ℓT = 100, changes the response of the error by
+    /// less than 5e-5 of its largest value. Exact placement keeps 1e-9 up to order 12.
     pub(crate) fn hold<const N: usize>(self, most: usize) -> Result<(), DesignError> {
         let allowed = "method bilinear gathers the eigenvalues at -1 for long steps, where rounding \
                        moves those of high orders out of the unit circle: at most 6 (standard) or 4 \
@@ -53,6 +55,8 @@ impl Placement {
         let two = T::from_f64(2.0);
         match self {
             Self::Exact => {
+                // where nothing is left of eᵃ no angle counts, however large: 1, or 0
+                let b = b * T::ONE.copysign(a - T::from_f64(GONE)).max(T::ZERO);
                 let (grown, half) = (exp_m1(a), (T::from_f64(0.5) * b).sin());
                 (grown * b.cos() - two * half * half, (grown + T::ONE) * b.sin())
             }
@@ -88,11 +92,14 @@ impl Placement {
     }
 }
 
+/// From here on down eˣ − 1 is −1 to the last bit.
+const GONE: f64 = -50.0;
+
 /// eˣ − 1 for x ≤ 0, as exact for small |x|: a series for x/128, which doubles seven times by
 /// e²ˣ − 1 = (eˣ − 1)(2 + (eˣ − 1)).
 #[inline(always)]
 fn exp_m1<T: Scalar>(x: T) -> T {
-    let x = x.max(T::from_f64(-50.0)) * T::from_f64(1.0 / 128.0);
+    let x = x.max(T::from_f64(GONE)) * T::from_f64(1.0 / 128.0);
     let mut sum = T::ONE;
     for i in (2..=12_u32).rev() {
         sum = T::ONE + sum * x * T::from_f64(1.0 / f64::from(i));

@@ -18,7 +18,7 @@
 //! # Floors
 //!
 //! A file uses lower floors only, or what is named before it on its own: `vectors`, `elementary`,
-//! `scalar`, `error`, `memory`, `measurement`, `polynomial` (0); `gain`, `schedule`, `saturation`, `model`,
+//! `scalar`, `error`, `memory`, `measurement`, `wide`, `polynomial` (0); `gain`, `schedule`, `saturation`, `model`,
 //! `integrate`, `observer`, `injection`, `noise`, `metrics`, `lanes`, `program` (1); `models`,
 //! `observers` (2); `simulate`, `covariance`, `ensemble`, `estimator` (3); the Python module (4). Up to
 //! floor 3 nothing names `std`, `alloc` or Python, nothing allocates and nothing panics.
@@ -53,6 +53,12 @@ pub mod scalar;
 pub mod schedule;
 pub mod simulate;
 pub mod vectors;
+mod wide;
+
+/// The examples of the documentation, run as tests.
+#[cfg(doctest)]
+#[doc = include_str!("../docs/architecture.md")]
+mod architecture {}
 
 pub use error::DesignError;
 pub use estimator::Estimator;
@@ -72,8 +78,8 @@ pub mod prelude {
     pub use crate::model::{InputGain, Model, PhaseVariable, Plant, Unknown, last, no_input};
     pub use crate::noise::{Channel, Draw, Noise, Stream};
     pub use crate::observer::{
-        Current, Discretisation, Discretised, Euler, Hold, Observer, RungeKutta, StaggeredEuler,
-        Status,
+        Causal, Current, Discretisation, Discretised, Euler, Hold, Observer, RungeKutta,
+        StaggeredEuler, Status,
     };
     pub use crate::observers::{
         HardClip, LowPower, LowPowerObserver, ModifiedObserver, NoSaturation, PeakingFreeObserver,

@@ -489,8 +489,10 @@ where
     #[inline(always)]
     fn correct(&self, z: &mut Self::State, y: &T, _: T) -> Status {
         let Self { law, scheme } = self;
-        let next = law.admissible(scheme.correct(law, &z.0, *y, z.1));
-        *z = (z.0.zip(&next, |_, new| new), z.1.while_missing(*y));
+        let left = z.1.while_missing(*y);
+        // the time of this correction: none for a missing sample, which changes nothing
+        let next = law.admissible(scheme.correct(law, &z.0, *y, z.1 - left));
+        *z = (z.0.zip(&next, |_, new| new), left);
         Status::of(y)
     }
 

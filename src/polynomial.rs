@@ -4,6 +4,7 @@
 
 use crate::Scalar;
 use crate::error::{DesignError, finite, require};
+use crate::wide::Number;
 
 /// Highest degree: 2n − 1 for the low-power observer of order 12.
 const MAX_DEGREE: usize = 23;
@@ -15,7 +16,7 @@ struct Ascending<T> {
     degree: usize,
 }
 
-impl<T: Scalar> Ascending<T> {
+impl<T: Number> Ascending<T> {
     fn one() -> Self {
         let mut c = [T::ZERO; MAX_DEGREE + 1];
         c[0] = T::ONE;
@@ -58,7 +59,7 @@ impl<T: Scalar> Ascending<T> {
             if c.abs() * power > largest {
                 (joint, largest) = (j, c.abs() * power);
             }
-            power *= a;
+            power = power * a;
         }
         let degree = self.degree.saturating_sub(1);
         let mut c = [T::ZERO; MAX_DEGREE + 1];
@@ -91,8 +92,9 @@ impl<T: Scalar> Ascending<T> {
 
     /// self − a·other.
     fn less(mut self, a: T, other: &Self) -> Self {
-        for (c, other) in self.c.iter_mut().zip(other.c) {
-            *c -= a * other;
+        let terms = self.degree.max(other.degree) + 1;
+        for (c, other) in self.c.iter_mut().zip(&other.c).take(terms) {
+            *c = *c - a * *other;
         }
         self
     }
@@ -100,8 +102,8 @@ impl<T: Scalar> Ascending<T> {
     /// The derivative.
     fn slope(&self) -> Self {
         let mut slope = self.without_zero();
-        for (c, power) in slope.c.iter_mut().zip(1..) {
-            *c *= T::from_u64(power);
+        for (c, power) in slope.c.iter_mut().zip(1..=self.degree) {
+            *c = *c * T::from_f64(power as f64);
         }
         slope
     }
@@ -112,8 +114,8 @@ impl<T: Scalar> Ascending<T> {
         let mut step = T::ONE;
         for _ in 0..40 {
             step = self.at(s) / slope.at(s);
-            s -= step;
-            if step.abs() <= T::from_f64(4.0 * f64::EPSILON) * s.abs() {
+            s = s - step;
+            if step.abs() <= T::from_f64(T::SETTLED) * s.abs() {
                 break;
             }
         }
@@ -125,7 +127,8 @@ impl<T: Scalar> Ascending<T> {
     fn real_root(&self) -> T {
         let mut bound = T::ONE;
         for c in self.c.iter().take(self.degree) {
-            bound = bound.max(T::ONE + c.abs());
+            let least = T::ONE + c.abs();
+            bound = if least > bound { least } else { bound };
         }
         let (mut low, mut high) = (-bound, bound);
         let half = T::from_f64(0.5);
@@ -231,7 +234,7 @@ pub fn require_hurwitz<T: Scalar>(k: &[T]) -> Result<(), DesignError> {
 /// Turn the trailing coefficients of a monic polynomial of degree `degree` into those of itself times
 /// s − root.
 #[inline(always)]
-pub(crate) fn times_root<T: Scalar>(trailing: &mut [(T, T)], degree: usize, (re, im): (T, T)) {
+pub(crate) fn times_root<T: Number>(trailing: &mut [(T, T)], degree: usize, (re, im): (T, T)) {
     let mut above = (T::ONE, T::ZERO);
     for c in trailing.iter_mut().take(degree + 1) {
         let old = *c;
@@ -245,7 +248,12 @@ pub(crate) fn times_root<T: Scalar>(trailing: &mut [(T, T)], degree: usize, (re,
 /// Laguerre's method from 0, so that small roots come first, and division by what was found. A
 /// root of high multiplicity is only as good as the coefficients tell; their product is good.
 pub fn roots(coefficients: &[f64], found: &mut [(f64, f64)]) {
-    let mut quotient = [(0.0, 0.0); MAX_DEGREE];
+    roots_of(coefficients, found);
+}
+
+/// The same over any numbers.
+pub(crate) fn roots_of<T: Number>(coefficients: &[T], found: &mut [(T, T)]) {
+    let mut quotient = [(T::ZERO, T::ZERO); MAX_DEGREE];
     for (slot, c) in quotient.iter_mut().zip(coefficients) {
         slot.0 = *c;
     }
@@ -253,7 +261,7 @@ pub fn roots(coefficients: &[f64], found: &mut [(f64, f64)]) {
         let Some(trailing) = quotient.get_mut(..coefficients.len() - i) else { return };
         *slot = laguerre(trailing);
         // forward division keeps the large roots, which are still to come
-        let mut carry = (1.0, 0.0);
+        let mut carry = (T::ONE, T::ZERO);
         for c in trailing {
             let (re, im) = times(carry, *slot);
             carry = (c.0 + re, c.1 + im);
@@ -262,37 +270,37 @@ pub fn roots(coefficients: &[f64], found: &mut [(f64, f64)]) {
     }
 }
 
-type Complex = (f64, f64);
-
-fn times(a: Complex, b: Complex) -> Complex {
+fn times<T: Number>(a: (T, T), b: (T, T)) -> (T, T) {
     (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0)
 }
 
-fn over(a: Complex, b: Complex) -> Complex {
+fn over<T: Number>(a: (T, T), b: (T, T)) -> (T, T) {
     let square = b.0 * b.0 + b.1 * b.1;
     let (re, im) = times(a, (b.0, -b.1));
     (re / square, im / square)
 }
 
-fn size((re, im): Complex) -> f64 {
-    Scalar::sqrt(re * re + im * im)
+fn size<T: Number>((re, im): (T, T)) -> T {
+    (re * re + im * im).sqrt()
 }
 
 /// The root with a real part ≥ 0.
-fn root_of(z: Complex) -> Complex {
-    let size = size(z);
-    let re = Scalar::sqrt(0.5 * (size + z.0).max(0.0));
-    (re, Scalar::sqrt(0.5 * (size - z.0).max(0.0)).copysign(z.1))
+fn root_of<T: Number>(z: (T, T)) -> (T, T) {
+    let (size, half) = (size(z), T::from_f64(0.5));
+    let part = |square: T| half * if T::ZERO > square { T::ZERO } else { square };
+    let re = part(size + z.0).sqrt();
+    (re, part(size - z.0).sqrt().copysign(z.1))
 }
 
 /// A root of a monic polynomial.
-fn laguerre(trailing: &[Complex]) -> Complex {
-    let degree = trailing.len() as f64;
-    let mut s = (0.0, 0.0);
+fn laguerre<T: Number>(trailing: &[(T, T)]) -> (T, T) {
+    let degree = T::from_f64(trailing.len() as f64);
+    let mut s = (T::ZERO, T::ZERO);
     for _ in 0..80 {
         // p, its derivative and half its second one; what rounding makes of p
-        let (mut p, mut slope, mut curve) = ((1.0, 0.0), (0.0, 0.0), (0.0, 0.0));
-        let (mut noise, away) = (1.0, size(s));
+        let (mut p, mut slope, mut curve) =
+            ((T::ONE, T::ZERO), (T::ZERO, T::ZERO), (T::ZERO, T::ZERO));
+        let (mut noise, away) = (T::ONE, size(s));
         for c in trailing {
             let (a, b, d) = (times(curve, s), times(slope, s), times(p, s));
             curve = (a.0 + slope.0, a.1 + slope.1);
@@ -300,22 +308,23 @@ fn laguerre(trailing: &[Complex]) -> Complex {
             p = (d.0 + c.0, d.1 + c.1);
             noise = noise * away + size(p);
         }
-        if size(p) <= 2.0 * f64::EPSILON * noise {
+        if size(p) <= T::from_f64(2.0 * T::EPSILON) * noise {
             break;
         }
         let g = over(slope, p);
         let (g2, bend) = (times(g, g), over(curve, p));
-        let h = (g2.0 - 2.0 * bend.0, g2.1 - 2.0 * bend.1);
+        let two = T::from_f64(2.0);
+        let h = (g2.0 - two * bend.0, g2.1 - two * bend.1);
         let spread = root_of((
-            (degree - 1.0) * (degree * h.0 - g2.0),
-            (degree - 1.0) * (degree * h.1 - g2.1),
+            (degree - T::ONE) * (degree * h.0 - g2.0),
+            (degree - T::ONE) * (degree * h.1 - g2.1),
         ));
         let (plus, minus) = ((g.0 + spread.0, g.1 + spread.1), (g.0 - spread.0, g.1 - spread.1));
         let largest = if size(minus) > size(plus) { minus } else { plus };
-        if size(largest) == 0.0 {
+        if size(largest) == T::ZERO {
             break;
         }
-        let step = over((degree, 0.0), largest);
+        let step = over((degree, T::ZERO), largest);
         s = (s.0 - step.0, s.1 - step.1);
     }
     s
@@ -351,10 +360,10 @@ pub fn coefficients_from_poles<T: Scalar, const N: usize>(
 
 /// Turn P₀ = 1 into P_m of the low-power recursion Pᵢ = s(s + αᵢ)Pᵢ₋₁ + β₁…βᵢ.
 #[inline(never)]
-fn low_power_inner<T: Scalar>(p: &mut Ascending<T>, alpha: &[T], beta: &[T]) {
+fn low_power_inner<T: Number>(p: &mut Ascending<T>, alpha: &[T], beta: &[T]) {
     let mut product = T::ONE;
     for (a, b) in alpha.iter().zip(beta) {
-        product *= *b;
+        product = product * *b;
         p.times_linear(*a);
         p.times_linear(T::ZERO);
         p.c[0] = product;
@@ -377,7 +386,7 @@ pub fn low_power_polynomial<T: Scalar>(alpha: &[T], beta: &[T], out: &mut [T]) {
 
 /// Characteristic polynomial of all blocks but the last, whose eigenvalue is −αₙ: Pₙ₋₁, written as its
 /// 2n − 2 trailing coefficients into `out`.
-pub(crate) fn low_power_inner_polynomial(alpha: &[f64], beta: &[f64], out: &mut [f64]) {
+pub(crate) fn low_power_inner_polynomial<T: Number>(alpha: &[T], beta: &[T], out: &mut [T]) {
     let mut p = Ascending::one();
     low_power_inner(&mut p, alpha, beta);
     for (slot, c) in out.iter_mut().zip(p.trailing()) {
@@ -392,19 +401,19 @@ pub(crate) fn low_power_inner_polynomial(alpha: &[f64], beta: &[f64], out: &mut 
 /// Lemma 1 of Astolfi et al. with cₖ Mₖ(Tδ) in the place of cₖ = P(0): Σⱼ (jT)ᵏ/k! z⁻ʲ = Mₖ/(T δᵏ⁺¹) is what
 /// an innovation of the k-th derivative makes of the prediction; M₀ = 1, and with w = z − 1
 /// Mₖ₊₁ = (1 + w)(Mₖ − w Mₖ′/(k + 1)).
-pub(crate) fn low_power_steps<const N: usize>(
-    polynomial: &[f64],
-    near: [f64; N],
-    dt: f64,
-) -> ([f64; N], [f64; N]) {
-    let (mut a, mut b, mut c) = ([0.0; N], [0.0; N], [1.0; N]);
+pub(crate) fn low_power_steps<T: Number, const N: usize>(
+    polynomial: &[T],
+    near: [T; N],
+    dt: T,
+) -> ([T; N], [T; N]) {
+    let (mut a, mut b, mut c) = ([T::ZERO; N], [T::ZERO; N], [T::ONE; N]);
     let mut moved = [Ascending::one(); N]; // Mₖ(Tδ), by powers of δ
     for k in 1..N {
         let mut slope = moved[k - 1].slope();
-        slope.times_linear(0.0);
-        moved[k] = moved[k - 1].less(1.0 / k as f64, &slope);
+        slope.times_linear(T::ZERO);
+        moved[k] = moved[k - 1].less(T::ONE / T::from_f64(k as f64), &slope);
         let mut above = moved[k];
-        above.times_linear(0.0);
+        above.times_linear(T::ZERO);
         moved[k] = moved[k].less(-dt, &above);
         moved[k].degree = k;
     }

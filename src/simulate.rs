@@ -293,8 +293,15 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
                 let told = tell(&u);
                 let both = self.both(law, self.noise.sines, held, frozen, &u, &told);
                 let (x, z) = integrator.step(both, t, &(end.x, end.z), dt);
+                let z = law.admissible(z);
+                let mut spoilt = T::ZERO; // NaN where an entry is not finite
+                z.visit(&mut |entry| spoilt += T::ZERO * entry);
+                if spoilt.is_finite() || !x.within(bound) {
+                    end.z = z;
+                } else {
+                    end.undefined_at = end.undefined_at.or(Some(k)); // no value: the memory is held
+                }
                 end.x = x;
-                end.z = law.admissible(z);
                 t = self.schedule.next_time(t, k, dt);
             }
         }

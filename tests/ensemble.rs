@@ -9,7 +9,7 @@ use hgo_rs::metrics::{LogHistogram, Moments, SettlingTime, Wanted, Window};
 use hgo_rs::model::{Plant, Unknown};
 use hgo_rs::models::{Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, VanDerPol};
 use hgo_rs::noise::{Channel, Draw, Noise, Stream};
-use hgo_rs::observer::{ContinuousLaw, Discretised, Euler, Method, Observer};
+use hgo_rs::observer::{ContinuousLaw, Discretised, Euler, Observer, Rk4};
 use hgo_rs::observers::{
     HardClip, PeakingFreeObserver, ReducedOrderObserver, SampledDataObserver, StandardObserver,
 };
@@ -232,7 +232,7 @@ fn adaptive_gain_at_a_held_plant() {
     let plant = SanfelicePraly::new(1.9, 0.1).unwrap();
     let gain = AdaptiveGain::new(10.0, 0.0025, 0.183).unwrap();
     let law = StandardObserver::<f64, _, _, 2>::new([2.0; 2], gain, plant).unwrap();
-    let observer = Discretised { law, scheme: Method::<2> };
+    let observer = Discretised { law, scheme: Rk4 };
     let start = (Vector2::new(-0.1 / 1.9, 0.0), (Vector2::new(1.0, 0.0), 1.0));
     let held = experiment(plant, PlantScheme::Held, FixedStep::new(9e-3).unwrap(), NORMAL);
     sampled(&held, &observer, start);

@@ -250,36 +250,42 @@ mod stochastic {
                 Logistic { c, .. } => c - x.x.exp(),
             })
         }
-        fn output(&self, x: &Vector1<f64>) -> f64 {
+        fn output(&self, _: f64, x: &Vector1<f64>, (): &()) -> f64 {
             x.x
         }
         fn truth<'a>(&self, x: &'a Vector1<f64>) -> &'a [f64] {
             x.as_slice()
         }
-        fn control(&self, _: &Vector1<f64>, _: f64) {}
+        fn control(&self, _: f64, _: &Vector1<f64>, _: f64) {}
         fn supports(&self, _: StochasticIntegrator) -> bool {
             true
         }
-        fn diffusion(&self, x: &Vector1<f64>) -> Vector1<f64> {
+        fn diffusion(&self, _: f64, x: &Vector1<f64>, (): &()) -> Vector1<f64> {
             Vector1::new(match self {
                 Geometric { sigma, .. } => sigma * x.x,
                 OrnsteinUhlenbeck { sigma, .. } | Logistic { sigma, .. } => *sigma,
             })
         }
-        fn diffusion_slope(&self, x: &Vector1<f64>) -> Vector1<f64> {
+        fn diffusion_slope(&self, _: f64, x: &Vector1<f64>, (): &()) -> Vector1<f64> {
             Vector1::new(match self {
                 Geometric { sigma, .. } => sigma * sigma * x.x,
                 _ => 0.0,
             })
         }
-        fn jacobian_times(&self, _: f64, x: &Vector1<f64>, v: &Vector1<f64>) -> Vector1<f64> {
+        fn jacobian_times(
+            &self,
+            _: f64,
+            x: &Vector1<f64>,
+            (): &(),
+            v: &Vector1<f64>,
+        ) -> Vector1<f64> {
             match self {
                 Geometric { mu, .. } => v * *mu,
                 OrnsteinUhlenbeck { theta, .. } => v * -*theta,
                 Logistic { .. } => v * -x.x.exp(),
             }
         }
-        fn curvature(&self, _: f64, x: &Vector1<f64>) -> Vector1<f64> {
+        fn curvature(&self, _: f64, x: &Vector1<f64>, (): &()) -> Vector1<f64> {
             Vector1::new(match self {
                 Logistic { sigma, .. } => -0.5 * sigma * sigma * x.x.exp(),
                 _ => 0.0,

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from hgo_rs.results import Gap, RunResult, SimulationResult
     from hgo_rs.simulation import simulate
     from hgo_rs.studies import StudyError, StudyInterrupted, StudyProgress, StudyResult, study
-    from hgo_rs.tuning import TradeOff, Tuning, tune
+    from hgo_rs.tuning import TradeOff, Tuning, TuningWarning, tune
 
 __version__ = "0.1.0"
 
@@ -98,6 +98,7 @@ __all__ = [
     "System",
     "TradeOff",
     "Tuning",
+    "TuningWarning",
     "UniformNoise",
     "Unknown",
     "VanDerPol",

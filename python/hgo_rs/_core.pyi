@@ -51,6 +51,15 @@ class Observer:
         t: float,
         dt: float,
     ) -> tuple[_Array, int]: ...
+    def correct(self, memory: npt.ArrayLike, y: npt.ArrayLike, t: float) -> tuple[_Array, int]: ...
+    def advance(
+        self,
+        memory: npt.ArrayLike,
+        y: npt.ArrayLike,
+        u: npt.ArrayLike,
+        t: float,
+        dt: float,
+    ) -> tuple[_Array, int]: ...
     def run(
         self,
         t: npt.ArrayLike,
@@ -58,13 +67,20 @@ class Observer:
         u: npt.ArrayLike,
         memory0: npt.ArrayLike,
         innovation: bool = True,
+        until: float | None = None,
     ) -> dict[str, Any]: ...
 
 @disjoint_base
 class Online:
-    memory: _Array
+    @property
+    def memory(self) -> _Array: ...
+    @memory.setter
+    def memory(self, memory: npt.ArrayLike) -> None: ...
     allow_unstable: bool
     _time: float
+    _clock: tuple[int, list[float]]
+    _started: bool
+    _open: bool
     def __new__(cls, *_args: Any, **_kwargs: Any) -> Self: ...
     def __init__(self, law: Observer, lift: float, allow_unstable: bool) -> None: ...
     def step(
@@ -73,6 +89,14 @@ class Online:
         u: npt.ArrayLike | None = None,
         *,
         dt: float,
+        out: _Array | None = None,
+    ) -> _Array: ...
+    def correct(self, y: npt.ArrayLike | None, *, out: _Array | None = None) -> _Array: ...
+    def predict(
+        self,
+        u: npt.ArrayLike | None = None,
+        dt: float | None = None,
+        *,
         out: _Array | None = None,
     ) -> _Array: ...
     def _bound(self, start: float, samples: float) -> float: ...
@@ -99,6 +123,7 @@ def trace_step(
     single: bool = False,
     missing: bool = False,
     dt: float | None = None,
+    part: str = "step",
 ) -> dict[str, Any]: ...
 def evaluate_table(
     table: Mapping[str, Any], inputs: npt.ArrayLike, single: bool = False

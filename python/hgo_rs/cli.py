@@ -1,7 +1,7 @@
 """The `hgo` command: list, run and reproduce scenarios; run an observer over a recorded log.
 
 Exit status: 0 all well, 1 a row missed its tolerance or a scenario failed, 2 bad usage or bad
-input (one line on standard error), 130 interrupted.
+input (one line on standard error), 130 interrupted, 143 terminated.
 """
 
 from __future__ import annotations
@@ -11,9 +11,11 @@ import inspect
 import json
 import math
 import os
+import signal
 import sys
+import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,9 +24,11 @@ import numpy as np
 
 from hgo_rs import plotting, scenarios
 from hgo_rs.config import FORMAT, OBSERVERS, Config, load
-from hgo_rs.data import UNITS, Log, LogSummary, TableWriter, check_writable_format, read_chunks
-from hgo_rs.errors import HgoError, MissingExtraError
+from hgo_rs.data import Log, LogSummary, TableWriter, check_writable_format, read_chunks
+from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING
+from hgo_rs.errors import HgoError, MissingExtraError, printable
 from hgo_rs.estimation import check_fit, run_chunks
+from hgo_rs.files import together
 from hgo_rs.gaps import gap_error
 from hgo_rs.record import rows_to_json
 from hgo_rs.report import counted, format_value
@@ -37,6 +41,7 @@ from hgo_rs.reproduce import (
 )
 from hgo_rs.reproduce import run as run_scenarios
 from hgo_rs.scenarios.base import BACKENDS, Row
+from hgo_rs.times import UNITS
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -47,12 +52,14 @@ if TYPE_CHECKING:
 
 __all__ = ["main"]
 
-MISSED, USAGE, INTERRUPTED = 1, 2, 130
+MISSED, USAGE, INTERRUPTED, TERMINATED = 1, 2, 130, 143
 
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the command and exit with its status; every error is one clear line."""
     try:
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, _terminated)  # workers end, half-written files go
         status = command.main(args=args, prog_name="hgo", standalone_mode=False)
     except click.ClickException as error:
         _complain(error.format_message())
@@ -69,8 +76,17 @@ def main(args: Sequence[str] | None = None) -> None:
     sys.exit(status if isinstance(status, int) else 0)
 
 
+def _terminated(*_: object) -> None:
+    sys.exit(TERMINATED)
+
+
 def _complain(message: str) -> None:
-    click.echo("hgo: " + " ".join(message.split("\n")), err=True)
+    _say("hgo: " + " ".join(message.split("\n")), err=True)
+
+
+def _say(text: str, err: bool = False) -> None:
+    """Print lines whose names, from files and arguments, do nothing to the terminal."""
+    click.echo("\n".join(map(printable, text.split("\n"))), err=err)
 
 
 class _Commands(click.Group):
@@ -161,9 +177,9 @@ def run_command(id: str, backend: str, seed: int, out: Path | None, as_json: boo
         click.echo(record.error, err=True, nl=False)
         _complain(f"{id} failed")
     if folder is not None:
-        folder.write_figure(record)
         text = json.dumps(record.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
-        folder.write(f"{id}.json", text.encode())
+        images = {f"{id}.{kind}": image for kind, image in record.images.items()}
+        folder.write_all({**images, f"{id}.json": text.encode()})
     if as_json:
         result = {
             "id": id,
@@ -176,7 +192,7 @@ def run_command(id: str, backend: str, seed: int, out: Path | None, as_json: boo
         _print_rows(record)
         if folder is not None:
             names = [f"{id}.json", *(f"{id}.{kind}" for kind in record.images)]
-            click.echo(f"written to {folder.path}: {', '.join(names)}")
+            _say(f"written to {printable(str(folder.path))}: {', '.join(names)}")
     return 0 if record.ok else MISSED
 
 
@@ -333,7 +349,7 @@ def _print_summary(records: Sequence[Record], about: dict[str, Any], report: Pat
     elif not about["interrupted"]:
         told += ", all within tolerance"
     click.echo(f"{told} ({about['elapsed_s']:.1f} s)")
-    click.echo(f"report: {report}")
+    _say(f"report: {printable(str(report))}")
     if about["interrupted"]:
         _complain(f"interrupted: {len(records)} of {about['planned']} scenarios finished")
         return INTERRUPTED
@@ -413,7 +429,12 @@ class _Numbers(click.ParamType):
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--config", type=click.Path(path_type=Path), help="observer.toml; options go before.")
 @click.option("--time", "time", metavar="COL", multiple=True, help="Time column.")
-@click.option("--unit", type=click.Choice(list(UNITS)), help="Unit of the time column.")
+@click.option(
+    "--unit",
+    type=click.Choice(list(UNITS)),
+    multiple=True,
+    help="Unit of the time column; again for several.",
+)
 @click.option("--output", metavar="COL", multiple=True, help="Measured output.")
 @click.option("--input", "input", metavar="COL", multiple=True, help="Known input.")
 @click.option(
@@ -427,8 +448,15 @@ class _Numbers(click.ParamType):
 @click.option("--gain", type=float, help="The gain L (ell), 1/s.")
 @click.option("--dt", type=float, help="Sampling period, s: for a log without a time column.")
 @click.option("--poles", type=_Numbers(), help="Poles at gain 1, for example -1,-2,-3.")
-@click.option("--method", help="Discretisation; by default the observer's own.")
-@click.option("--timing", help="current (the estimate at a sample uses it) or predictor.")
+@click.option(
+    "--method",
+    help=f"Discretisation; by default the class's own: {DEFAULT_METHOD}, where the law takes it.",
+)
+@click.option(
+    "--timing",
+    help="current (the estimate at a sample uses it) or predictor; by default "
+    f"{DEFAULT_TIMING}, where the law takes it.",
+)
 @click.option("--saturation", type=_Numbers(), help="Bounds on the states 2 to n (peaking-free).")
 @click.option("--allow-unstable", is_flag=True, help="Go beyond the step limit of the method.")
 @click.option(
@@ -476,8 +504,12 @@ def estimate_command(
     law = told.observer()
     arguments = told.log
     check_fit(law, arguments, f"{told.place(('log',))}: " if config else "")
-    for path in (out, *([figure] if draw else []), *([save_config] if save_config else [])):
-        _check_writable(path, log)
+    results = {"--out": out}
+    if draw:
+        results["--figure"] = figure
+    if save_config is not None:
+        results["--save-config"] = save_config
+    _check_places(results, {"the log itself": log, "the file of --config": config})
     summary, gaps, trace = LogSummary(), _LongestGaps(), _Trace()
 
     def seen(chunks: Iterable[Log]) -> Iterator[Log]:
@@ -486,27 +518,47 @@ def estimate_command(
             yield chunk
 
     piece = -1
-    with TableWriter(out) as writer:
-        for chunk, result in run_chunks(law, seen(read_chunks(log, **arguments))):
-            piece += len(chunk.starts)
-            split = arguments.get("resets") == "split"
-            writer.write(_columns(chunk, result, piece if split else None))
-            gaps.add(law, result)
+    try:
+        with together(list(results.values())) as opened:
+            files = dict(zip(results, opened, strict=True))
+            with TableWriter(out, files["--out"]) as writer:
+                for chunk, result in run_chunks(law, seen(read_chunks(log, **arguments))):
+                    piece += len(chunk.starts)
+                    split = arguments.get("resets") == "split"
+                    writer.write(_columns(chunk, result, piece if split else None))
+                    gaps.add(law, result)
+                    if draw:
+                        trace.add(chunk, result)
             if draw:
-                trace.add(chunk, result)
-    click.echo(f"{log}: {summary.describe()}")
+                drawn = trace.draw(law, arguments["output"], told.data["observer"])
+                plotting.save(drawn, figure, files["--figure"])
+            if save_config is not None:
+                files["--save-config"].write(told.to_toml().encode())
+    except OSError as error:
+        named = error.filename or ", ".join(map(str, results.values()))
+        raise OutputError(f"cannot write {named}: {error.strerror or error}") from error
+    _say(f"{printable(str(log))}: {summary.describe()}")
+    _say(f"run by {_law(law)}")
     gaps.tell()
-    written = [str(out)]
-    if draw:
-        written.append(str(figure))
-        trace.draw(law, arguments["output"], told.data["observer"], figure)
-    else:
+    if not draw:
         click.echo("no figure: pip install 'hgo_rs[plot]'", err=True)
-    if save_config is not None:
-        told.save(save_config)
-        written.append(str(save_config))
-    click.echo(f"written: {', '.join(written)}")
+    _say(f"written: {', '.join(printable(str(path)) for path in results.values())}")
     return 0
+
+
+def _law(law: Observer) -> str:
+    """What ran: kind and order, gain, method and timing, as it was chosen."""
+    parts = law.spec.get("observers", [law.spec])
+    told = []
+    for part in parts:
+        gain = part.get("gain")
+        ell = gain.get("ell") if isinstance(gain, dict) else None
+        words = [part["kind"]]
+        words += [f"order {part['n']}"] if "n" in part else []
+        words += [f"gain {ell:g} 1/s"] if ell is not None else []
+        words += [f"method {part['method']}"] if "method" in part else []
+        told.append(", ".join(words))
+    return f"{'; '.join(told)}; timing {law.timing}"
 
 
 def _configuration(path: Path | None, options: dict[str, Any]) -> Config:
@@ -514,10 +566,10 @@ def _configuration(path: Path | None, options: dict[str, Any]) -> Config:
     given = {k: v for k, v in options.items() if v is not None and v is not False and v != ()}
     columns: dict[str, Any] = {
         key: given.pop(key)[0] if len(given[key]) == 1 else list(given.pop(key))
-        for key in ("time", "output", "input")
+        for key in ("time", "unit", "output", "input")
         if key in given
     }
-    columns |= {key: given.pop(key) for key in ("unit", "dt", "resets") if key in given}
+    columns |= {key: given.pop(key) for key in ("dt", "resets") if key in given}
     base = None if path is None else load(path)
     b0 = given.pop("input_gain", None)
     if b0 is not None and "input" not in {**(base.log if base else {}), **columns}:
@@ -569,12 +621,32 @@ def _can_draw(figure: Path | None) -> bool:
     return True
 
 
-def _check_writable(path: Path, log: Path) -> None:
-    """Refuse before the work, not after it."""
-    if path.resolve() == log.resolve():
-        raise OutputError(f"{path} is the log itself; choose another file with --out")
+def _check_places(results: Mapping[str, Path], sources: Mapping[str, Path | None]) -> None:
+    """Refuse before the work, not after it: what cannot be written, or would replace another."""
+    taken = {name: path for name, path in sources.items() if path is not None}
+    for option, path in results.items():
+        for name, other in taken.items():
+            if _same_file(path, other):
+                remedy = f"choose another file with {option}"
+                if name in results:
+                    name = f"the file of {name} too"
+                raise OutputError(f"{path} is {name}; {remedy}")
+        taken[option] = path
+        _check_writable(path)
+
+
+def _same_file(a: Path, b: Path) -> bool:
+    try:
+        return a.resolve() == b.resolve() or a.samefile(b)
+    except OSError:
+        return False
+
+
+def _check_writable(path: Path) -> None:
     if path.is_dir():
         raise OutputError(f"cannot write {path}: it is a folder")
+    if path.exists() and not path.is_file():
+        raise OutputError(f"cannot write {path}: it is a pipe or a device; name a file")
     existed = path.exists()
     try:
         with path.open("ab"):
@@ -637,7 +709,7 @@ class _LongestGaps:
                 f"x_hat{i + 1} {e:.3g}" for i, e in enumerate(error) if np.isfinite(e)
             )
             told = f"error to expect at its end: {states}" if states else "no error estimate"
-            click.echo(f"gap of {duration:.4g} s ({gap.length} samples) at t = {t:g} s: {told}")
+            _say(f"gap of {duration:.4g} s ({gap.length} samples) at t = {t:.10g} s: {told}")
 
 
 class _Trace:
@@ -671,7 +743,7 @@ class _Trace:
             self.parts = {n: [np.concatenate(p)[::2]] for n, p in self.parts.items()}
             self.kept = len(self.parts["time"][0])
 
-    def draw(self, law: Observer, output: Any, kind: str, path: Path) -> None:
+    def draw(self, law: Observer, output: Any, kind: str) -> Any:
         signals: dict[str, Any] = {n: np.concatenate(p) for n, p in self.parts.items()}
         gain = f", gain {law.gain:g} 1/s" if law.spec.get("gain", {}) and law.gain else ""
         moves = law._gain_index() is not None
@@ -680,8 +752,8 @@ class _Trace:
         title = f"{kind}, order {law.n}" + ("" if moves else gain)
         if self.stride > 1:
             title += f" (every {self.stride}th row)"
-        name = f"column {output}" if str(output).isdigit() else str(output)
-        figure = plotting.estimate_figure(
+        name = f"column {output}" if str(output).isdigit() else printable(str(output))
+        return plotting.estimate_figure(
             signals.pop("time"),
             signals.pop("x_hat"),
             names=_state_names(law, name),
@@ -689,10 +761,6 @@ class _Trace:
             title=title,
             **signals,
         )
-        try:
-            plotting.save(figure, path)
-        except OSError as error:
-            raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def _state_names(law: Observer, output: str) -> list[str] | None:
@@ -731,7 +799,8 @@ def export_command(config: Path, to: str, out: Path, name: str | None, precision
     files = export(
         told.observer(), to=to, out=out, name=name, precision=precision, dt=told.log.get("dt")
     )
-    click.echo(f"written to {out}: {', '.join(str(file.relative_to(out)) for file in files)}")
+    names = ", ".join(str(file.relative_to(out)) for file in files)
+    _say(f"written to {printable(str(out))}: {names}")
     return 0
 
 

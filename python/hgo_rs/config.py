@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hgo_rs.errors import HgoError
+from hgo_rs.files import write_text
+from hgo_rs.read_only import read_only
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -43,6 +45,16 @@ OBSERVERS = {
     "chains": "MultiOutputObserver",
 }
 """The structures, and the class of hgo_rs behind each name."""
+
+
+LARGEST = 2**18
+"""Bytes of the largest file that is read."""
+LONGEST = 300
+"""Lines of the longest value that is read."""
+DEEPEST = 16
+"""Parts of the longest key that is read."""
+_PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
+_DEEP = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*\.[ \t]*{_PART}){{{DEEPEST},}}")
 
 
 class ConfigError(HgoError):
@@ -123,8 +135,7 @@ TOP: dict[str, Kind] = {
 }
 """The keys at the head of the file. From `order` to `allow_unstable` they are the arguments of the
 observer's class; `order` is its n. `observers` are those of a model of several chains, each with
-keys as at the head. A file that does not say its `timing` means "current", what a user of a log
-expects."""
+keys as at the head. What a file leaves open is as in the class."""
 
 GAINS: dict[str, tuple[str, dict[str, Kind]]] = {
     "constant": ("ConstantGain", {"ell": NUMBER}),
@@ -160,15 +171,15 @@ MODELS: dict[str, tuple[str, dict[str, Kind]]] = {
 }
 """`[model]`: the class behind each `kind`, and its keys. A table without `kind` is an own model."""
 
-START: dict[str, Kind] = {"x_hat": NUMBERS, "r": NUMBER, "memory": NUMBERS}
-"""`[start]`: the estimate and the gain to start from, or the whole memory."""
+START: dict[str, Kind] = {"x_hat": NUMBERS, "r": NUMBER, "memory": NUMBERS, "t": NUMBER}
+"""`[start]`: the estimate and the gain to start from, or the whole memory; the time of `step`."""
 
 LOG: dict[str, Kind] = {
     "time": TEXT_OR_TEXTS,
     "output": TEXT_OR_TEXTS,
     "input": TEXT_OR_TEXTS,
     "dt": NUMBER,
-    "unit": TEXT,
+    "unit": TEXT_OR_TEXTS,
     "resets": TEXT,
     "schedule": TABLE,
 }
@@ -180,7 +191,7 @@ SCHEDULE: dict[str, Kind] = {"alpha": NUMBER, "epsilon": NUMBER, "k0": NUMBER, "
 _RIVALS = (("gain", "epsilon"), ("poles", "k", "alpha", "beta"))
 """Keys that stand in place of one another: a change of one drops the others."""
 
-_UNITS = {"gain": "1/s", "epsilon": "s", "dt": "s"}
+_UNITS = {"gain": "1/s", "epsilon": "s", "dt": "s", "t": "s"}
 _KEYS = {"n": "order", "ell": "gain", "x_hat0": "x_hat", "r0": "r", "memory0": "memory"}
 """The keys of parameters that have another name in Python."""
 
@@ -195,7 +206,8 @@ class Config:
     Attributes
     ----------
     data : dict
-        What the file says: plain numbers, texts, lists and dicts. See the page of configurations.
+        What the file says: plain numbers, texts, lists and dicts, read-only (`replace` gives
+        another configuration). See the page of configurations.
     source : str
         The file, for errors; "" if there is none.
 
@@ -210,6 +222,7 @@ class Config:
     _lines: Mapping[tuple[str, ...], int] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "data", read_only(self.data))
         self._check()
 
     # --- from and to text -----------------------------------------------------------------------
@@ -217,19 +230,32 @@ class Config:
     @classmethod
     def from_toml(cls, text: str, source: str = "") -> Config:
         """A configuration from the text of an `observer.toml`."""
+        place = source or "configuration"
+        if len(text) > LARGEST:
+            raise _too_large(place)
+        deep = _DEEP.search(text)
+        if deep:
+            line = text.count("\n", 0, deep.start()) + 1
+            raise ConfigError(
+                f"{place}, line {line}: a key of more than {DEEPEST} parts; write key = value, "
+                "with at most two dots in the key"
+            )
         try:
             data = tomllib.loads(text)
+            places: dict[tuple[str, ...], int] = {}
+            for path, number in _places(text, place):
+                places.setdefault(path, number)
         except tomllib.TOMLDecodeError as error:
             said = re.fullmatch(r"(.*) \(at (.*)\)", str(error), re.S)
             what, where = said.groups() if said else (str(error), "end of document")
             where = where.replace("end of document", f"line {len(text.splitlines())}")
-            place = ", ".join(part for part in (source or "configuration", where) if part)
             raise ConfigError(
-                f"{place}: not TOML: {what}; write key = value, text in quotes, each key once"
+                f"{place}, {where}: not TOML: {what}; write key = value, text in quotes, each key "
+                "once"
             ) from None
         except RecursionError:
-            raise ConfigError(f"{source or 'configuration'}: nested too deeply") from None
-        return cls(data, source, dict(_places(text)))
+            raise ConfigError(f"{place}: nested too deeply; write flat tables") from None
+        return cls(data, source, places)
 
     def to_toml(self) -> str:
         """The text of this configuration; reading it gives an equal one, to the last bit."""
@@ -267,9 +293,9 @@ class Config:
         return tomlkit.dumps(document)
 
     def save(self, path: str | Path) -> None:
-        """Write an `observer.toml`."""
+        """Write an `observer.toml`, whole or not at all: a failed write leaves the earlier file."""
         try:
-            Path(path).write_text(self.to_toml(), encoding="utf-8", newline="\n")
+            write_text(path, self.to_toml())
         except OSError as error:
             raise ConfigError(f"cannot write {path}: {error.strerror or error}") from error
 
@@ -285,8 +311,11 @@ class Config:
         model = _model_table(observer)
         if model is not None:
             data["model"] = model
-        if not np.array_equal(observer.memory, observer.initial_memory()):
+        reached = observer._told or observer._time != 0.0
+        if reached or not np.array_equal(observer.memory, observer.initial_memory()):
             data["start"] = {"memory": observer.memory.tolist()}
+        if observer._time != 0.0:
+            data["start"]["t"] = observer._time
         if log:
             data["log"] = {key: value for key, value in log.items() if value is not None}
         return cls(_plain(data))
@@ -303,8 +332,6 @@ class Config:
         }
         if "observers" in given:
             given["observers"] = [inner.observer() for inner in self._inner()]
-        if "timing" in inspect.signature(law).parameters:
-            given.setdefault("timing", "current")
         if isinstance(given.get("gain"), dict):
             given["gain"] = self._gain(given["gain"])
         if "poles" in given:
@@ -318,7 +345,9 @@ class Config:
         start = self.data.get("start")
         if start:
             names = {"x_hat": "x_hat0", "r": "r0", "memory": "memory0"}
-            self._built(("start",), observer.reset, {names[k]: v for k, v in start.items()})
+            given = {names[k]: v for k, v in start.items() if k != "t"}
+            self._built(("start",), observer.reset, given)
+            observer._time = float(start.get("t", 0.0))
         return observer
 
     def _inner(self) -> list[Config]:
@@ -383,7 +412,9 @@ class Config:
             key = named[0] if named else ""
             key = _KEYS.get(key, key)
             inside = path if key not in self._at(path) else (*path, key)
-            raise ConfigError(f"{self.place(inside)}: {error}") from error
+            told, *shown = str(error).split("\n")  # of an expression: its text, and a caret below
+            told += f", in {shown[0].strip()!r}" if shown else ""
+            raise ConfigError(f"{self.place(inside)}: {told}") from error
 
     # --- checks ---------------------------------------------------------------------------------
 
@@ -520,7 +551,16 @@ def load(path: str | Path) -> Config:
     """
     path = Path(path)
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise ConfigError(
+                f"{path} is a pipe or a device, which may have no end; write what it gives to a "
+                "file"
+            )
+        with path.open("rb") as file:
+            content = file.read(LARGEST + 1)
+        if len(content) > LARGEST:
+            raise _too_large(str(path))
+        text = content.decode("utf-8-sig")
     except FileNotFoundError:
         beside = (p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else ()
         near = _nearest(path.name, sorted(beside))
@@ -533,10 +573,16 @@ def load(path: str | Path) -> Config:
     return Config.from_toml(text, str(path))
 
 
+def _too_large(place: str) -> ConfigError:
+    return ConfigError(
+        f"{place}: has more than {LARGEST} bytes, the most that are read; name an observer.toml"
+    )
+
+
 # --- parts ------------------------------------------------------------------------------------
 
 
-def _places(text: str) -> Iterator[tuple[tuple[str, ...], int]]:
+def _places(text: str, source: str) -> Iterator[tuple[tuple[str, ...], int]]:
     """(path of keys, line) of every key in a text that is TOML.
 
     A statement is the shortest run of lines that TOML reads by itself; its keys stand at its first
@@ -550,6 +596,11 @@ def _places(text: str) -> Iterator[tuple[tuple[str, ...], int]]:
         try:
             found = tomllib.loads(fragment)
         except tomllib.TOMLDecodeError:
+            if number - first >= LONGEST:
+                raise ConfigError(
+                    f"{source}, line {first}: a value of more than {LONGEST} lines; write more of "
+                    "it on a line"
+                ) from None
             continue
         paths = list(_paths(found))
         if fragment.lstrip().startswith("[["):  # one more of several tables

@@ -10,19 +10,40 @@ from __future__ import annotations
 import contextlib
 import csv
 import difflib
+import io
 import itertools
 import math
 import re
+import zipfile
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, NoReturn, cast
 
 import numpy as np
 
-from hgo_rs.errors import HgoError, MissingExtraError, check_choice, check_number
+from hgo_rs.errors import HgoError, MissingExtraError, check_choice, check_number, printable
+from hgo_rs.files import replacing
+from hgo_rs.times import (
+    COUNTED,
+    FARTHEST,
+    FAST,
+    LONGEST,
+    SLOW,
+    SLOWEST,
+    UNITS,
+    Ticks,
+    likely,
+    named_unit,
+    span,
+    ticks,
+    unix_days,
+    unix_unit,
+    wrapped,
+)
 
 if TYPE_CHECKING:
     from hgo_rs.gains import StochasticApproximation
@@ -41,13 +62,17 @@ __all__ = [
 
 READABLE = (".csv", ".txt", ".tsv", ".dat", ".npz", ".mat", ".parquet", ".pq")
 WRITABLE = (".csv", ".parquet", ".pq")
-UNITS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-"""Units of time, and how many of them a second has."""
 CHUNK = 65_536
 """Rows of a chunk."""
+LINE = 2**20
+"""Characters of the longest line that is read."""
+BLOCK = 2**26
+"""Characters of text that are held at a time, beside one line."""
 
 _TEXT = (".csv", ".txt", ".tsv", ".dat")
 _PARQUET = (".parquet", ".pq")
+_EXACT = 2.0**53
+"""Integers from here on are not all float64 numbers."""
 _MISSING = frozenset({"", "nan", "na", "n/a", "null", "none"})
 
 Columns = str | Sequence[str]
@@ -80,6 +105,8 @@ class Log:
         Where a piece begins: 0, and each reset of the clock.
     remarks : tuple of str
         What was found out about the log and not asked for, such as the unit of its times.
+    assumed : bool
+        Whether the unit of its times is a guess: neither given, nor said by the column's name.
     """
 
     t: np.ndarray
@@ -90,6 +117,7 @@ class Log:
     missing: np.ndarray
     starts: tuple[int, ...] = (0,)
     remarks: tuple[str, ...] = ()
+    assumed: bool = False
 
     @property
     def pieces(self) -> list[Log]:
@@ -101,7 +129,7 @@ class Log:
         """Some rows, as a log of one piece."""
         u = None if self.u is None else self.u[rows]
         t, y, missing = self.t[rows], self.y[rows], self.missing[rows]
-        return Log(t, y, u, self.names, self.source, missing, (0,), self.remarks)
+        return Log(t, y, u, self.names, self.source, missing, (0,), self.remarks, self.assumed)
 
     @property
     def longest_gap(self) -> tuple[int, int]:
@@ -172,18 +200,19 @@ class LogSummary:
     def describe(self) -> str:
         """What was seen, in some lines."""
         text = (
-            f"{self.count} samples from {self._span[0]:g} s to {self._span[1]:g} s, "
+            f"{self.count} samples from {self._span[0]:.10g} s to {self._span[1]:.10g} s, "
             f"median step {self._typical:.6g} s"
         )
         step, at = self._longest
         if step > 1.5 * self._typical:
-            text += f", longest step {step:.6g} s at t = {at:g} s"
+            text += f", longest step {step:.6g} s at t = {at:.10g} s"
         if self.pieces > 1:
             text += f", {self.pieces} pieces between resets of the clock"
         several = len(self._channels) > 1
         for channel in self._channels:
             if channel.count:
-                text += "\n" + (f"{channel.name}: " if several else "") + channel.describe()
+                name = f"{printable(channel.name)}: " if several else ""
+                text += f"\n{name}{channel.describe()}"
         return "\n".join([text, *self._remarks])
 
 
@@ -214,7 +243,7 @@ class _Missing:
         length, first, last = self._longest
         return (
             f"{self.count} missing sample{'s' if self.count > 1 else ''}; the longest gap has "
-            f"{length}, from t = {first:g} s to {last:g} s"
+            f"{length}, from t = {first:.10g} s to {last:.10g} s"
         )
 
 
@@ -225,15 +254,16 @@ def read_log(
     input: Columns | None = None,
     *,
     dt: float | None = None,
-    unit: str | None = None,
+    unit: str | Sequence[str] | None = None,
     resets: str = "refuse",
     schedule: StochasticApproximation | None = None,
 ) -> Log:
     """Read a time column, output columns and, if named, input columns.
 
     A CSV file may have a header or none (its columns are then named 0, 1, 2, ...), be separated by
-    tabs, semicolons, commas or blanks, and hold comment lines (#). A 2-D variable `q` of an `.npz`
-    or `.mat` file has the columns `q[0]`, `q[1]`, ...
+    tabs, semicolons, commas or blanks, and hold comment lines (#). A first line of whole numbers is
+    a header where the lines after it are written, or go on, otherwise; it is refused where it could
+    be either. A 2-D variable `q` of an `.npz` or `.mat` file has the columns `q[0]`, `q[1]`, ...
 
     Parameters
     ----------
@@ -248,8 +278,9 @@ def read_log(
         Sampling period, s. With `time` too, the recorded times only have to agree with it (to half
         a period), and exact multiples of `dt` take their place.
     unit
-        Unit of the time column: s, ms, us or ns. Default: what the column's name says (`t_ms`,
-        `time [us]`), ms, us or ns where only these make it a Unix time, else s.
+        Unit of the time column: s, ms, us, ns, min, h or d; a list for several time columns.
+        Default: what the column's name says (`t_ms`, `time [us]`, `TimeUS`, `millis`), the unit
+        that makes it a Unix time of our days, else s where the steps can be seconds.
     resets : "refuse" or "split"
         What a clock that starts again means: an error, or a new piece of the log.
     schedule
@@ -258,8 +289,9 @@ def read_log(
     Raises
     ------
     DataError
-        Unreadable or malformed file, unknown column, time that does not increase or is missing,
-        an infinite output, a missing or infinite input. Names file, line and remedy.
+        Unreadable or malformed file, unknown column, time that does not increase, is missing or
+        of a unit that cannot be, an infinite output, a missing or infinite input. Names file, line
+        and remedy.
     """
     chunks = list(
         read_chunks(path, time, output, input, dt=dt, unit=unit, resets=resets, schedule=schedule)
@@ -278,7 +310,8 @@ def read_log(
         first.source,
         np.concatenate([c.missing for c in chunks]),
         tuple(starts),
-        first.remarks,
+        chunks[-1].remarks,
+        first.assumed,
     )
 
 
@@ -289,7 +322,7 @@ def read_chunks(
     input: Columns | None = None,
     *,
     dt: float | None = None,
-    unit: str | None = None,
+    unit: str | Sequence[str] | None = None,
     resets: str = "refuse",
     schedule: StochasticApproximation | None = None,
     rows: int | None = None,
@@ -298,18 +331,16 @@ def read_chunks(
 
     A chunk goes on where the one before ended, unless its `starts` hold 0. An `.npz` or `.mat`
     file, and outputs with times of their own, are one chunk. What is wrong with the whole log
-    (fewer than two samples, an output without any) is raised after the last chunk.
+    (fewer than two samples, an output without any, a usual step that no unit makes) is raised after
+    the last chunk.
     """
     path = Path(path)
-    clock = _Clock(path, time, dt, unit, resets, schedule)
-    if not path.exists():
-        near = _nearest(path.name, _siblings(path))
-        raise DataError(f"no file {path}" + (f"; nearest: {', '.join(near)}" if near else ""))
-    if path.is_dir():
-        raise DataError(f"{path} is a folder; name a file ({', '.join(READABLE)})")
-    if path.suffix.lower() not in READABLE:
-        suffix = path.suffix.lower()
-        raise DataError(f"{path}: unknown format {suffix!r}; known: {', '.join(READABLE)}")
+    if unit is not None and not isinstance(unit, str) and len(unit) == 1:
+        (unit,) = unit
+    several = time is not None and not isinstance(time, str)
+    one = None if several else cast("str | None", unit)
+    clock = _Clock(path, time, dt, one, resets, schedule)
+    _check_file(path)
     outputs = _names(output, "output")
     inputs = [] if input is None else _names(input, "input")
     if time is not None and not isinstance(time, str):
@@ -332,27 +363,51 @@ def read_chunks(
             _refuse(table, path, ~np.isfinite(column), told)
         y = y[:, 0] if isinstance(output, str) else y
         u = u[:, 0] if u is not None and isinstance(input, str) else u
-        log = Log(t, y, u, names, str(path), np.isnan(y), starts, clock.remarks)
+        remarks = table.remarks + clock.remarks
+        log = Log(t, y, u, names, str(path), np.isnan(y), starts, remarks, clock.assumed)
         summary.add(log)
         yield log
     if summary.count < 2:
         raise DataError(f"{path}: {summary.count} samples; an observer needs at least 2")
+    clock.finish()
     for name in summary.empty_channels:
         raise DataError(f"{path}: column {name!r} holds no sample")
+
+
+def _check_file(path: Path) -> None:
+    """Refuse what is not there, is no file of known format, or might never end."""
+    try:
+        there, folder, regular = path.exists(), path.is_dir(), path.is_file()
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
+    if not there:
+        near = _nearest(path.name, _siblings(path))
+        raise DataError(f"no file {path}" + (f"; nearest: {', '.join(near)}" if near else ""))
+    if folder:
+        raise DataError(f"{path} is a folder; name a file ({', '.join(READABLE)})")
+    if path.suffix.lower() not in READABLE:
+        suffix = path.suffix.lower()
+        raise DataError(f"{path}: unknown format {suffix!r}; known: {', '.join(READABLE)}")
+    if not regular:
+        raise DataError(
+            f"{path} is a pipe or a device, which may have no end; write what it gives to a file"
+        )
 
 
 class TableWriter:
     """Writes columns chunk by chunk as CSV (NaN: empty cell) or Parquet, as the suffix says.
 
     A context manager: the file takes its name when the block ends well; a block that fails leaves
-    nothing behind.
+    nothing behind. With `into`, an open binary file, rows are written there, and `path` says the
+    format alone.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, into: IO[bytes] | None = None) -> None:
         self.path = Path(path)
         check_writable_format(self.path)
-        self._part = self.path.with_name(self.path.name + ".part")
-        self._text: IO[str] | None = None
+        self._into = into
+        self._file = contextlib.ExitStack()
+        self._text: io.TextIOWrapper | None = None
         self._parquet: Any = None
 
     def __enter__(self) -> TableWriter:
@@ -375,23 +430,23 @@ class TableWriter:
         trace: TracebackType | None,
     ) -> None:
         try:
-            for file in (self._text, self._parquet):
-                if file is not None:
-                    file.close()
-            if kind is None:
-                self._part.replace(self.path)
+            self._file.__exit__(kind, error, trace)
         except OSError as failure:
             raise self._refused(failure) from failure
-        finally:
-            with contextlib.suppress(OSError):
-                self._part.unlink()
+        if kind is None and self._text is None and self._parquet is None:
+            raise DataError(f"cannot write {self.path}: no columns were given; call write before")
 
     def _refused(self, error: OSError) -> DataError:
         return DataError(f"cannot write {self.path}: {error.strerror or error}")
 
+    def _place(self) -> contextlib.AbstractContextManager[IO[bytes]]:
+        return replacing(self.path) if self._into is None else contextlib.nullcontext(self._into)
+
     def _write_text(self, columns: Mapping[str, np.ndarray]) -> None:
         if self._text is None:
-            self._text = self._part.open("w", newline="", encoding="utf-8")
+            file = self._file.enter_context(self._place())
+            self._text = io.TextIOWrapper(file, newline="", encoding="utf-8")
+            self._file.push(self._end_text)
             csv.writer(self._text, lineterminator="\n").writerow(columns)
         cells = [
             map(repr, column.tolist())
@@ -401,13 +456,20 @@ class TableWriter:
         ]
         self._text.writelines(map("{}\n".format, map(",".join, zip(*cells, strict=True))))
 
+    def _end_text(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Hand on what waits; of a file that is given up its failure says no more."""
+        with contextlib.suppress(*((OSError,) if kind else ())):
+            cast("io.TextIOWrapper", self._text).detach()
+
     def _write_parquet(self, columns: Mapping[str, np.ndarray]) -> None:
         import pyarrow
         import pyarrow.parquet
 
         table = pyarrow.table(dict(columns))
         if self._parquet is None:
-            self._parquet = pyarrow.parquet.ParquetWriter(self._part, table.schema)
+            file = self._file.enter_context(self._place())
+            writer = pyarrow.parquet.ParquetWriter(file, table.schema)
+            self._parquet = self._file.enter_context(writer)
         self._parquet.write_table(table)
 
 
@@ -436,17 +498,8 @@ def check_writable_format(path: Path) -> None:
 
 # --- time ------------------------------------------------------------------------------------
 
-_UNIT_WORDS = {
-    "s": ("s", "sec", "secs", "second", "seconds"),
-    "ms": ("ms", "msec", "millis", "millisecond", "milliseconds"),
-    "us": ("us", "µs", "μs", "usec", "micros", "microsecond", "microseconds"),
-    "ns": ("ns", "nsec", "nanos", "nanosecond", "nanoseconds"),
-}
-_UNIX = (("ns", 1e17), ("us", 1e14), ("ms", 1e11))
-"""Numbers from which on a time is a Unix time in this unit: in a coarser one it would be millennia
-away."""
-_EXACT = 2.0**53
-"""Integers from here on are not all float64 numbers."""
+WINDOW = 1000
+"""Steps whose median is looked at, all along a log, however it is cut into chunks."""
 
 
 class _Clock:
@@ -474,13 +527,21 @@ class _Clock:
         self.split = check_choice("resets", resets, ("refuse", "split")) == "split"
         self.path, self.time, self.dt, self.schedule = path, time, dt, schedule
         self.unit = unit
+        self.assumed = False  # the unit is neither given nor said by the name
         self.remarks: tuple[str, ...] = ()
-        self.origin: Any = None  # what large integers and times of day count from; the first
-        self._base: Any = None
+        self.length: Fraction | None = None  # of a tick [s]
+        self.origin: Fraction | None = None  # what is subtracted [s]
         self._count = 0  # samples of the piece so far
         self._begin = math.nan  # of the piece
+        self._pieces = 0
+        self._rows = 0  # of the log
         self._last: tuple[float, str] | None = None
         self._next = 0.0  # of the schedule
+        self._steps = np.empty(0)  # those that no window of `_check_steps` holds yet
+        self._windows = 0
+        self._first = math.nan  # of the log [s], from the recorded origin
+        self._grain = 0.0  # what the recorded numbers resolve [s]
+        self._sample, self._zero = 0, math.nan  # of the piece, where dt is given
 
     def __call__(self, table: _Table) -> tuple[np.ndarray, tuple[int, ...]]:
         """Times of the block, and where pieces begin in it."""
@@ -490,7 +551,9 @@ class _Clock:
             self._count += len(table)
             return t, starts
         assert isinstance(self.time, str)
-        t = self._seconds(table, self.time)
+        found = self.ticks(table)
+        self.learn(found, table)
+        t = self.seconds(found)
         _refuse(table, self.path, ~np.isfinite(t), f"the time {self.time!r} is missing or infinite")
         starts = self._starts(t, table)
         if self.dt is not None:
@@ -508,28 +571,85 @@ class _Clock:
         self._next = float(times[-1])
         return np.asarray(times[:-1])
 
-    def _seconds(self, table: _Table, name: str) -> np.ndarray:
-        raw = table.columns[name]
-        if raw.dtype.kind in "Mm":
-            if self._base is None and raw.dtype.kind == "M":
-                self._base = raw[0] if self.origin is None else self.origin
-            since = raw - self._base if raw.dtype.kind == "M" else raw
-            seconds = since.astype("timedelta64[ns]").astype(np.float64) / 1e9
-            seconds[np.isnat(raw)] = np.nan
-            return np.asarray(seconds)
-        values = _values(table, self.path, name)
+    # --- from ticks to seconds ------------------------------------------------------------------
+
+    def ticks(self, table: _Table) -> Ticks:
+        """The column as whole ticks."""
+        assert isinstance(self.time, str)
+        found = ticks(table.columns[self.time])
+        if isinstance(found, str):
+            raise DataError(f"{self.path}: column {self.time!r} {found}")
+        return found
+
+    def learn(self, found: Ticks, table: _Table) -> None:
+        """The length of a tick, from the first block that has one."""
+        if self.length is not None or found.missing.all():
+            return
+        assert isinstance(self.time, str)
+        if found.length is not None:
+            self.length = found.length
+            if self.unit is not None:
+                self.remarks += (f"times {self.time!r} have a unit of their own, not {self.unit}",)
+                self.unit = None
+        else:
+            self.length = UNITS[self._found_unit(found)]
+        self._first = float(found.first() * self.length)
+        if found.length is None and abs(found.first() * self.length) >= FARTHEST:
+            self._refuse_unit(
+                f"the time {self.time!r} begins at {found.first()}, taken in {self.unit}: "
+                f"{span(self._first)} from its origin"
+            )
+        values = table.columns[self.time]
+        if values.dtype.kind == "f":
+            there = np.abs(values[np.isfinite(values)])
+            self._grain = float(np.spacing(there.max())) * float(self.length)
+
+    def _found_unit(self, found: Ticks) -> str:
+        assert isinstance(self.time, str)
+        if self.unit is not None:
+            named, _ = named_unit(self.time)
+            if named not in (None, self.unit):
+                told = f"times {self.time!r} are taken in {self.unit}, though the name says {named}"
+                self.remarks += (told,)
+        else:
+            self.unit, why = named_unit(self.time)
+            if why:
+                raise DataError(
+                    f"{self.path}: the unit of the time {self.time!r} cannot be told: {why}; say "
+                    f"unit = one of {', '.join(UNITS)}, or give dt in place of the time"
+                )
+            if self.unit not in (None, "s"):
+                self.remarks += (f"times {self.time!r} are in {self.unit}, as the name says",)
         if self.unit is None:
-            self.unit, told = _unit_of(name, values)
-            self.remarks += (told,) if told else ()
-        if raw.dtype.kind in "iu" and self._base is None:
-            self._base = 0
-            if np.max(np.abs(values)) >= _EXACT:
-                self._base = int(raw[0] if self.origin is None else self.origin)
-                self.remarks += (f"t counts from {name} = {self._base}",)
-        if self._base:  # exact, which float64 numbers of this size are not
-            whole = raw if raw.dtype.kind in "iu" else np.array([int(v) for v in raw], dtype=object)
-            values = np.asarray(whole - np.asarray(self._base, whole.dtype), dtype=np.float64)
-        return values / UNITS[self.unit or "s"]
+            self.assumed = True
+            self.unit = unix_unit(found.first())
+            if self.unit not in (None, "s"):
+                self.remarks += (
+                    f"times {self.time!r} are read as Unix times in {self.unit} (unit says "
+                    "another)",
+                )
+        self.unit = self.unit or "s"
+        return self.unit
+
+    def begin(self, found: Ticks) -> tuple[Fraction, bool]:
+        """The first time [s], exactly, and whether times must count from about there."""
+        assert self.length is not None
+        return found.first() * self.length, found.is_date or abs(found.first()) >= COUNTED
+
+    def seconds(self, found: Ticks) -> np.ndarray:
+        """Seconds, NaN where missing; they count from the origin, set with the first block."""
+        if self.length is None:
+            return np.full(len(found.whole), np.nan)
+        if self.origin is None:
+            first, needed = self.begin(found)
+            self.origin = first if needed else Fraction(0)
+            if needed:
+                assert isinstance(self.time, str)
+                moment = _moment(first, found, self)
+                self.remarks += (f"t counts from {printable(self.time)} = {moment}",)
+        return found.seconds(self.length, self.origin)
+
+    # --- what cannot be -------------------------------------------------------------------------
 
     def _starts(self, t: np.ndarray, table: _Table) -> tuple[int, ...]:
         """Where pieces begin; refuses time that stands still or runs back."""
@@ -537,25 +657,130 @@ class _Clock:
         if self._last is None:
             starts.append(0)
             self._begin = float(t[0])
+            self._pieces = 1
         before = np.r_[t[:1] - 1.0 if self._last is None else self._last[0], t[:-1]]
-        for k in np.flatnonzero(t <= before).tolist():
-            reset = t[k] - self._begin <= 0.1 * (before[k] - self._begin) and t[k] < before[k]
+        back = np.flatnonzero(t <= before).tolist()
+        inner = np.diff(t)
+        newest_first = len(inner) > 1 and bool(np.mean(inner < 0.0) > 0.75)
+        usual = float(np.median(inner)) if len(inner) > 1 else math.inf
+        since = -self._count  # where the piece began, in rows of this block
+        for k in back:
+            fell = before[k] - t[k]
+            reset = t[k] - self._begin <= 0.1 * (before[k] - self._begin) and fell > 0.0
+            reset = reset and k - since > 1 and not newest_first  # one row is no piece
+            bits = self._wrapped(fell, usual)
             if not (reset and self.split):
                 where = table.where(k - 1) if k else self._last[1] if self._last else ""
-                remedy = (
-                    "the clock was set back: cut the log there, or take it as pieces with "
-                    'resets = "split"'
-                    if reset
-                    else "time must increase: sort the log or remove repeated rows"
-                )
                 raise DataError(
                     f"{self.path}, {table.where(k)}: time {t[k]:.12g} does not come after "
-                    f"{before[k]:.12g} ({where}); {remedy}"
+                    f"{before[k]:.12g} ({where}); {self._remedy(fell, bits, reset, newest_first)}"
+                )
+            if bits:
+                self.remarks += (
+                    f"{table.where(k)}: a counter of {bits} bits began again; the pieces of "
+                    f"{self.time!r} have no origin in common",
                 )
             starts.append(k)
-            self._begin = float(t[k])
+            self._pieces += 1
+            self._begin, since = float(t[k]), k
+        self._count = len(t) - since
+        self._rows += len(t)
         self._last = (float(t[-1]), table.where(len(t) - 1))
+        steps = t - before
+        steps[starts] = 0.0
+        self._check_steps(steps, table)
         return tuple(starts)
+
+    def _wrapped(self, fell: float, usual: float) -> int | None:
+        """The bits of a counter that came to its end where the time fell."""
+        ticks = float(self.length or 1)
+        return wrapped(fell / ticks, usual / ticks) if 0.0 < usual < fell else None
+
+    def _remedy(self, fell: float, bits: int | None, reset: bool, newest_first: bool) -> str:
+        if newest_first:
+            return "the log runs backwards, newest first: sort it by time"
+        if bits:
+            return (
+                f"a counter of {bits} bits began again: make it run on, for example by "
+                f"numpy.unwrap(column, period=2**{bits})"
+            )
+        if reset:
+            return (
+                "the clock was set back: cut the log there, or take it as pieces with "
+                'resets = "split"'
+            )
+        if fell == 0.0:
+            return "time must increase: remove repeated rows, or write times with all their digits"
+        return "time must increase: sort the log or remove repeated rows"
+
+    def _check_steps(self, steps: np.ndarray, table: _Table) -> None:
+        """Refuse steps that no record has; 0 where a piece begins."""
+        within = steps[steps > 0.0]
+        if self._grain and len(within):
+            usual = float(np.median(within))
+            if self.dt is None and self._grain > 1e-2 * usual:
+                self.remarks += (
+                    f"times {self.time!r} resolve {self._grain:.3g} s only, beside a median step "
+                    f"of {usual:.3g} s; dt in their place makes them exact",
+                )
+            self._grain = 0.0
+        waiting = np.r_[self._steps, within]
+        full = len(waiting) // WINDOW * WINDOW
+        if full:
+            medians = np.median(waiting[:full].reshape(-1, WINDOW), axis=1)
+            self._check_median(float(medians.min()))
+            self._check_median(float(medians.max()))
+        self._steps = waiting[full:]
+        self._windows += full // WINDOW
+        k = int(np.argmax(steps))
+        if steps[k] >= LONGEST:
+            self._check_median(float(np.median(within)))
+            other = f", or say a unit other than {self.unit}" if self.unit else ""
+            raise DataError(
+                f"{self.path}, {table.where(k)}: the time {self.time!r} leaps by "
+                f"{span(steps[k])}, as if the clock were set; cut the log there{other}"
+            )
+
+    def _check_median(self, median: float) -> None:
+        """Refuse a usual step that no record has, or that seconds nobody spoke of would make."""
+        days = unix_days(self._first) if self.assumed and median < FAST else None
+        if days:
+            raise DataError(
+                f"{self.path}: the times {self.time!r} begin at {self._first:.9g} with a median "
+                f"step of {median:.3g}, a {days} date in days, taken in s; say unit = one of s, d"
+            )
+        if median < (SLOW if self.assumed else SLOWEST):
+            return
+        told = f"the median step of the time {self.time!r} is {span(median)}"
+        if self.length is not None and self.unit is None:  # dates
+            raise DataError(f"{self.path}: {told}; give dt in place of the time")
+        self._refuse_unit(f"{told}, taken in {self.unit}", median)
+
+    def _refuse_unit(self, told: str, step: float | None = None) -> NoReturn:
+        if self.assumed:
+            told += ", which neither unit nor the name says"
+        guess = f"{likely(step / float(self.length))}; " if step and self.length else ""
+        kept = "say unit = one of " + ", ".join(UNITS)
+        if not self.assumed:
+            kept = "say another unit, or give dt in place of the time"
+        raise DataError(f"{self.path}: {told}; {guess}{kept}")
+
+    def finish(self) -> None:
+        """What is wrong with the whole log."""
+        if self.time is None or self._last is None:
+            return
+        if len(self._steps) >= (WINDOW // 10 if self._windows else 1):
+            self._check_median(float(np.median(self._steps)))
+        if self._pieces > 1 and self._count < 2:
+            raise DataError(
+                f"{self.path}, {self._last[1]}: the last piece has 1 row, an observer needs at "
+                "least 2; remove the row"
+            )
+        if self._pieces >= 10 and self._rows < 5 * self._pieces:
+            raise DataError(
+                f"{self.path}: {self._pieces} pieces of {self._rows / self._pieces:.3g} rows on "
+                "average are no resets of a clock; sort the log by time"
+            )
 
     def _regular(self, t: np.ndarray, starts: tuple[int, ...], table: _Table) -> np.ndarray:
         """Exact multiples of dt from the begin of each piece on."""
@@ -564,42 +789,47 @@ class _Clock:
         edges = [*starts, len(t)] if 0 in starts else [0, *starts, len(t)]
         for a, b in itertools.pairwise(edges):
             if a in starts:
-                self._count, self._origin = 0, float(t[a])
-            out[a:b] = self._origin + self.dt * np.arange(self._count, self._count + b - a)
+                self._sample, self._zero = 0, float(t[a])
+            out[a:b] = self._zero + self.dt * np.arange(self._sample, self._sample + b - a)
             off = np.abs(t[a:b] - out[a:b]) > 0.5 * self.dt
             if off.any():
                 k = a + int(np.argmax(off))
                 raise DataError(
                     f"{self.path}, {table.where(k)}: time {t[k]:g} s is not sample "
-                    f"{self._count + k - a} of a record with dt = {self.dt:g} s ({out[k]:g} s); "
+                    f"{self._sample + k - a} of a record with dt = {self.dt:g} s ({out[k]:g} s); "
                     "leave dt out to honour uneven steps"
+                    + (f", or say a unit other than {self.unit}" if self.assumed else "")
                 )
-            self._count += b - a
+            self._sample += b - a
         return out
 
 
-def _unit_of(name: str, values: np.ndarray) -> tuple[str, str]:
-    """The unit of a time column, and what to say about it."""
-    word = re.search(r"(?:^|[\W_])([a-zµμ]+)\W*$", name.casefold())
-    for unit, words in _UNIT_WORDS.items():
-        if word and word[1] in words and word[0] != name.casefold():
-            return unit, "" if unit == "s" else f"times {name!r} are in {unit}, as the name says"
-    with np.errstate(invalid="ignore"):
-        size = float(np.nanmedian(np.abs(values))) if np.isfinite(values).any() else 0.0
-        whole = bool(np.all(values[np.isfinite(values)] % 1.0 == 0.0))
-    for unit, least in _UNIX:
-        if whole and size >= least:
-            return unit, f"times {name!r} are read as Unix times in {unit} (unit says another)"
-    return "s", ""
+def _moment(first: Fraction, found: Ticks, clock: _Clock) -> str:
+    """A time as its column writes it."""
+    assert clock.length is not None
+    nanoseconds = math.floor(first / UNITS["ns"])
+    if found.is_date and abs(nanoseconds) < 2**63:
+        return str(np.datetime64(nanoseconds, "ns"))
+    count = first / clock.length
+    return str(count) if count.denominator == 1 else f"{float(count):.17g}"
 
 
 def _merged(
-    path: Path, times: list[str], output: Columns, input: Columns | None, unit: str | None
+    path: Path,
+    times: list[str],
+    output: Columns,
+    input: Columns | None,
+    unit: str | Sequence[str] | None,
 ) -> Log:
     """Outputs and inputs with times of their own, as one log."""
     outputs = _names(output, "output")
     inputs = [] if input is None else _names(input, "input")
     signals = [*outputs, *inputs]
+    if unit is not None and not isinstance(unit, str) and len(unit) != len(times):
+        raise DataError(f"unit: {len(unit)} for {len(times)} time columns; give one, or one each")
+    told = dict(
+        zip(times, [unit] * len(times) if isinstance(unit, str) else unit or (), strict=False)
+    )
     if len(times) == len(outputs):
         times = times + times[:1] * len(inputs)
     if len(times) != len(signals):
@@ -608,43 +838,58 @@ def _merged(
             "one, or one for each output (inputs then go with the first), or one for each of all"
         )
     table = _whole(path, [*times, *signals])
-    clocks: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    remarks: tuple[str, ...] = ()
-    first = [table.columns[name][0] for name in times if len(table.columns[name])]
-    kinds = {value.dtype.kind for value in first}
-    origin = min(first) if kinds in ({"M"}, {"i"}, {"u"}) else None
+    parts: dict[str, tuple[_Clock, Ticks, np.ndarray]] = {}
     for name in dict.fromkeys(times):
-        raw = table.columns[name]
+        clock = _Clock(path, name, None, told.get(name), "refuse", None)
+        found = clock.ticks(table)
         mine = [s for s, t in zip(signals, times, strict=True) if t == name]
-        lengths = {len(table.columns[s]) for s in mine} | {len(raw)}
+        lengths = {len(table.columns[s]) for s in mine} | {len(found.whole)}
         if len(lengths) > 1:
             raise DataError(f"{path}: {', '.join([name, *mine])} differ in length")
-        kept = ~np.isnat(raw) if raw.dtype.kind in "Mm" else ~np.isnan(_values(table, path, name))
+        kept = ~found.missing
         kept |= ~np.all([np.isnan(_values(table, path, s)) for s in mine], axis=0)
         at = np.flatnonzero(kept)  # the rest pads the shorter columns
-        clock = _Clock(path, name, None, unit, "refuse", None)
+        if not len(at):
+            raise DataError(f"{path}: column {name!r} holds no time")
+        own = _Table({name: table.columns[name][at]}, _rows_at(table, at))
+        clock.learn(clock.ticks(own), own)
+        parts[name] = (clock, clock.ticks(own), at)
+    origin = _common_origin([(clock, found) for clock, found, _ in parts.values()])
+    clocks: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    remarks: tuple[str, ...] = table.remarks
+    assumed = False
+    for name, (clock, _, at) in parts.items():
         clock.origin = origin
-        own = _Table({name: raw[at]}, _rows_at(table, at))
+        own = _Table({name: table.columns[name][at]}, _rows_at(table, at))
         clocks[name] = (clock(own)[0], at)
+        clock.finish()
         remarks += clock.remarks
+        assumed = assumed or clock.assumed
+    if origin:
+        clock, found, _ = parts[times[0]]
+        remarks += (f"t counts from {printable(times[0])} = {_moment(origin, found, clock)}",)
+    _check_together(
+        path, {n: (clocks[n][0], parts[n][0].assumed) for n in parts}, set(times[: len(outputs)])
+    )
     t = np.unique(np.concatenate([seconds for seconds, _ in clocks.values()]))
+    t = t[np.diff(t, prepend=-math.inf) > 4.0 * np.spacing(np.abs(t))]  # one time, rounded apart
+    row = {name: np.searchsorted(t, s, side="right") - 1 for name, (s, _) in clocks.items()}
     y = np.full((len(t), len(outputs)), np.nan)
     for j, (name, own_time) in enumerate(zip(outputs, times, strict=False)):
-        seconds, at = clocks[own_time]
+        at = clocks[own_time][1]
         values = _values(table, path, name)[at]
-        _refuse(
-            table, path, np.isinf(values), f"{name!r} is infinite; leave a missing sample empty"
-        )
+        own = _Table({}, _rows_at(table, at))
+        _refuse(own, path, np.isinf(values), f"{name!r} is infinite; leave a missing sample empty")
         if np.isnan(values).all():
             raise DataError(f"{path}: column {name!r} holds no sample")
-        y[np.searchsorted(t, seconds), j] = values
+        y[row[own_time], j] = values
     u = np.empty((len(t), len(inputs)))
     for j, (name, own_time) in enumerate(zip(inputs, times[len(outputs) :], strict=True)):
         seconds, at = clocks[own_time]
         values = _values(table, path, name)[at]
-        told = f"the input {name!r} is missing or infinite; fill it in"
-        _refuse(table, path, ~np.isfinite(values), told)
-        held = np.searchsorted(seconds, t, side="right") - 1
+        what = f"the input {name!r} is missing or infinite; fill it in"
+        _refuse(_Table({}, _rows_at(table, at)), path, ~np.isfinite(values), what)
+        held = np.searchsorted(row[own_time], np.arange(len(t)), side="right") - 1
         if held[0] < 0:
             raise DataError(
                 f"{path}: the input {name!r} begins at {seconds[0]:g} s, after the first sample at "
@@ -655,8 +900,42 @@ def _merged(
         raise DataError(f"{path}: {len(t)} samples; an observer needs at least 2")
     names = {"time": times, "output": output, "input": input}
     shaped = y[:, 0] if isinstance(output, str) else y
-    told_u = None if not inputs else u[:, 0] if isinstance(input, str) else u
-    return Log(t, shaped, told_u, names, str(path), np.isnan(shaped), (0,), remarks)
+    known = None if not inputs else u[:, 0] if isinstance(input, str) else u
+    missing = np.isnan(shaped)
+    return Log(t, shaped, known, names, str(path), missing, (0,), remarks, assumed)
+
+
+def _common_origin(clocks: list[tuple[_Clock, Ticks]]) -> Fraction:
+    """The one time [s] that all clocks count from: 0, or a tick of each about the first sample."""
+    begins = [clock.begin(found) for clock, found in clocks if clock.length is not None]
+    if not any(needed for _, needed in begins):
+        return Fraction(0)
+    coarsest = max(clock.length for clock, _ in clocks if clock.length is not None)
+    return math.floor(min(first for first, _ in begins) / coarsest) * coarsest
+
+
+def _check_together(
+    path: Path, clocks: Mapping[str, tuple[np.ndarray, bool]], of_outputs: set[str]
+) -> None:
+    """Refuse clocks that have no origin, or no unit, in common."""
+    (first, (a, _)), *others = clocks.items()
+    for name, (b, _) in others:
+        apart = max(b[0] - a[-1], a[0] - b[-1])
+        spans = a[-1] - a[0], b[-1] - b[0]
+        limit = max(sum(spans), 1.0) if {first, name} <= of_outputs else 86400.0
+        if apart > max(limit, sum(spans)):
+            raise DataError(
+                f"{path}: the times {first!r} and {name!r} do not overlap, they lie "
+                f"{span(apart)} apart; give both one origin and say each unit: unit = [...]"
+            )
+        if not (clocks[first][1] or clocks[name][1]) or min(len(a), len(b)) < 8:
+            continue
+        ratio = max(spans) / min(spans)
+        if any(abs(ratio / scale - 1.0) < 0.1 for scale in (1e3, 1e6, 1e9)):
+            raise DataError(
+                f"{path}: the times {first!r} and {name!r} span {spans[0]:g} and {spans[1]:g} "
+                "as if of different units; say each: unit = [...], one for each time column"
+            )
 
 
 # --- checks ----------------------------------------------------------------------------------
@@ -664,10 +943,14 @@ def _merged(
 
 @dataclass
 class _Table:
-    """The wanted columns, and where a sample stands in the file."""
+    """The wanted columns, where a sample stands in the file, and what was found out.
+
+    Integers with missing cells are masked: as float64 they might lose digits.
+    """
 
     columns: dict[str, np.ndarray]
     where: Callable[[int], str]
+    remarks: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))
@@ -703,7 +986,10 @@ def _values(table: _Table, path: Path, name: str) -> np.ndarray:
     values = table.columns[name]
     if values.dtype.kind not in "fiub":
         raise DataError(f"{path}: column {name!r} holds {values.dtype}, not numbers")
-    return np.ascontiguousarray(values, dtype=np.float64)
+    out = np.ascontiguousarray(np.ma.getdata(values), dtype=np.float64)
+    if np.ma.isMaskedArray(values):
+        out = np.where(np.ma.getmaskarray(values), np.nan, out)
+    return out
 
 
 def _require(path: Path, wanted: list[str], known: list[str], remark: str = "") -> None:
@@ -758,43 +1044,67 @@ def _whole(path: Path, wanted: list[str]) -> _Table:
     blocks = list(_tables(path, wanted, CHUNK))
     if len(blocks) == 1:
         return blocks[0]
-    columns = {n: np.concatenate([b.columns[n] for b in blocks]) for n in blocks[0].columns}
+    if not blocks:
+        raise DataError(f"{path}: 0 samples; an observer needs at least 2")
+    columns = {n: _joined([b.columns[n] for b in blocks]) for n in blocks[0].columns}
     ends = np.cumsum([len(block) for block in blocks])
 
     def where(index: int) -> str:
         i = int(np.searchsorted(ends, index, side="right"))
         return blocks[i].where(index - (int(ends[i - 1]) if i else 0))
 
-    return _Table(columns, where)
+    return _Table(columns, where, blocks[0].remarks)
+
+
+def _joined(parts: list[np.ndarray]) -> np.ndarray:
+    """Parts of one column; where some hold integers, whole numbers of the others become such."""
+    if any(part.dtype.kind in "iu" for part in parts):
+        parts = [_as_integers(part) for part in parts]
+    masked = any(np.ma.isMaskedArray(part) for part in parts)
+    return np.ma.concatenate(parts) if masked else np.concatenate(parts)
+
+
+def _as_integers(values: np.ndarray) -> np.ndarray:
+    """Whole float64 numbers as int64, masked where NaN; anything else as it is."""
+    if values.dtype.kind != "f":
+        return values
+    gone = np.isnan(values)
+    there = np.where(gone, 0.0, values)
+    if not (np.all(np.abs(there) < 2.0**63) and np.all(there == np.trunc(there))):
+        return values
+    whole = there.astype(np.int64)
+    return np.ma.array(whole, mask=gone) if gone.any() else whole
 
 
 def _read_text(path: Path, wanted: list[str], rows: int) -> Iterator[_Table]:
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
-        head: list[str] = []
-        delimiter = None
-        for text in file:
-            head.append(text)
-            if not _is_idle(text):
-                delimiter = next((d for d in "\t;," if d in text), None)
-                break
-        lines = itertools.chain(head, file)
+        lines = _lines(path, file)
+        line, text = next(((n, t) for n, t in enumerate(lines, 1) if not _is_idle(t)), (0, ""))
+        if not line:
+            raise DataError(f"{path} is empty")
+        delimiter = next((d for d in "\t;," if d in text), None)
+        lines = itertools.chain([text], lines)
         taken: list[str] = []
         spied = (taken.append(text) or text for text in lines)  # type: ignore[func-returns-value]
-        first = next(_records(path, spied, delimiter, 1), None)
-        if first is None:
-            raise DataError(f"{path} is empty")
-        cells = first[1]
-        has_header = any(_as_number(cell) is None for cell in cells)
+        first, cells = next(_records(path, spied, delimiter, line))
+        ahead = list(itertools.islice(lines, _AHEAD))
+        lines = itertools.chain(ahead, lines)
+        has_header, remarks = _header(path, first, cells, "".join(taken), ahead, delimiter)
         known = cells if has_header else [str(i) for i in range(len(cells))]
         remark = "" if has_header else " (no header: columns are named from 0)"
         _require(path, wanted, known, remark)
         at = {name: known.index(name) for name in wanted}
-        line = 1
         if has_header:
             line += len(taken)
         else:
             lines = itertools.chain(taken, lines)
-        while block := list(itertools.islice(lines, rows)):
+        head = "".join(taken).strip()
+        while block := _block(lines, rows):
+            if remarks and head in map(str.strip, block):
+                raise DataError(
+                    f"{path}: line {line} or one after it repeats the header ({head}); cut the log "
+                    "there, or remove the line"
+                )
             table = _fast(block, delimiter, at, len(known), line)
             if table is None:
                 counted = _Counted(block, lines)
@@ -803,7 +1113,91 @@ def _read_text(path: Path, wanted: list[str], rows: int) -> Iterator[_Table]:
             else:
                 line += len(block)
             if len(table):
-                yield table
+                yield _Table(table.columns, table.where, remarks)
+
+
+def _lines(path: Path, file: IO[str]) -> Iterator[str]:
+    """The lines of a file, none of them without an end."""
+    number = 0
+    while text := file.readline(LINE + 1):
+        number += 1
+        if len(text) > LINE:
+            raise DataError(
+                f"{path}, line {number}: has more than {LINE} characters; a log has a line for "
+                "each sample"
+            )
+        yield text
+
+
+def _block(lines: Iterator[str], rows: int) -> list[str]:
+    """The next lines: so many, or fewer long ones."""
+    block: list[str] = []
+    held = 0
+    for text in itertools.islice(lines, rows):
+        block.append(text)
+        held += len(text)
+        if held > BLOCK:
+            break
+    return block
+
+
+_AHEAD = 200
+"""Lines after the first that are looked at to see whether it is a header."""
+_BARE = re.compile(r"0|[1-9]\d{0,8}")
+_ZEROS_KEPT = re.compile(r"[-+]?\d+\.(?:\d*0)?(?:[eE][-+]?\d+)?")
+
+
+def _header(
+    path: Path, line: int, cells: list[str], text: str, ahead: list[str], delimiter: str | None
+) -> tuple[bool, tuple[str, ...]]:
+    """Whether the first line is a header, and a remark where it is one of numbers.
+
+    Text makes a header. So do different whole numbers without a point where the lines after them
+    keep their decimal zeros, or are unquoted; and those that count from 0, as pandas names columns,
+    where the first sample would leap. What could be either is refused.
+    """
+    if any(_as_number(cell) is None for cell in cells):
+        return True, ()
+    names = cells[1:] if not cells[0] and len(cells) > 1 else cells  # an index has no name
+    if not all(map(_BARE.fullmatch, names)) or len(set(names)) < len(names):
+        return False, ()
+    rows: list[list[str]] = []
+    with contextlib.suppress(DataError):  # a quoted cell may go on beyond
+        rows.extend(c for _, c in _records(path, ahead, delimiter, 1) if len(c) == len(cells))
+    if not rows:
+        return False, ()
+    shown = ", ".join(cells)
+    header = (True, (f"line {line} ({shown}) is read as a header",))
+    columns = list(zip(*rows, strict=True))[len(cells) - len(names) :]
+    if ('"' in text and '"' not in "".join(ahead)) or any(map(_keeps_zeros, columns)):
+        return header
+    leaps = any(_leaps(float(a), column) for a, column in zip(names, columns, strict=True))
+    counts = names == [str(i) for i in range(len(names))]
+    if counts and (leaps or len(names) < len(cells)):
+        return header
+    if counts or leaps:
+        raise DataError(
+            f"{path}, line {line}: {shown} may be a header or a sample; write names above the "
+            "columns, or the sample with a decimal point"
+        )
+    return False, ()
+
+
+def _keeps_zeros(column: Sequence[str]) -> bool:
+    """Whether numbers of this column are never written without a point."""
+    there = [cell for cell in column if not math.isnan(_as_number(cell) or 0.0)]
+    pointed = all("." in cell and _as_number(cell) is not None for cell in there)
+    return pointed and any(map(_ZEROS_KEPT.fullmatch, there))
+
+
+def _leaps(first: float, column: Sequence[str]) -> bool:
+    """Whether the step from a first number to the column is unlike all steps in it."""
+    numbers = np.array([_as_number(cell) for cell in column], dtype=float)
+    numbers = numbers[np.isfinite(numbers)]
+    if len(numbers) < 3:
+        return False
+    most = float(np.max(np.abs(np.diff(numbers))))
+    return most > 0.0 and abs(float(numbers[0]) - first) > 10.0 * most
 
 
 def _is_idle(text: str) -> bool:
@@ -831,7 +1225,9 @@ class _Counted:
 def _fast(
     block: list[str], delimiter: str | None, at: Mapping[str, int], width: int, line: int
 ) -> _Table | None:
-    """A block of numbers and empty cells alone, parsed by NumPy; None: look at every cell."""
+    """A block of numbers and empty cells alone, parsed by NumPy; None: look at every cell, also
+    where integers are too large for float64.
+    """
     text = "".join(block)
     if delimiter is None or any(sign in text for sign in '"#_'):
         return None
@@ -859,7 +1255,9 @@ def _fast(
         one = np.ascontiguousarray(values[:, columns.index(column)])
         if np.abs(one).max(initial=0.0, where=~np.isnan(one)) >= _EXACT:
             whole = parse(block, np.int64, [column])
-            one = one if whole is None else whole[:, 0]
+            if whole is None:
+                return None
+            one = whole[:, 0]
         table[name] = one
     return _Table(table, lambda index: f"line {line + index}")
 
@@ -874,7 +1272,7 @@ def _slow(
 ) -> _Table:
     """A block, cell by cell: comments, quotes, words for missing samples, and every complaint."""
     columns = {name: array("d") for name in at}
-    whole: dict[str, list[int]] = {name: [] for name in at}
+    large: dict[str, dict[int, int]] = {name: {} for name in at}
     places = array("q")
     for place, cells in _records(path, block, delimiter, line):
         if len(cells) != width:
@@ -890,17 +1288,20 @@ def _slow(
                     f"{path}, line {place}, column {name!r}: {cells[index]!r} is not a "
                     f"number{comma}"
                 )
-            columns[name].append(number)
             if abs(number) >= _EXACT and cells[index].lstrip("+-").isdecimal():
-                whole[name].append(int(cells[index]))
+                large[name][len(columns[name])] = int(cells[index])
+            columns[name].append(number)
         places.append(place)
         if block.done:
             break
     table = {}
     for name, values in columns.items():
-        exact = len(values) > 0 and len(whole[name]) == len(values)
-        exact = exact and max(map(abs, whole[name])) < 2**63
-        table[name] = np.array(whole[name] if exact else values, np.int64 if exact else np.float64)
+        table[name] = np.array(values, np.float64)
+        if large[name]:
+            table[name] = _as_integers(table[name])
+        if table[name].dtype.kind == "i":
+            for k, value in large[name].items():
+                table[name][k] = value
     return _Table(table, lambda index: f"line {places[index]}")
 
 
@@ -942,22 +1343,55 @@ def _cells(count: int) -> str:
 
 
 def _read_npz(path: Path, wanted: list[str]) -> _Table:
+    headers = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except OSError:
+        with zipfile.ZipFile(path) as archive:
+            shapes: dict[str, tuple[tuple[int, ...], int]] = {}
+            for info in archive.infolist():
+                with archive.open(info) as file:
+                    read = headers.get(np.lib.format.read_magic(file))
+                    if read is None:
+                        continue
+                    shape, _, dtype = read(file)
+                if dtype.kind in _COLUMN_KINDS:
+                    shapes[info.filename.removesuffix(".npy")] = shape, info.file_size
+            home = _columns_of(shapes)
+            _require(path, wanted, list(home))
+            needed = {home[name][0] for name in wanted}
+            _check_size(path, sum(shapes[name][1] for name in needed))
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in needed}
+    except (OSError, DataError):
         raise
     except Exception as error:  # not a zip file, pickled objects, truncated members
         raise DataError(f"{path} is not a readable .npz file: {error}") from error
-    return _from_arrays(path, arrays, wanted)
+    return _taken(arrays, home, wanted)
+
+
+_COLUMN_KINDS = "fiubMm"
+_MAT_SIZES = {"logical": 1, "single": 4} | {
+    f"{sign}int{bits}": bits // 8 for sign in ("", "u") for bits in (8, 16, 32, 64)
+}
 
 
 def _read_mat(path: Path, wanted: list[str]) -> _Table:
     import scipy.io
 
     try:
-        variables = scipy.io.loadmat(path)
-    except OSError:
+        shapes = {
+            name: (shape, math.prod(shape) * _MAT_SIZES.get(kind, 8))
+            for name, shape, kind in scipy.io.whosmat(path)
+            if kind == "double" or kind in _MAT_SIZES
+        }
+        home = _columns_of(shapes)
+        _require(path, wanted, list(home))
+        needed = {home[name][0] for name in wanted}
+        _check_size(path, sum(shapes[name][1] for name in needed))
+        arrays = scipy.io.loadmat(path, variable_names=list(needed))
+    except (OSError, DataError):
         raise
     except NotImplementedError as error:
         raise DataError(
@@ -965,23 +1399,46 @@ def _read_mat(path: Path, wanted: list[str]) -> _Table:
         ) from error
     except Exception as error:  # scipy raises many kinds on broken files
         raise DataError(f"{path} is not a readable .mat file: {error}") from error
-    arrays = {name: value for name, value in variables.items() if not name.startswith("__")}
-    return _from_arrays(path, arrays, wanted)
+    return _taken(arrays, home, wanted)
 
 
-def _from_arrays(path: Path, arrays: Mapping[str, Any], wanted: list[str]) -> _Table:
-    columns: dict[str, np.ndarray] = {}
-    for name, value in arrays.items():
-        if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiubMm" or value.size < 2:
-            continue  # text, structures, single numbers: not a column
-        value = np.squeeze(value)
-        if value.ndim == 1:
-            columns[name] = value
-        elif value.ndim == 2:
-            long = value if value.shape[0] >= value.shape[1] else value.T
-            columns.update({f"{name}[{i}]": long[:, i] for i in range(long.shape[1])})
-    _require(path, wanted, list(columns))
-    return _Table({name: columns[name] for name in wanted}, _row)
+def _columns_of(
+    shapes: Mapping[str, tuple[tuple[int, ...], int]],
+) -> dict[str, tuple[str, int | None]]:
+    """Each column's array, and its place there; single numbers and cubes hold none."""
+    home: dict[str, tuple[str, int | None]] = {}
+    for name, (shape, _) in shapes.items():
+        sizes = [size for size in shape if size != 1]
+        if len(sizes) == 1 and sizes[0] >= 2:
+            home[name] = name, None
+        elif len(sizes) == 2 and min(sizes) >= 1:
+            home |= {f"{name}[{i}]": (name, i) for i in range(min(min(sizes), 10_000))}
+    return home
+
+
+def _check_size(path: Path, size: int) -> None:
+    """Refuse what would not fit into memory, before it is unpacked."""
+    import psutil
+
+    free = psutil.virtual_memory().available
+    if size > free / 2:
+        raise DataError(
+            f"{path}: the columns unpack to {size / 2**30:.3g} GiB, {free / 2**30:.3g} GiB of "
+            "memory are free; write them as CSV or Parquet, which are read in parts"
+        )
+
+
+def _taken(
+    arrays: Mapping[str, np.ndarray], home: Mapping[str, tuple[str, int | None]], wanted: list[str]
+) -> _Table:
+    columns = {}
+    for name in wanted:
+        array, column = home[name]
+        value = np.squeeze(arrays[array])
+        if column is not None:
+            value = (value if value.shape[0] >= value.shape[1] else value.T)[:, column]
+        columns[name] = value
+    return _Table(columns, _row)
 
 
 def _same_length(path: Path, table: _Table) -> _Table:
@@ -1002,13 +1459,20 @@ def _read_parquet(path: Path, wanted: list[str], rows: int) -> Iterator[_Table]:
             _require(path, wanted, list(file.schema_arrow.names))
             first = 0
             for batch in file.iter_batches(rows, columns=list(dict.fromkeys(wanted))):
-                columns = {
-                    name: batch.column(name).to_numpy(zero_copy_only=False) for name in wanted
-                }
+                columns = {name: _from_arrow(batch.column(name)) for name in wanted}
                 yield _Table(columns, _rows_from(first))
                 first += len(batch)
     except pyarrow.ArrowException as error:
         raise DataError(f"{path} is not a readable Parquet file: {error}") from error
+
+
+def _from_arrow(column: Any) -> np.ndarray:
+    import pyarrow
+
+    if column.null_count and pyarrow.types.is_integer(column.type):
+        gone = column.is_null().to_numpy(zero_copy_only=False)
+        return np.ma.array(column.fill_null(0).to_numpy(), mask=gone)
+    return np.asarray(column.to_numpy(zero_copy_only=False))
 
 
 def _need_pyarrow(path: Path) -> None:

@@ -22,11 +22,20 @@ __all__ = [
     "check_integer",
     "check_number",
     "explain",
+    "printable",
 ]
 
 
+def printable(text: str) -> str:
+    """Text on one line that does nothing to a terminal: what is not printable is escaped."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
 class HgoError(ValueError):
-    """Any input that hgo_rs refuses."""
+    """Any input that hgo_rs refuses. Its text is printable, whatever names stand in it."""
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class DesignError(HgoError):

@@ -54,6 +54,7 @@ def estimate(log: str | Path | Log, config: str | Path | Config) -> RunResult:
             "pieces one by one: [estimate(piece, config) for piece in read_log(...).pieces]"
         )
     check_fit(observer, log.names)
+    observer._check_start(observer.memory)
     return _run(observer, log, observer.memory)
 
 
@@ -86,33 +87,24 @@ def run_chunks(observer: Observer, chunks: Iterable[Log]) -> Iterator[tuple[Log,
         What `Observer.run` refuses; samples are counted within the chunk, whose begin is named.
     """
     start = observer.memory
+    observer._check_start(start)
     memory = start
     stretches = itertools.chain(_stretches(chunks), [(None, True)])
     log, _ = next(stretches)
     rows = 0
     while log is not None:
         after, begins = next(stretches)
-        while after is not None and not begins and len(after.t) == 1:
-            # by itself, the last row of all would not know the step before it
-            log = _joined(log, after)
-            after, begins = next(stretches)
-        # with the first row of the next, the last step has its length
-        joined = log if begins or after is None else _joined(log, after.rows(slice(0, 1)))
-        count = len(log.t)
+        until = None if begins or after is None else float(after.t[0])
         try:
-            result = _run(observer, joined, memory)
+            result = _run(observer, log, memory, until)
         except HgoError as error:
             if not rows:
                 raise
             where = f"{log.source}, counting samples from t = {log.t[0]:.9g} s (sample {rows})"
             raise type(error)(f"{where}: {error}") from error
-        if not begins:  # what the next sample finds
-            current = observer._core.is_current
-            memory = result.memory[count - 1 if current else count].copy()
-        else:
-            memory = start
-        yield log, result if len(joined.t) == count else result.rows(slice(0, count))
-        rows += count
+        memory = start if result.next_memory is None else result.next_memory
+        yield log, result
+        rows += len(log.t)
         log = after
 
 
@@ -125,18 +117,30 @@ def _stretches(chunks: Iterable[Log]) -> Iterator[tuple[Log | None, bool]]:
             yield replace(chunk.rows(slice(a, b)), starts=(0,) if begins else ()), begins
 
 
-def _joined(log: Log, after: Log) -> Log:
-    """Two chunks of one piece, as one."""
-    u = None
-    if log.u is not None and after.u is not None:
-        u = np.concatenate([log.u, after.u])
-    t, y = np.concatenate([log.t, after.t]), np.concatenate([log.y, after.y])
-    return Log(t, y, u, log.names, log.source, np.isnan(y), log.starts)
+FASTEST = 10.0
+"""Time constants 1/gain in one step, from which on a unit of time that nobody said is refused."""
 
 
-def _run(observer: Observer, log: Log, memory: np.ndarray) -> RunResult:
+def _check_pace(observer: Observer, log: Log) -> None:
+    """Refuse a guessed unit of time that leaves the observer nothing to filter."""
+    parts = observer.spec.get("observers", [observer.spec])
+    gains = [p["gain"].get("ell") for p in parts if isinstance(p.get("gain"), dict)]
+    gain = max((g for g in gains if g is not None), default=None)
+    if not log.assumed or gain is None or len(log.t) < 2:
+        return
+    step = float(np.median(np.diff(log.t)))
+    if gain * step >= FASTEST:
+        raise DataError(
+            f"{log.source}: the median step {step:.6g} s is {gain * step:.3g} times 1/gain = "
+            f"{1.0 / gain:.3g} s; the unit of the time {log.names['time']!r} is a guess, neither "
+            "given nor said by its name: say unit = one of s, ms, us, ns; or lower the gain"
+        )
+
+
+def _run(observer: Observer, log: Log, memory: np.ndarray, until: float | None = None) -> RunResult:
+    _check_pace(observer, log)
     try:
-        return observer.run(log.t, log.y, log.u, memory0=memory)
+        return observer.run(log.t, log.y, log.u, memory0=memory, until=until)
     except DesignError as error:
         if log.names.get("time") is None or "dt" not in str(error):
             raise

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hgo_rs.errors import check_number
+from hgo_rs.read_only import ReadOnlyDict
 
 __all__ = ["AdaptiveGain", "ConstantGain", "DeadZoneGain", "FixedStep", "StochasticApproximation"]
 
@@ -26,8 +27,8 @@ class ConstantGain:
 
     @property
     def spec(self) -> dict[str, Any]:
-        """The plain dict of this law."""
-        return {"law": "constant", "ell": float(self.ell)}
+        """Plain data, read-only: this law."""
+        return ReadOnlyDict({"law": "constant", "ell": float(self.ell)})
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,10 @@ class AdaptiveGain(_Adaptation):
 
     @property
     def spec(self) -> dict[str, Any]:
-        """The plain dict of this law."""
-        return {"law": "adaptive", "p1": float(self.p1), "p2": float(self.p2), "b": float(self.b)}
+        """Plain data, read-only: this law."""
+        return ReadOnlyDict(
+            {"law": "adaptive", "p1": float(self.p1), "p2": float(self.p2), "b": float(self.b)}
+        )
 
 
 @dataclass(frozen=True)
@@ -61,8 +64,10 @@ class DeadZoneGain(_Adaptation):
 
     @property
     def spec(self) -> dict[str, Any]:
-        """The plain dict of this law."""
-        return {"law": "dead-zone", "p1": float(self.p1), "p2": float(self.p2), "b": float(self.b)}
+        """Plain data, read-only: this law."""
+        return ReadOnlyDict(
+            {"law": "dead-zone", "p1": float(self.p1), "p2": float(self.p2), "b": float(self.b)}
+        )
 
 
 @dataclass(frozen=True)
@@ -76,8 +81,8 @@ class FixedStep:
 
     @property
     def spec(self) -> dict[str, Any]:
-        """The plain dict of this schedule."""
-        return {"kind": "fixed", "dt": float(self.dt)}
+        """Plain data, read-only: this schedule."""
+        return ReadOnlyDict({"kind": "fixed", "dt": float(self.dt)})
 
     @property
     def longest(self) -> float:
@@ -103,14 +108,16 @@ class StochasticApproximation:
 
     @property
     def spec(self) -> dict[str, Any]:
-        """The plain dict of this schedule."""
-        return {
-            "kind": "stochastic-approximation",
-            "alpha": float(self.alpha),
-            "epsilon": float(self.epsilon),
-            "k0": float(self.k0),
-            "p": float(self.p),
-        }
+        """Plain data, read-only: this schedule."""
+        return ReadOnlyDict(
+            {
+                "kind": "stochastic-approximation",
+                "alpha": float(self.alpha),
+                "epsilon": float(self.epsilon),
+                "k0": float(self.k0),
+                "p": float(self.p),
+            }
+        )
 
     @property
     def longest(self) -> float:

@@ -100,8 +100,7 @@ class _Record:
         self.observer, self.u = observer, u
         self.t, self.y, self.memory = result.time, result.y, result.memory
         self.innovation = result.innovation
-        # sample k finds the memory of its row, or of the row before if rows have used their samples
-        self.back = int(observer._core.is_current)
+        self.filters = observer._core.is_current
         self.settling = 3.0 * self._time_constant()
         self._known = np.full((len(self.t), observer.n), np.nan)
         self.gap = np.zeros(self.y.shape, bool)
@@ -110,10 +109,21 @@ class _Record:
         chains = observer.spec.get("observers")  # one for each output, or one chain
         self.orders = [chain["n"] for chain in chains] if chains else [observer.n]
 
-    def _step(self, k: int, memory: Array, y: Array) -> Array:
-        """The memory after sample k, found at `memory`."""
+    def _found(self, k: int) -> Array:
+        """The memory as sample k finds it."""
+        if not self.filters:
+            return self.memory[k]
+        none = np.full(self.y.shape[1], np.nan)
+        return self._advance(k - 1, self.memory[k - 1], none)
+
+    def _advance(self, k: int, memory: Array, y: Array) -> Array:
         dt = self.t[k + 1] - self.t[k]
-        return self.observer._core.step(memory, y, self.u[k], self.t[k], dt)[0]
+        return self.observer._core.advance(memory, y, self.u[k], self.t[k], dt)[0]
+
+    def _step(self, k: int, memory: Array, y: Array) -> Array:
+        """The memory as sample k + 1 finds it, from that which sample k finds."""
+        used = self.observer._core.correct(memory, y, self.t[k])[0]
+        return self._advance(k, used, y)
 
     def _time_constant(self) -> float:
         """The slowest of the law, linearised amid the record; the gain is held."""
@@ -122,7 +132,7 @@ class _Record:
             return 0.0
         given = np.flatnonzero(~np.isnan(self.y).any(axis=1))
         y = self.y[given[np.argmin(np.abs(given - k))]] if len(given) else self.y[k]
-        memory = self.memory[k - self.back]
+        memory = self._found(k)
         size = 1e-6 * (1.0 + float(np.max(np.abs(memory))))
         after = self._step(k, memory, y)
         columns = [
@@ -157,17 +167,18 @@ class _Record:
         )
         begin = begin[np.unique(np.linspace(0, len(begin) - 1, REPLAYS).astype(int))[: len(begin)]]
         drift = np.empty((len(begin), n))
+        told = np.ones(len(begin), bool)
         for row, k in enumerate(begin.tolist()):
             stop = int(end[k])
-            rows = slice(k, stop + 1)
+            rows = slice(k, stop)
             left = self.y[rows].copy()
             left[:, channel] = np.nan
-            start = self.memory[k - self.back]
-            track = self.observer._core.run(t[rows], left, self.u[rows], start, innovation=False)
+            record = (t[rows], left, self.u[rows], self._found(k))
             # as the sample that ends the gap finds it
-            shown = track["memory"][-1 - self.back, :n]
-            drift[row] = self.memory[stop - self.back, :n] - shown + self.usual(stop)
-        return t[begin], drift
+            track = self.observer._core.run(*record, innovation=False, until=float(t[stop]))
+            told[row] = track["undefined"] is None  # else the model has no value in such a gap
+            drift[row] = self._found(stop)[:n] - track["next"][:n] + self.usual(stop)
+        return t[begin][told], drift[told]
 
     def usual(self, stop: int) -> Array:
         """x - x̂ before a sample, (n,): the average of y - x̂_1 and of the corrections, chain by
@@ -178,7 +189,7 @@ class _Record:
         if len(self.orders) != self.y.shape[1]:
             return usual
         first = int(np.searchsorted(self.t, self.t[stop] - self.settling))
-        first = max(min(first, stop - 1), self.back)
+        first = max(min(first, stop - 1), int(self.filters))
         corrections = self._corrections(first, stop).sum(axis=0) / (self.t[stop] - self.t[first])
         begin = 0
         for order, e in zip(self.orders, self.innovation[first:stop].T, strict=True):
@@ -194,11 +205,12 @@ class _Record:
         known = self._known[first:stop]
         none = np.full(self.y.shape[1], np.nan)
         for k in (first + np.flatnonzero(np.isnan(known[:, 0]))).tolist():
-            found = self.memory[k - self.back].copy()
+            before = k - int(self.filters)  # what is used is shown at once with current timing
+            found = self.memory[before].copy()
             if self.observer.spec["kind"] in ("low-power", "peaking-free"):
                 found[n : 2 * n - 1] = found[1:n]  # eta_i stands for x_(i+1): no correction inside
-            after = self.memory[k + 1 - self.back, :n]
-            known[k - first] = after - self._step(k, found, none)[:n]
+            free = self._advance(before, found, none)
+            known[k - first] = self.memory[before + 1, :n] - free[:n]
         return known
 
 

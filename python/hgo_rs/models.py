@@ -1,7 +1,7 @@
 """Systems: the papers' plants, and what an observer knows of a system.
 
-Each object is a small immutable description; `spec` is the plain dict that the compiled core and
-the NumPy reference both understand.
+Each object is a small immutable description; `spec` is plain data, read-only, that the compiled
+core and the NumPy reference both understand.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.errors import check, check_array, check_number
+from hgo_rs.read_only import ReadOnlyDict
 
 __all__ = [
     "Crackle",
@@ -34,7 +35,7 @@ class System:
 
     @property
     def spec(self) -> dict[str, Any]:
-        """The plain dict of this model."""
+        """Plain data, read-only: this model."""
         raise NotImplementedError
 
     @property
@@ -59,7 +60,7 @@ class Unknown(System):
 
     @property
     def spec(self) -> dict[str, Any]:
-        return {"kind": "none"}
+        return ReadOnlyDict({"kind": "none"})
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class InputGain(System):
 
     @property
     def spec(self) -> dict[str, Any]:
-        return {"kind": "input", "b0": float(self.b0)}
+        return ReadOnlyDict({"kind": "input", "b0": float(self.b0)})
 
     @property
     def n_u(self) -> int:
@@ -92,7 +93,7 @@ class Lee(System):
 
     @property
     def spec(self) -> dict[str, Any]:
-        return {"kind": "lee"}
+        return ReadOnlyDict({"kind": "lee"})
 
     @property
     def order(self) -> int:
@@ -115,7 +116,9 @@ class SanfelicePraly(System):
 
     @property
     def spec(self) -> dict[str, Any]:
-        return {"kind": "sanfelice-praly", "nu1": float(self.nu1), "nu2": float(self.nu2)}
+        return ReadOnlyDict(
+            {"kind": "sanfelice-praly", "nu1": float(self.nu1), "nu2": float(self.nu2)}
+        )
 
     @property
     def order(self) -> int:
@@ -146,12 +149,14 @@ class VanDerPol(System):
 
     @property
     def spec(self) -> dict[str, Any]:
-        return {
-            "kind": "van-der-pol",
-            "epsilon": float(self.epsilon),
-            "sigma": float(self.sigma),
-            "multiplicative": bool(self.multiplicative),
-        }
+        return ReadOnlyDict(
+            {
+                "kind": "van-der-pol",
+                "epsilon": float(self.epsilon),
+                "sigma": float(self.sigma),
+                "multiplicative": bool(self.multiplicative),
+            }
+        )
 
     @property
     def order(self) -> int:
@@ -178,7 +183,7 @@ class Crackle(System):
 
     @property
     def spec(self) -> dict[str, Any]:
-        return {"kind": "crackle", "phi_max": float(self.phi_max)}
+        return ReadOnlyDict({"kind": "crackle", "phi_max": float(self.phi_max)})
 
     @property
     def order(self) -> int:
@@ -213,10 +218,11 @@ class Ship(System):
         w = check_array(self.w, "w")
         fits = w.shape == (3,) and np.isfinite(w).all()
         check(fits, "w", self.w, "three finite numbers", "give one disturbance for each z_i")
+        object.__setattr__(self, "w", tuple(w.tolist()))  # no list of the caller's
 
     @property
     def spec(self) -> dict[str, Any]:
-        return {"kind": "ship", "delta": float(self.delta), "w": [float(v) for v in self.w]}
+        return ReadOnlyDict({"kind": "ship", "delta": float(self.delta), "w": list(self.w)})
 
     @property
     def n_u(self) -> int:

@@ -5,6 +5,7 @@ A draw is held for `hold` seconds (default: one step); `sines` are added in cont
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, check, check_array, check_integer, check_number
+from hgo_rs.read_only import shown
 
 __all__ = ["Noise", "NormalNoise", "RecordedNoise", "Sines", "UniformNoise", "filtered_noise"]
 
@@ -33,6 +35,10 @@ class Noise:
 
     hold: float | None = field(default=None, kw_only=True)
     sines: Sequence[Sine] = field(default=(), kw_only=True)
+
+    def __post_init__(self) -> None:
+        # no list or array of the caller's, who may edit it later
+        object.__setattr__(self, "sines", copy.deepcopy(self.sines))
 
     def draw(self) -> dict[str, Any]:
         """The drawn part as a spec."""
@@ -100,6 +106,10 @@ class RecordedNoise(Noise):
 
     values: npt.ArrayLike = ()
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "values", copy.deepcopy(self.values))
+
     def draw(self) -> dict[str, Any]:
         values = check_array(self.values, "values")
         if values.ndim not in (1, 2) or not np.all(np.isfinite(values)):
@@ -107,7 +117,7 @@ class RecordedNoise(Noise):
                 f"values of shape {values.shape}: must be finite and of shape (steps + 1,) or "
                 "(runs, steps + 1); give one value a sample"
             )
-        return {"kind": "samples", "values": values}
+        return {"kind": "samples", "values": shown(values)}
 
 
 def filtered_noise(

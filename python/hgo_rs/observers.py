@@ -6,6 +6,7 @@ stands) that `step` moves. `run` works on a memory of its own and leaves the obj
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -14,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs import _core
-from hgo_rs.design.discrete import METHODS, TIMINGS
+from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING, METHODS, TIMINGS
 from hgo_rs.design.discretisation import StepLimit, check_step, step_limit
 from hgo_rs.design.response import bandwidth, noise_gain, peaking, settling
 from hgo_rs.errors import (
@@ -29,12 +30,15 @@ from hgo_rs.errors import (
 )
 from hgo_rs.gains import AdaptiveGain, ConstantGain, DeadZoneGain
 from hgo_rs.models import Ship, System, Unknown, VanDerPol
+from hgo_rs.read_only import ReadOnlyDict
+from hgo_rs.read_only import shown as frozen
 from hgo_rs.results import RunResult
 
 if TYPE_CHECKING:
     from hgo_rs.own import Model
 
 __all__ = [
+    "CopiesMetWarning",
     "LowPowerObserver",
     "ModifiedObserver",
     "MultiOutputObserver",
@@ -51,8 +55,13 @@ Gain = float | ConstantGain | AdaptiveGain | DeadZoneGain
 Poles = Sequence[complex] | npt.ArrayLike
 
 _TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
+_OVERFLOW = "choose a smaller step or gain, another method, or fewer samples"
 _MARK = "mark a missing sample as NaN"
-_UNDEFINED = 2  # status of a step at which the model has no value
+_HUGE = 1e100  # beyond it a step overflows, whatever the model
+
+
+class CopiesMetWarning(UserWarning):
+    """Copies of a collection have become identical, which they stay."""
 
 
 class Observer(_core.Online):
@@ -61,57 +70,103 @@ class Observer(_core.Online):
     Attributes
     ----------
     spec : dict
-        What the observer is, as plain data.
+        What the observer is, as plain data, read-only.
     n, n_y, n_u : int
         Numbers of estimated states, measured outputs, known inputs.
     timing : "predictor" or "current"
         Whether the estimate at sample k uses samples up to k - 1, or up to k.
     memory : (m,) ndarray
         Where it stands: x_hat first, then auxiliary states, then the gain r where it moves; with
-        current timing then the time from the last sample used to the next one, the period and the
-        inputs before that one. A step makes a new one.
+        current timing then the time that the next correction is for [s]. A step makes a new one; an
+        array that is set is copied.
     model : System or None
         What it knows of the system; None: nothing, or what its class takes by default.
     allow_unstable : bool
         Let `step` and `run` use a step beyond the stability limit.
     """
 
-    model: System | None = None
+    _model: System | None = None
+    _told = False  # whether the whole memory was given
 
     def __init__(
         self, spec: dict[str, Any], *, model: System | None = None, allow_unstable: bool = False
     ) -> None:
-        self.spec = spec
+        spec = self._spec = ReadOnlyDict(spec)
+        self._told = False
         if model is not None:
-            self.model = model
+            self._model = model
         self._interpreted = getattr(model, "compiled", True) is False
         if self._interpreted:
-            from hgo_rs.own.callables import stand_in
+            from hgo_rs.own.callables import runnable
 
-            self._core = _core.Observer(stand_in(spec, cast("Model", model)))
-            self.__dict__["step"] = self._interpreted_step  # in the place of the compiled method
+            self._core = _core.Observer(runnable(spec, model))
         else:
             self._core = _core.Observer(spec)
-        self.n: int = self._core.n
-        self.n_y: int = self._core.n_y
-        self.n_u: int = self._core.n_u
-        self.timing: str = TIMINGS[self._core.is_current]
         super().__init__(self._core, _lift(spec), bool(allow_unstable))
 
-    def __getstate__(self) -> tuple[dict[str, Any], bool, Array, float]:
-        """All that a copy needs, or a pickle."""
-        own = {
-            name: value for name, value in self.__dict__.items() if name not in ("_core", "step")
-        }
-        return own, self.allow_unstable, self.memory.copy(), self._time
+    # what an observer is does not change
 
-    def __setstate__(self, state: tuple[dict[str, Any], bool, Array, float]) -> None:
-        own, allow_unstable, memory, time = state
-        Observer.__init__(self, own["spec"], model=own.get("model"), allow_unstable=allow_unstable)
+    @property
+    def spec(self) -> dict[str, Any]:
+        """What it is, as plain data, read-only."""
+        return self._spec
+
+    @property
+    def model(self) -> System | None:
+        """What it knows of the system."""
+        return self._model
+
+    @property
+    def n(self) -> int:
+        """Number of estimated states."""
+        return self._core.n
+
+    @property
+    def n_y(self) -> int:
+        """Number of measured outputs."""
+        return self._core.n_y
+
+    @property
+    def n_u(self) -> int:
+        """Number of known inputs."""
+        return self._core.n_u
+
+    @property
+    def timing(self) -> str:
+        """ "predictor" or "current"."""
+        return TIMINGS[self._core.is_current]
+
+    def __getstate__(self) -> tuple[dict[str, Any], bool, Array, Any, Any]:
+        """All that a copy needs, or a pickle."""
+        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
+        return (
+            own,
+            self.allow_unstable,
+            self.memory.copy(),
+            self._clock,
+            (self._started, self._open),
+        )
+
+    def __setstate__(self, state: tuple[dict[str, Any], bool, Array, Any, Any]) -> None:
+        own, allow_unstable, memory, clock, begun = state
+        model = own.get("_model")
+        Observer.__init__(self, own["_spec"], model=model, allow_unstable=allow_unstable)
+        self.memory, self._clock = memory, clock
+        self._started, self._open = begun
         self.__dict__.update(own)
-        self.memory, self._time = memory, time
+        self._spec = ReadOnlyDict(self._spec)
 
     # --- memory -------------------------------------------------------------------------------
+
+    @property
+    def memory(self) -> Array:
+        """Where it stands, (m,); a step makes a new one, an array that is set is copied."""
+        return super().memory
+
+    @memory.setter
+    def memory(self, memory: npt.ArrayLike) -> None:
+        _core.Online.__dict__["memory"].__set__(self, self._checked_memory(memory))
+        self._told = True
 
     @property
     def x_hat(self) -> Array:
@@ -151,7 +206,7 @@ class Observer(_core.Online):
     @property
     def _law_len(self) -> int:
         """Entries of the memory without what current timing holds beside the law's own."""
-        held = 1 if self.spec.get("timing") == "current" else 0
+        held = int(self.spec.get("timing") == "current")
         return int(self._core.memory_len) - held
 
     def with_timing(self, timing: str) -> Observer:
@@ -166,19 +221,24 @@ class Observer(_core.Online):
             return self
         check("timing" in self.spec, "timing", timing, repr(self.timing), "this law has no other")
         other = type(self).__new__(type(self))
-        own = {
-            name: value for name, value in self.__dict__.items() if name not in ("_core", "step")
-        }
+        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
         other.__dict__.update(own)
         spec = self.spec | {"timing": timing}
         Observer.__init__(other, spec, model=self.model, allow_unstable=self.allow_unstable)
         return other
 
-    def _check_start(self, memory: Array) -> None:
-        """Refuse memories (..., m) from which the law cannot start."""
+    def _check_start(self, memory: Array, told: bool | None = None) -> None:
+        """Refuse memories (..., m) from which the law cannot start.
+
+        `told`: whether the whole memory was given, as one that a run has reached; default: as the
+        observer's own was.
+        """
         index = self._gain_index()
         if index is not None:
             _initial_gain(float(np.min(memory[..., index])))
+
+    def _tell_end(self, start: Array, end: Array) -> None:
+        """Warn of what a run from memory to memory has lost for good."""
 
     def initial_memory(
         self, x_hat0: npt.ArrayLike | None = None, *, r0: float | None = None
@@ -214,10 +274,26 @@ class Observer(_core.Online):
         *,
         r0: float | None = None,
         memory0: npt.ArrayLike | None = None,
+        t: float = 0.0,
     ) -> None:
-        """Start again at time 0, see `initial_memory`; or from the whole memory."""
+        """Start again, see `initial_memory`; or go on from the whole memory.
+
+        Parameters
+        ----------
+        x_hat0, r0, memory0 : optional
+            Where to start, see `initial_memory`; or the whole memory.
+        t : float
+            Time [s] at which it stands. Above 0 the observer is under way: with current timing the
+            next `step` predicts over its period, which the first one after a start does not.
+
+        Raises
+        ------
+        HgoError
+            What `initial_memory` refuses; t < 0.
+        """
+        time = check_number(t, "t", least=0.0)
         self.memory = self._start(x_hat0, r0, memory0)
-        self._time = 0.0
+        self._time = time
 
     def _start(
         self,
@@ -230,7 +306,7 @@ class Observer(_core.Online):
         alone = x_hat0 is None and r0 is None
         check(alone, "memory0", memory0, "given alone", "give memory0, or x_hat0 and r0")
         start = _vector(memory0, "memory0", self._core.memory_len)
-        self._check_start(start)
+        self._check_start(start, told=True)
         return start
 
     # --- use ----------------------------------------------------------------------------------
@@ -256,6 +332,13 @@ class Observer(_core.Online):
         if values.shape != (self._core.memory_len,):
             allowed = f"must have {self._core.memory_len} entries"
             raise HgoError(f"memory of shape {values.shape}: {allowed}")
+        finite = bool(np.all(np.isfinite(values)))
+        check(finite, "memory", memory, "finite", "leave out NaN and infinity, or call reset()")
+        if self.spec.get("timing") == "current":
+            elapsed = float(values[self._law_len])
+            allowed = ">= 0, the time that the next correction is for [s]"
+            remedy = "keep what memory shows, or 0 at a start; an input is told to predict(u, dt)"
+            check(elapsed >= 0.0, f"memory[{self._law_len}]", elapsed, allowed, remedy)
         return values
 
     def _no_place(self, out: Any) -> HgoError:
@@ -271,8 +354,63 @@ class Observer(_core.Online):
     def _divergence(self) -> HgoError:
         return HgoError(f"the estimate would diverge at t = {self._time:g} s: {_TAMER}")
 
-    def _no_value(self, sample: list[float]) -> HgoError:
-        return HgoError(_undefined(0, sample))
+    def _no_value(self, sample: list[float], told: list[float] | None = None) -> HgoError:
+        given = np.abs([*sample, *(told or ())])
+        if np.max(given, initial=0.0, where=given == given) > _HUGE:
+            return self._divergence()
+        where = f"t = {self._time:.6g} s"
+        return HgoError(self._undefined(where, self._time, sample, told, self.memory))
+
+    def _undefined(
+        self,
+        where: str,
+        t: float,
+        sample: npt.ArrayLike,
+        told: npt.ArrayLike | None,
+        memory: Array,
+    ) -> str:
+        """What to say where the model has no value at a sample: of which equation, and for what."""
+        y = np.asarray(sample, dtype=float)
+        told = np.full(self.n_u, np.nan) if told is None else np.asarray(told, dtype=float)
+        measured = "" if np.isnan(y).all() else f", y = {_row(y)}"
+        head = f"the model has no value at {where}{measured}"
+        known = self.spec.get("model") or {"kind": "none"}
+        if known["kind"] == "ship":
+            return (
+                f"{head}: a ship at rest has no course angle, z_1 = 0 makes atan(0/0) (Katayama, "
+                "assumption A1); start the record where the ship moves, or x_hat0 at its velocity"
+            )
+        estimate = f"x_hat = [{_row(memory[: self.n])}]"
+        if known["kind"] != "own":
+            return (
+                f"{head}: the step from {estimate} is not finite; start x_hat0 nearer to the states"
+            )
+        model = cast("Model", self.model)
+        x_hat = memory[: self.n]
+        if model.n_x:  # measured states, then the estimated ones
+            last = memory[self.n : self.n + model.n_x]
+            x_hat = np.append(np.where(np.isnan(y), last, y), x_hat)
+        values = dict(zip(model.states, x_hat.tolist(), strict=True))
+        shown = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+        if np.max(np.abs(x_hat)) > _HUGE:
+            return f"{head}: the numbers are too large ({shown}); {_TAMER}"
+        values |= {"t": t, **dict(zip(model.inputs, told.tolist(), strict=True))}
+        if known["form"] == "sampled":
+            values["y"] = float(y[0])
+        found = model.not_finite(values)
+        labels = found or model.shown_sides()
+        equations = " and ".join(f"{label} = {_short(text)}" for label, text in labels[:3])
+        how = "not finite at" if found else "not finite within the step from"
+        remedy = "start x_hat0 where it has one"
+        start = np.zeros(self.n)
+        start[0] = 0.0 if np.isnan(y[0]) else y[0]
+        helps = t == 0.0 and not model.n_x and self.n_y == 1 and found
+        if helps and not model.not_finite(values | dict(zip(model.states, start, strict=True))):
+            remedy += f", for example x_hat0 = [{_row(start)}]"
+        return (
+            f"{head}: {equations} is {how} {shown}; {remedy}, or bound in the equation what it has "
+            "no value for, as max(v, 1e-3) does for a state v"
+        )
 
     def run(
         self,
@@ -283,13 +421,15 @@ class Observer(_core.Online):
         x_hat0: npt.ArrayLike | None = None,
         r0: float | None = None,
         memory0: npt.ArrayLike | None = None,
+        until: float | None = None,
         timing: str | None = None,
         allow_unstable: bool | None = None,
     ) -> RunResult:
         """Run over a record of N samples.
 
-        Predictor timing: row k of the result uses samples up to k - 1; current timing: up to k.
-        Uneven steps are honoured.
+        Predictor timing: row k of the result uses samples up to k - 1; current timing: up to k, by
+        `correct(y[k])`, after which `predict(u[k], dt)` moves to the next row, with the bits of
+        these calls. Uneven steps are honoured.
 
         Parameters
         ----------
@@ -300,7 +440,11 @@ class Observer(_core.Online):
         u : (N,) or (N, n_u), optional
             Known inputs, each held until the next sample.
         x_hat0, r0, memory0 : optional
-            Where to start, see `initial_memory`; or the whole memory.
+            Where to start, see `initial_memory`; or the whole memory, as the first sample finds
+            it.
+        until : float, optional
+            Time [s] of the sample after the last one, where the record goes on elsewhere:
+            `next_memory` of the result is the memory there, a `memory0` to go on with.
         timing : "predictor" or "current", optional
             Default: the observer's own. The result says which.
         allow_unstable : bool, optional
@@ -320,6 +464,7 @@ class Observer(_core.Online):
                 x_hat0=x_hat0,
                 r0=r0,
                 memory0=memory0,
+                until=until,
                 allow_unstable=allow_unstable,
             )
         allow = self.allow_unstable if allow_unstable is None else bool(allow_unstable)
@@ -327,15 +472,18 @@ class Observer(_core.Online):
         clock = _clock(t_or_dt, len(samples))
         told = _inputs(u, len(samples), self.n_u)
         start = self._start(x_hat0, r0, memory0)
-        self._check_start(start)
+        if memory0 is None:
+            self._check_start(start, told=False)
         # elsewhere the innovation is y - x_hat_1, which is computed when it is asked for
         own_sampled = self.spec["kind"] == "sampled-data" and self.spec["model"]["kind"] == "own"
         tells = self._core.is_current or self.spec["kind"] == "chains" or own_sampled
+        end = None if until is None else _after(until, clock, len(samples))
         slowdown = 1.0
         if self._interpreted:
-            track, slowdown = self._interpreted_run(clock, samples, told, start)
+            record = (clock, samples, told, start)
+            track, slowdown = self._called_run(*record, innovation=tells, until=end)
         else:
-            track = self._core.run(clock, samples, told, start, innovation=tells)
+            track = self._core.run(clock, samples, told, start, innovation=tells, until=end)
         if not track["sound"]:
             _check_samples(track["y"], self.n_y)
             _check_times(clock)
@@ -345,19 +493,37 @@ class Observer(_core.Online):
             return clock * k if isinstance(clock, float) else float(clock[k])
 
         k, longest = track["longest_step"]
+        where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
+        if self._core.is_current and self._law_len < len(start) and not track["missing"][0]:
+            # the first sample corrects over the time that its start has waited
+            waited = float(start[self._law_len])
+            if waited > longest:
+                longest, where = waited, f"before sample 0 (t = {time(0):g} s), "
         if longest > 0.0:
             try:
                 self._check_dt(longest, allow)
             except DesignError as error:
-                where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
                 raise DesignError(f"{where}{error}") from None
-        if track["undefined"] is not None:
-            raise HgoError(_undefined(track["undefined"], track["y"][track["undefined"]]))
         memory = track["memory"]
         bound = self._bound(float(np.max(np.abs(start))), track["largest_sample"])
-        if not (track["largest"] <= bound or allow):  # NaN is not within
-            k = int(np.argmin(np.all(np.abs(memory) <= bound, axis=1)))
+        diverged = len(memory)
+        if not track["largest"] <= bound:  # NaN is not within
+            diverged = int(np.argmin(np.all(np.abs(memory) <= bound, axis=1)))
+        undefined = track["undefined"]
+        if undefined is not None and (undefined < diverged or allow):
+            k = undefined
+            where = f"sample {k} (t = {time(k):.6g} s)"
+            raise HgoError(self._undefined(where, time(k), track["y"][k], told[k], memory[k]))
+        if diverged < len(memory) and not allow:
+            k = diverged
             raise HgoError(f"the estimate diverged at sample {k} (t = {time(k):g} s): {_TAMER}")
+        finite = [*np.isfinite(memory[diverged:]).all(axis=1)]
+        finite += [] if end is None else [np.isfinite(track["next"]).all()]
+        if not all(finite):
+            k = diverged + finite.index(False)
+            where = f"sample {k} (t = {time(k):g} s)" if k < len(memory) else f"t = {end:g} s"
+            raise HgoError(f"the estimate overflowed at {where}: {_OVERFLOW}")
+        self._tell_end(start, memory[-1])
         result = RunResult.of_run(
             clock,
             track.get("innovation"),
@@ -370,66 +536,22 @@ class Observer(_core.Online):
             timing=self.timing,
         )
         result.__dict__["slowdown"] = slowdown
+        result.__dict__["next_memory"] = None if until is None else frozen(track["next"])
         if track["missing"].any():  # for the error to expect after the gaps
             result.__dict__["_run_of"] = (self, told.copy())
         return result
 
-    # A model that is not compiled runs in the NumPy reference; what is asked of it stays the same.
+    def _called_run(self, *record: Any, **options: Any) -> tuple[dict[str, Any], float]:
+        """The track of a model of Python functions, and by how much it is slower than a compiled
+        model of its size.
+        """
+        from hgo_rs.own.callables import clocked, stand_in, warn_slow
 
-    def _reference(self) -> Any:
-        from hgo_rs import reference
-        from hgo_rs.own.callables import interpreted_spec
-
-        return reference.Observer(interpreted_spec(self.spec, self.model))
-
-    def _interpreted_step(
-        self, y: npt.ArrayLike, u: npt.ArrayLike | None = None, *, dt: float, out: Any = None
-    ) -> Array:
-        length, sample, told = self._checked_dt(dt), self._checked_sample(y), self._checked_input(u)
-        if self._time == 0.0:
-            self._check_start(self.memory)
-        moved, status = self._reference().step(self.memory, sample, told, self._time, length)
-        if status == _UNDEFINED or (status == 0 and not np.all(np.isfinite(moved))):
-            raise self._no_value(sample.tolist())
-        self.memory, self._time = moved, self._time + length
-        if out is None:
-            return self.x_hat
-        if not (isinstance(out, np.ndarray) and out.shape == (self.n,) and out.flags.writeable):
-            raise self._no_place(out)
-        out[:] = moved[: self.n]
-        return out
-
-    def _interpreted_run(
-        self, clock: float | Array, samples: Array, told: Array, start: Array
-    ) -> tuple[dict[str, Any], float]:
-        """The track as the core gives it, and how much longer it took than a compiled model."""
-        from hgo_rs.own.callables import clocked, warn_slow
-
-        _check_samples(samples, self.n_y)
-        _check_times(clock)
-        _check_inputs(told)
-        count = len(samples)
-        t, dt = (np.arange(count) * clock, clock) if isinstance(clock, float) else (clock, None)
-        track, interpreted = clocked(lambda: self._reference().run(t, samples, told, start, dt))
-        _, compiled = clocked(lambda: self._core.run(clock, samples, told, start))
-        slowdown = warn_slow(
-            cast("Model", self.model), compiled / count, interpreted / count, "run"
-        )
-        steps = np.diff(t) if dt is None else np.full(count - 1, dt)
-        present = ~np.all(np.isnan(samples), axis=1)
-        correcting = np.where(present[1:] if self._core.is_current else present[:-1], steps, 0.0)
-        k = int(np.argmax(correcting)) if count > 1 else 0
-        undefined = np.flatnonzero(track["status"] == _UNDEFINED)
-        seen = samples[np.isfinite(samples)]
-        return {
-            **track,
-            "y": samples.copy(),
-            "sound": True,
-            "longest_step": (k, float(correcting[k]) if count > 1 else 0.0),
-            "undefined": int(undefined[0]) if undefined.size else None,
-            "largest_sample": float(np.max(np.abs(seen), initial=0.0)),
-            "largest": float(np.max(np.abs(track["memory"]))),
-        }, slowdown
+        model, count = cast("Model", self.model), len(record[1])
+        track, called = clocked(lambda: self._core.run(*record, **options))
+        compiled = _core.Observer(stand_in(self.spec, model))
+        _, fast = clocked(lambda: compiled.run(*record, **options))
+        return track, warn_slow(model, fast / count, called / count, "run")
 
     def step_limit(self) -> StepLimit:
         """The largest stable step of this law under its discretisation, computed."""
@@ -550,8 +672,9 @@ class StandardObserver(Observer):
         The coefficients themselves, in place of `poles`.
     model : System, optional
         What is known of the system. Default: nothing, phi = 0.
-    method : str
-        Discretisation, one of `METHODS`.
+    method : str, optional
+        Discretisation, one of `METHODS`; the papers' recursions are "euler". Default: "zoh", or
+        "rk4" for a low-power or peaking-free law with a gain that moves.
     timing : "predictor" or "current"
         Whether the estimate at sample k uses samples up to k - 1, as the papers' recursions do, or
         up to k.
@@ -573,8 +696,8 @@ class StandardObserver(Observer):
         poles: Poles | None = None,
         k: npt.ArrayLike | None = None,
         model: System | None = None,
-        method: str = "euler",
-        timing: str = "predictor",
+        method: str | None = None,
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         n = _order(n)
@@ -584,7 +707,7 @@ class StandardObserver(Observer):
             "k": _coefficients(n, poles, k),
             "gain": _gain(gain, epsilon),
             "model": _model(model, n),
-            **_manner(method, timing),
+            **_manner(DEFAULT_METHOD if method is None else method, timing),
         }
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
@@ -615,8 +738,8 @@ class LowPowerObserver(Observer):
         alpha: npt.ArrayLike | None = None,
         beta: npt.ArrayLike | None = None,
         model: System | None = None,
-        method: str = "euler",
-        timing: str = "predictor",
+        method: str | None = None,
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         spec = _low_power("low-power", n, gain, epsilon, poles, alpha, beta, model, method, timing)
@@ -654,8 +777,8 @@ class PeakingFreeObserver(Observer):
         alpha: npt.ArrayLike | None = None,
         beta: npt.ArrayLike | None = None,
         model: System | None = None,
-        method: str = "euler",
-        timing: str = "predictor",
+        method: str | None = None,
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         spec = _low_power(
@@ -700,8 +823,12 @@ class _Copies(Observer):
             "model": _model(model, 2),
             **_manner(method, timing),
         }
-        self.copies = copies
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
+
+    @property
+    def copies(self) -> int:
+        """Number of copies."""
+        return int(self.spec["copies"])
 
     def _starts(self, x_hat0: npt.ArrayLike, r0: npt.ArrayLike) -> Array:
         """Flat memory [x_hat_1, r_1, x_hat_2, r_2, ...] of starts that differ."""
@@ -729,11 +856,36 @@ class _Copies(Observer):
         end = self._law_len
         return np.asarray(memory, dtype=float)[..., end - self.copies * (self.n + 1) : end]
 
-    def _check_start(self, memory: Array) -> None:
-        """Every r_i >= 1, and copies that start apart."""
+    def _check_start(self, memory: Array, told: bool | None = None) -> None:
+        """Every r_i >= 1, and copies that start apart.
+
+        In a memory that was given as a whole copies may have met: `step` goes on from there, so all
+        goes on, with a warning.
+        """
         for value in np.ravel(memory[..., self.n : self._law_len : self.n + 1]):
             _initial_gain(float(value))
-        self._check_apart(self._copies_of(memory))
+        if not (self._told if told is None else told):
+            self._check_apart(self._copies_of(memory))
+        else:
+            self._warn_met(memory)
+
+    def _tell_end(self, start: Array, end: Array) -> None:
+        if self._distinct(end) < self._distinct(start):
+            self._warn_met(end)
+
+    def _distinct(self, memory: Array) -> int:
+        """How many copies differ; of several memories in the worst of them."""
+        rows = self._copies_of(memory).reshape(-1, self.copies, self.n + 1)
+        return min(len(np.unique(copies, axis=0)) for copies in rows)
+
+    def _warn_met(self, memory: Array) -> None:
+        if (left := self._distinct(memory)) < self.copies:
+            warnings.warn(
+                f"copies have met: {left} of {self.copies} differ, and identical copies never "
+                f"separate; for {self.copies} again, start from spread(...)",
+                CopiesMetWarning,
+                stacklevel=4,
+            )
 
     def _check_apart(self, copies: Array) -> None:
         for starts in copies.reshape(-1, self.copies, self.n + 1):
@@ -776,7 +928,7 @@ class RepelledCollection(_Copies):
         copies: int = 3,
         model: System | None = None,
         method: str = "rk4",
-        timing: str = "predictor",
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         super().__init__(
@@ -803,7 +955,7 @@ class ModifiedObserver(_Copies):
         copies: int = 3,
         model: System | None = None,
         method: str = "rk4",
-        timing: str = "predictor",
+        timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
         super().__init__("modified", gain, k, k_bar, copies, model, method, timing, allow_unstable)
@@ -1028,20 +1180,22 @@ def _low_power(
     alpha: npt.ArrayLike | None,
     beta: npt.ArrayLike | None,
     model: System | None,
-    method: str,
+    method: str | None,
     timing: str,
 ) -> dict[str, Any]:
     """What (5) and (11) share, as a spec."""
     n = _order(n, least=2)
     a, b = _low_power_coefficients(n, poles, alpha, beta)
+    law = _gain(gain, epsilon)
+    usual = DEFAULT_METHOD if law["law"] == "constant" else "rk4"
     return {
         "kind": kind,
         "n": n,
         "alpha": a,
         "beta": b,
-        "gain": _gain(gain, epsilon),
+        "gain": law,
         "model": _model(model, n),
-        **_manner(method, timing),
+        **_manner(usual if method is None else method, timing),
     }
 
 
@@ -1098,6 +1252,14 @@ def _saturation(levels: npt.ArrayLike, n: int, model: System | None) -> list[flo
     return [float(v) for v in values]
 
 
+def _row(values: Array) -> str:
+    return ", ".join(f"{value:.6g}" for value in values)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
 def _floats(values: npt.ArrayLike, parameter: str, remedy: str = "give numbers") -> Array:
     """As `check_array`, but an array of floats is taken as it is."""
     if type(values) is np.ndarray and values.dtype == np.float64:
@@ -1141,6 +1303,16 @@ def _clock(t_or_dt: npt.ArrayLike, count: int) -> float | Array:
     return given
 
 
+def _after(until: float, clock: float | Array, count: int) -> float:
+    """A time after the last sample."""
+    end = check_number(until, "until")
+    last = clock * (count - 1) if isinstance(clock, float) else float(clock[-1])
+    check(
+        end > last, "until", until, f"after the last sample, > {last:.9g} s", "give the next time"
+    )
+    return end
+
+
 def _check_times(clock: float | Array) -> None:
     t = np.atleast_1d(clock)
     bad = ~np.isfinite(t)
@@ -1178,12 +1350,3 @@ def _check_inputs(u: Array) -> None:
     bad = ~np.isfinite(u).all(axis=1)
     if bad.any():
         raise HgoError(f"u at sample {int(np.argmax(bad))} is not finite: every sample needs one")
-
-
-def _undefined(k: int, sample: npt.ArrayLike) -> str:
-    shown = ", ".join(f"{value:.6g}" for value in np.asarray(sample))
-    return (
-        f"the model has no value at sample {k} (y = {shown}): a ship at "
-        "rest has no course angle, z_1 = 0 makes atan(0/0) (Katayama, assumption A1); start the "
-        "record where the ship moves"
-    )

@@ -6,16 +6,17 @@ nothing here changes pyplot's state or needs a display.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
 from hgo_rs.errors import HgoError, MissingExtraError
+from hgo_rs.files import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -98,7 +99,7 @@ def require_matplotlib() -> None:
         raise MissingExtraError("figures need matplotlib: pip install 'hgo_rs[plot]'") from error
 
 
-@contextmanager
+@contextlib.contextmanager
 def style() -> Iterator[None]:
     """The package's style, for as long as the context lasts."""
     require_matplotlib()
@@ -405,7 +406,11 @@ def _spans_decades(values: np.ndarray) -> bool:
     return len(finite) > 0 and finite.min() > 0.0 and finite.max() > 10.0 * finite.min()
 
 
-def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure in the package's style; the suffix says the format."""
-    with style():
-        figure.savefig(path)
+def save(figure: Figure, path: str | Path, into: IO[bytes] | None = None) -> None:
+    """Write a figure in the package's style; the suffix of `path` says the format, also of what is
+    written to the open file `into` in its place.
+    """
+    path = Path(path)
+    place = replacing(path) if into is None else contextlib.nullcontext(into)
+    with style(), place as file:
+        figure.savefig(file, format=path.suffix[1:] or None)

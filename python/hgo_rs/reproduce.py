@@ -15,7 +15,7 @@ import signal
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +23,10 @@ import numpy as np
 
 from hgo_rs import plotting, report
 from hgo_rs.errors import HgoError
+from hgo_rs.files import together
 from hgo_rs.record import Record
 from hgo_rs.scenarios import Context, Row, Scenario, find
+from hgo_rs.workers import end_with_parent
 
 __all__ = ["OutputError", "OutputFolder", "Record", "execute", "run"]
 
@@ -112,10 +114,10 @@ def _run_in_processes(
         mp.Process(target=_work, args=(tasks, messages, backend, seed, figures), daemon=True)
         for _ in range(count)
     ]
-    for worker in workers:
-        worker.start()
     waiting = sum(len(group) for group in papers.values())
     try:
+        for worker in workers:
+            worker.start()
         while waiting:
             try:
                 message = messages.get(timeout=0.5)
@@ -130,12 +132,14 @@ def _run_in_processes(
                 yield message
     finally:
         for worker in workers:
-            worker.terminate()
-            worker.join()
+            if worker.pid is not None:
+                worker.terminate()
+                worker.join()
 
 
 def _work(tasks: Any, messages: Any, backend: str, seed: int, figures: bool) -> None:
     """One process: papers until there are none. Ctrl-C is the parent's to handle."""
+    end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     while (ids := tasks.get()) is not None:
         ctx = Context(backend, seed)
@@ -155,6 +159,7 @@ class OutputFolder:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
+        self._written: list[str] = []
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             with tempfile.NamedTemporaryFile(dir=self.path, prefix=".hgo-"):
@@ -167,8 +172,7 @@ class OutputFolder:
 
     def write_figure(self, record: Record) -> None:
         """ID.png and ID.svg, if the scenario has a figure."""
-        for kind, image in record.images.items():
-            self.write(f"{record.id}.{kind}", image)
+        self.write_all({f"{record.id}.{kind}": image for kind, image in record.images.items()})
 
     def write_results(self, records: Sequence[Record], about: dict[str, Any]) -> None:
         """results.json: where and how it ran, totals, every record. results.md: rows of papers."""
@@ -182,8 +186,8 @@ class OutputFolder:
             "scenarios": [r.to_dict() for r in records],
         }
         text = json.dumps(results, indent=1, ensure_ascii=False, allow_nan=False)
-        self.write("results.json", text.encode())
-        self.write("results.md", report.markdown(records).encode())
+        table = report.markdown(records).encode()
+        self.write_all({"results.json": text.encode(), "results.md": table})
 
     def write_report(self, records: Sequence[Record], about: dict[str, Any]) -> Path:
         """report.html: one file that needs no other. Returns its path."""
@@ -191,14 +195,22 @@ class OutputFolder:
 
     def write(self, name: str, content: bytes) -> Path:
         """Write a file whole or not at all."""
-        path = self.path / name
-        part = self.path / f".{name}.part"
+        self.write_all({name: content})
+        return self.path / name
+
+    def write_all(self, contents: Mapping[str, bytes]) -> None:
+        """Write files by their names, all or none; an error says what was written before them."""
+        paths = [self.path / name for name in contents]
         try:
-            part.write_bytes(content)
-            part.replace(path)
+            with together(paths) as files:
+                for file, content in zip(files, contents.values(), strict=True):
+                    file.write(content)
         except OSError as error:
-            raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
-        return path
+            told = f"cannot write {', '.join(map(str, paths))}: {error.strerror or error}"
+            if self._written:
+                told += f"; written before: {', '.join(self._written)}"
+            raise OutputError(told) from error
+        self._written += contents
 
 
 def about_this_run(backend: str, seed: int, elapsed_s: float, planned: int) -> dict[str, Any]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, MissingExtraError, check_integer, check_number
+from hgo_rs.read_only import shown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,7 +40,8 @@ class Gap:
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """An observer's run over a record of N samples.
+    """An observer's run over a record of N samples. Its arrays are read-only: they belong together
+    (`x_hat` is a part of `memory`), so that an edit of one would change others.
 
     Attributes
     ----------
@@ -63,6 +65,8 @@ class RunResult:
     slowdown : float
         How many times longer the run took than with a compiled model of the same size: 1 for every
         compiled model, more for a Python callable that could not be compiled.
+    next_memory : (m,) or None
+        The memory at `until`, where the run was given one.
     """
 
     time: Array
@@ -82,16 +86,17 @@ class RunResult:
         The times of a period and y - x_hat_1 are computed when they are first asked for.
         """
         made = object.__new__(cls)
-        made.__dict__.update(fields)
+        made.__dict__.update({name: shown(value) for name, value in fields.items()})
         if isinstance(clock, float):
             made.__dict__["_period"] = clock
         else:
-            made.__dict__["time"] = np.array(clock)
+            made.__dict__["time"] = shown(np.array(clock))
         if innovation is not None:
-            made.__dict__["innovation"] = innovation
+            made.__dict__["innovation"] = shown(innovation)
         return made
 
     slowdown = 1.0
+    next_memory: ClassVar[Array | None] = None
 
     if not TYPE_CHECKING:
 
@@ -102,8 +107,8 @@ class RunResult:
                 value = self.y - self.x_hat[:, : self.y.shape[1]]
             else:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            self.__dict__[name] = value
-            return value
+            self.__dict__[name] = shown(value)
+            return self.__dict__[name]
 
     def rows(self, rows: slice) -> RunResult:
         """Some rows of it."""
@@ -240,13 +245,12 @@ class SimulationResult:
         First step at which a state was not finite or beyond 1e12, -1 if none. Such a run stops
         there and its metrics cover the steps before.
     undefined_at : (R,) int
-        First step at which the observer's model had no value and the estimate was held (a ship at
-        rest), -1 if none.
+        First step at which the observer's model had no value and the estimate was held, -1 if none.
     final_x, final_memory : (R, ·)
     time : (F,) [s];  x : (R, F, nx);  memory : (R, F, m);  y : (R, F, n_y)
         Kept frames, None without `every`.
     spec : dict
-        The experiment as plain data.
+        The experiment as plain data, read-only.
     """
 
     metrics: dict[str, Array]
@@ -267,6 +271,12 @@ class SimulationResult:
     def timing(self) -> str:
         """Whether the estimate at sample k uses samples up to k - 1, or up to k."""
         return timing_of(self.spec["observer"])
+
+    @property
+    def _estimated(self) -> list[int]:
+        """Which states of the plant are estimated."""
+        first = 3 if self.spec["plant"]["kind"] == "ship" else 0
+        return list(self.spec.get("truth", range(first, first + self.n)))
 
     def _metric(self, name: str) -> Array:
         if name not in self.metrics:
@@ -301,8 +311,8 @@ class SimulationResult:
 
     @property
     def x_hat(self) -> Array | None:
-        """Estimates at the kept frames, (R, F, n)."""
-        return None if self.memory is None else self.memory[..., : self.n]
+        """Estimates at the kept frames, (R, F, n); a part of `memory`, read-only."""
+        return None if self.memory is None else shown(self.memory[..., : self.n])
 
     def quantile(self, q: float) -> float:
         """Quantile of ||x_hat - x||^2 over all runs in the histogram's window (to about 1 %)."""
@@ -322,5 +332,5 @@ class SimulationResult:
         if self.time is None or self.x is None or self.x_hat is None:
             raise HgoError("plot: simulate was called without every=, so no frame was kept")
         run = check_integer(run, "run", least=0, most=len(self.x) - 1)
-        truth = self.x[run][:, -self.n :] if self.x.shape[-1] != self.n else self.x[run]
+        truth = self.x[run][:, self._estimated]
         return estimate_figure(self.time, self.x_hat[run], x=truth, figure=figure)

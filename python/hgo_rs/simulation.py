@@ -18,6 +18,7 @@ from hgo_rs.gains import FixedStep, StochasticApproximation
 from hgo_rs.models import Ship, System, VanDerPol
 from hgo_rs.noise import Noise, RecordedNoise
 from hgo_rs.observers import Observer
+from hgo_rs.read_only import ReadOnlyDict
 from hgo_rs.results import SimulationResult
 
 __all__ = ["simulate"]
@@ -51,7 +52,7 @@ class Experiment:
     Attributes
     ----------
     spec : dict
-        What the core and the reference read: numbers, strings, lists, dicts and arrays.
+        What the core and the reference read: numbers, strings, lists, dicts and arrays; read-only.
     n : int
         Order of the observer.
     shapes : dict
@@ -111,8 +112,8 @@ def simulate(
     Parameters
     ----------
     plant : System
-        A plant of `hgo_rs.models`, of the observer's order; or a `Plant`, of which the observer
-        estimates the first n states.
+        A plant of `hgo_rs.models`, of the observer's order; or a `Plant`. Of a `Plant` an observer
+        with a `Model` estimates the states of the model's names, any other the first n states.
     observer : Observer
     x0 : (nx,) or (runs, nx)
         Initial state of the plant.
@@ -159,8 +160,6 @@ def simulate(
     given = locals()
     backend = check_choice("backend", given.pop("backend"), BACKENDS)
     experiment = plan(**given)
-    if any(getattr(system, "compiled", True) is False for system in (plant, observer.model)):
-        backend = "numpy"  # Python callables: `run` says how slow they are
     kept = runs * experiment.numbers
     remedy = f"as it is the result would hold {kept:.3g} numbers; fewer runs or a larger every"
     check(kept <= _LARGEST, "runs", runs, f"such that {_LARGEST:.3g} numbers do", remedy)
@@ -225,7 +224,7 @@ def plan(
     nx, m = 6 if isinstance(plant, Ship) else plant.order or observer.n, len(observer.memory)
     x0 = _start(x0, "x0", nx, runs)
     start = observer.initial_memory() if memory0 is None else _start(memory0, "memory0", m, runs)
-    observer._check_start(start)
+    observer._check_start(start, told=memory0 is not None)
     if isinstance(plant, Ship) and np.any(x0[..., 3] == 0.0):
         raise HgoError(
             "x0: z_1 = 0 makes atan(0/0) in the ship's model (Katayama, assumption A1); start "
@@ -255,6 +254,9 @@ def plan(
         known = not isinstance(metrics, str) and all(name in METRICS for name in metrics)
         check(known, "metrics", metrics, f"a list of {', '.join(METRICS)}", "choose among them")
         spec["metrics"] = list(metrics)
+    truth = _truth(plant, observer)
+    if truth is not None:
+        spec["truth"] = truth
     if plant_schedule is not None:
         spec["plant_schedule"] = plant_schedule.spec
     if settle is not None:
@@ -263,7 +265,7 @@ def plan(
         spec["histogram"] = _window(check_array(histogram, "histogram"), "histogram", period, steps)
     # a ship's filters are no signals, nor is what current timing holds beside the law's memory
     signals = observer.n if isinstance(plant, Ship) else observer._law_len
-    return Experiment(spec, observer.n, _shapes(spec, signals, nx, m, n_y))
+    return Experiment(ReadOnlyDict(spec), observer.n, _shapes(spec, signals, nx, m, n_y))
 
 
 def _shapes(spec: Mapping[str, Any], signals: int, nx: int, m: int, n_y: int) -> dict[str, Any]:
@@ -333,12 +335,12 @@ def _plant_method(plant: System) -> str:
 
 
 def _runnable(spec: dict[str, Any], system: System | None) -> dict[str, Any]:
-    """The spec, with Python callables where its system is not compiled."""
+    """The spec, with calls where its system is not compiled."""
     if getattr(system, "compiled", True):
         return spec
-    from hgo_rs.own.callables import interpreted_spec
+    from hgo_rs.own.callables import runnable
 
-    return interpreted_spec(spec, system)
+    return runnable(spec, system)
 
 
 def _is_own(plant: System) -> bool:
@@ -362,6 +364,26 @@ def _check_fit(plant: System, observer: Observer) -> int:
     allowed = f"{n_y} for the plant {plant!r}"
     check(observer.n_y == n_y, "n_y of the observer", observer.n_y, allowed, "choose another")
     return n_y
+
+
+def _truth(plant: System, observer: Observer) -> list[int] | None:
+    """Which states of an own plant the observer estimates, where it is not the first n.
+
+    They are found by their names: a reduced-order observer's must all be the plant's; of another
+    observer a name of the plant's must not stand for another state.
+    """
+    model = observer.spec.get("model") or {}
+    estimated = list(model["names"]["states"])[-observer.n :] if "names" in model else []
+    states = list(plant.spec["names"]["states"]) if _is_own(plant) else []
+    places = [states.index(name) for name in estimated if name in states]
+    if estimated and len(places) == observer.n:
+        return None if places == list(range(observer.n)) else places
+    reduced = bool(estimated) and observer.spec["kind"] == "reduced-order"
+    known = all(name not in states or states.index(name) == i for i, name in enumerate(estimated))
+    allowed = f"such that {estimated}, which the observer estimates, are among them"
+    remedy = "give the states of the plant and of the model the same names"
+    check(known and not reduced, "states of the plant", states, allowed, remedy)
+    return None
 
 
 def _start(values: npt.ArrayLike, name: str, width: int, runs: int) -> npt.NDArray[np.float64]:

@@ -18,8 +18,9 @@ use crate::injection::{Injected, Placement, Poles, ahead, chain_gains};
 use crate::memory::Memory;
 use crate::model::PhaseVariable;
 use crate::observer::ContinuousLaw;
-use crate::polynomial::{low_power_inner_polynomial, low_power_steps, roots, times_root};
+use crate::polynomial::{low_power_inner_polynomial, low_power_steps, roots, roots_of, times_root};
 use crate::saturation::{NoSaturation, Saturation};
+use crate::wide::{Number, Wide, exp_m1};
 use nalgebra::SVector;
 
 /// x̂ (N entries) and η (N − 1 entries; the N-th slot is never read or moved).
@@ -266,6 +267,72 @@ where
     }
 }
 
+/// Orders up to which double precision finds the gains to nine digits. Above, the way from αᵢ and βᵢ to
+/// aᵢ and bᵢ, through the coefficients of a polynomial of degree 2n − 2 whose roots lie close together,
+/// loses up to all sixteen of them, and is gone in twice the precision.
+const PLAIN: usize = 5;
+
+/// A power of 2 near the poles, so that polynomials in s over it have no large or small coefficients.
+fn unit<const N: usize>(alpha: &[f64; N]) -> f64 {
+    const POWER_OF_2: u64 = f64::INFINITY.to_bits();
+    let sum = alpha.iter().take(N.saturating_sub(1)).sum::<f64>();
+    f64::from_bits((sum / (2.0 * N as f64)).to_bits() & POWER_OF_2)
+}
+
+/// The roots of Pₙ₋₁ over the unit; the last one of each half is not used.
+#[inline(never)]
+fn wide_roots<const N: usize>(
+    alpha: &[f64; N],
+    beta: &[f64; N],
+    unit: f64,
+) -> [[(Wide, Wide); N]; 2] {
+    let alpha = alpha.map(|alpha| Wide::new(alpha / unit));
+    let beta = beta.map(|beta| Wide::new(beta / (unit * unit)));
+    let mut trailing = [[Wide::ZERO; N]; 2];
+    let mut found = [[(Wide::ZERO, Wide::ZERO); N]; 2];
+    let degree = 2 * N.saturating_sub(1);
+    if let (Some(inner), Some(trailing), Some(found)) = (
+        alpha.get(..N.saturating_sub(1)),
+        trailing.as_flattened_mut().get_mut(..degree),
+        found.as_flattened_mut().get_mut(..degree),
+    ) {
+        low_power_inner_polynomial(inner, &beta, trailing);
+        roots_of(trailing, found);
+    }
+    found
+}
+
+/// [`low_power_steps`] for [`Placement::Exact`] in twice the precision, time counted in 1/(r unit).
+#[inline(never)]
+fn wide_steps<const N: usize>(
+    alpha: &[f64; N],
+    poles: &[[(Wide, Wide); N]; 2],
+    unit: f64,
+    r: f64,
+    dt: f64,
+) -> ([f64; N], [f64; N]) {
+    let h = (Wide::new(r) * Wide::new(dt)).scaled(unit);
+    let image = |(re, im): (Wide, Wide)| {
+        let (re, im) = exp_m1((h * re, h * im));
+        (re / h, im / h)
+    };
+    let mut d = [[(Wide::ZERO, Wide::ZERO); N]; 2];
+    let mut polynomial = [[Wide::ZERO; N]; 2];
+    let degree = 2 * N.saturating_sub(1);
+    for (i, (re, im)) in poles.as_flattened().iter().take(degree).enumerate() {
+        let pole = (re.scaled(1.0 / unit), im.scaled(1.0 / unit));
+        times_root(d.as_flattened_mut(), i, image(pole));
+    }
+    for (c, (re, _)) in polynomial.as_flattened_mut().iter_mut().zip(d.as_flattened()) {
+        *c = *re;
+    }
+    let near = alpha.map(|alpha| -image((Wide::new(-alpha / unit), Wide::ZERO)).0);
+    let inner = polynomial.as_flattened().get(..degree).unwrap_or(&[]);
+    let (a, b) = low_power_steps::<Wide, N>(inner, near, h);
+    let rate = r * unit;
+    (a.map(|a| a.to_f64() * rate), b.map(|b| b.to_f64() * rate * rate))
+}
+
 /// What a correction moves: block i moves x̂ᵢ by aᵢ eᵢ and ηᵢ by bᵢ eᵢ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -305,7 +372,8 @@ where
     Md: PhaseVariable<T, N, M>,
     S: Saturation<T>,
 {
-    type Poles = [Poles<T, N>; 2];
+    /// In two halves; of orders that need it, what rounding took from each pole stands after it.
+    type Poles = [[Poles<T, N>; 2]; 2];
     /// a and b; a′ and b′.
     type Gains = [BlockGains<T, N>; 2];
     const CONSTANT: bool = G::Memory::LEN == 0;
@@ -313,9 +381,20 @@ where
     /// The roots of Pₙ₋₁; the last one of each half is not used.
     fn poles(&self, at: Placement) -> Result<Self::Poles, DesignError> {
         at.hold::<N>(4)?;
-        let (mut trailing, mut found) = ([[0.0; N]; 2], [[(0.0, 0.0); N]; 2]);
         let alpha: [f64; N] = core::array::from_fn(|i| self.alpha[i].to_f64());
         let beta: [f64; N] = core::array::from_fn(|i| self.beta[i].to_f64());
+        if const { N > PLAIN } {
+            let unit = unit(&alpha);
+            let found = wide_roots(&alpha, &beta, unit);
+            // what T makes of a pole, and what that leaves
+            let first = |x: Wide| T::from_f64(x.high * unit).to_f64();
+            let rest = |x: Wide| (x.scaled(unit) - Wide::new(first(x))).to_f64();
+            return Ok([
+                found.map(|half| Poles::from(half.map(|(re, im)| (first(re), first(im))))),
+                found.map(|half| Poles::from(half.map(|(re, im)| (rest(re), rest(im))))),
+            ]);
+        }
+        let (mut trailing, mut found) = ([[0.0; N]; 2], [[(0.0, 0.0); N]; 2]);
         let degree = 2 * N.saturating_sub(1);
         if let (Some(inner), Some(trailing), Some(found)) = (
             alpha.get(..N.saturating_sub(1)),
@@ -325,7 +404,7 @@ where
             low_power_inner_polynomial(inner, &beta, trailing);
             roots(trailing, found);
         }
-        Ok(found.map(Poles::from))
+        Ok([found.map(Poles::from), [Poles::from([(0.0, 0.0); N]); 2]])
     }
 
     fn gains(&self, at: Placement, poles: &Self::Poles, z: &Self::State, dt: T) -> Self::Gains {
@@ -337,17 +416,30 @@ where
         let beta: [f64; N] = core::array::from_fn(|i| self.beta[i].to_f64());
         let alone = alpha.map(|alpha| -at.image((-alpha, 0.0), r, dt).0);
 
-        let (mut d, mut polynomial) = ([[(0.0, 0.0); N]; 2], [[0.0; N]; 2]);
-        let degree = 2 * N.saturating_sub(1);
-        for (i, (re, im)) in poles.iter().flat_map(Poles::iter).take(degree).enumerate() {
-            let pole = (re.to_f64(), im.to_f64());
-            times_root(d.as_flattened_mut(), i, at.image(pole, r, dt));
-        }
-        for (c, (re, _)) in polynomial.as_flattened_mut().iter_mut().zip(d.as_flattened()) {
-            *c = *re;
-        }
-        let inner = polynomial.as_flattened().get(..degree).unwrap_or(&[]);
-        let (mut a, b) = low_power_steps::<N>(inner, alone, dt);
+        let (mut a, b) = if const { N > PLAIN } && dt > 0.0 {
+            let unit = unit(&alpha);
+            let [first, rest] = poles;
+            let mut wide = [[(Wide::ZERO, Wide::ZERO); N]; 2];
+            let parts = first.iter().flat_map(Poles::iter).zip(rest.iter().flat_map(Poles::iter));
+            for (pole, (first, rest)) in wide.as_flattened_mut().iter_mut().zip(parts) {
+                let whole = |high: T, low: T| Wide::of(high.to_f64(), low.to_f64());
+                *pole = (whole(first.0, rest.0), whole(first.1, rest.1));
+            }
+            wide_steps(&alpha, &wide, unit, r, dt)
+        } else {
+            let (mut d, mut polynomial) = ([[(0.0, 0.0); N]; 2], [[0.0; N]; 2]);
+            let degree = 2 * N.saturating_sub(1);
+            let found = poles.iter().flatten().flat_map(Poles::iter);
+            for (i, (re, im)) in found.take(degree).enumerate() {
+                let pole = (re.to_f64(), im.to_f64());
+                times_root(d.as_flattened_mut(), i, at.image(pole, r, dt));
+            }
+            for (c, (re, _)) in polynomial.as_flattened_mut().iter_mut().zip(d.as_flattened()) {
+                *c = *re;
+            }
+            let inner = polynomial.as_flattened().get(..degree).unwrap_or(&[]);
+            low_power_steps::<f64, N>(inner, alone, dt)
+        };
         if let (Some(a), Some(alone)) = (a.last_mut(), alone.last()) {
             *a = *alone; // it moves no other block: its eigenvalue is its own
         }
@@ -359,7 +451,9 @@ where
             roots(&[alpha[i], beta[i]], &mut pair);
             chain_gains::<f64, 2>(&at.images(&Poles::from(pair), r, dt), dt).into()
         });
-        let scaled = |values: [f64; N]| SVector::from_fn(|i, _| T::from_f64(values[i] * dt));
+        // no time: nothing moves, whatever the division by it gave
+        let over = |value: f64| if dt > 0.0 { value * dt } else { 0.0 };
+        let scaled = |values: [f64; N]| SVector::from_fn(|i, _| T::from_f64(over(values[i])));
         let block = |part: usize| SVector::from_fn(|i, _| T::from_f64(blocks[i][part]));
         [BlockGains { a: scaled(a), b: scaled(b) }, BlockGains { a: block(0), b: block(1) }]
     }

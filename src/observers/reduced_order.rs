@@ -10,7 +10,7 @@ use crate::Scalar;
 use crate::error::{DesignError, positive, require};
 use crate::memory::Memory;
 use crate::model::StrictFeedback;
-use crate::observer::{Causal, Measurement, Observer, Status, Timing};
+use crate::observer::{Causal, Measurement, Observer, Status, Timing, absent};
 use nalgebra::SVector;
 
 /// ẑ, the last sample seen, and the step that the next one closes.
@@ -220,6 +220,15 @@ where
     ) -> Status {
         (z.elapsed, z.u, z.period) = (z.elapsed.passed(dt), *u, dt);
         Status::Predicted
+    }
+
+    /// After a step that was left open, which is closed without a sample.
+    #[inline(always)]
+    fn predict(&self, z: &mut Self::State, u: &Self::Input, t: T, dt: T) -> Status {
+        let open = z.period > T::ZERO;
+        let closed = if open { self.correct(z, &absent(), t) } else { Status::Predicted };
+        self.advance(z, &absent(), u, t, dt);
+        closed
     }
 
     #[inline(always)]

@@ -5,7 +5,7 @@
 //! move a state have, become one for a row. Then instructions that wait for one another are put apart.
 
 use super::errors::refused;
-use super::table::{Table, Value, operands};
+use super::table::{NOT_COMPILED, Table, Value, operands};
 use crate::Scalar;
 use crate::program::{Instruction, Operation, Program, REGISTERS, ROW, Registers};
 use pyo3::prelude::*;
@@ -20,6 +20,9 @@ const AHEAD: usize = 64;
 impl Table {
     /// As a program of the core.
     pub fn compile(&self) -> PyResult<Compiled> {
+        if !self.calls.is_empty() {
+            return Err(refused(NOT_COMPILED));
+        }
         // rows need results earlier, and so more registers
         let compiled = Compiler::new(self, true).and_then(Compiler::compile);
         let compiled = compiled.or_else(|| Compiler::new(self, false)?.compile());

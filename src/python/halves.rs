@@ -136,8 +136,9 @@ impl Halved {
     fn corrected(&self, halves: &dyn Halves, memory: &mut [f64], y: f64) {
         let (law, held) = memory.split_at_mut(self.law_len);
         if let [elapsed] = held {
-            halves.correct(law, y, *elapsed);
-            *elapsed = elapsed.while_missing(y);
+            let left = elapsed.while_missing(y);
+            halves.correct(law, y, *elapsed - left);
+            *elapsed = left;
         }
     }
 

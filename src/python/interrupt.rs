@@ -9,6 +9,10 @@ use std::time::Duration;
 pub struct StopFlag(AtomicBool);
 
 impl StopFlag {
+    /// Stop as if the user interrupted.
+    pub fn set(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
     #[inline(always)]
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
@@ -41,7 +45,7 @@ pub fn interruptible<R: Send>(
                     let checked = Python::attach(|py| py.check_signals());
                     signal = checked;
                     if signal.is_err() {
-                        stop.0.store(true, Ordering::Relaxed);
+                        stop.set();
                     }
                 }
             }

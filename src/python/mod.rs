@@ -2,6 +2,7 @@
 //!
 //! Specs (plain dicts) come in, arrays go out; every law that runs here is the core's own.
 
+mod called;
 mod choices;
 mod compile;
 mod design;

@@ -5,7 +5,8 @@
 
 use super::errors::refused;
 use super::observers::Observer;
-use super::programs::{CHAINS, MAX_INPUTS};
+use super::programs::CHAINS;
+use super::tabled::MAX_INPUTS;
 use crate::estimator::Clock;
 use crate::observer::Status;
 use numpy::npyffi::{_PyArray_GET_ITEM_DATA, NPY_ARRAY_WRITEABLE};
@@ -31,6 +32,9 @@ pub struct Online {
     /// Whether a sample was taken since the start.
     #[pyo3(get, set, name = "_started")]
     started: bool,
+    /// Whether a period was predicted over that no sample has ended.
+    #[pyo3(get, set, name = "_open")]
+    open: bool,
     /// The longest step that was found stable: shorter ones are.
     stable_dt: f64,
     allow_unstable: bool,
@@ -112,7 +116,11 @@ impl Online {
         };
         let mut clock = self.clock;
         let mut status = Status::Predicted;
-        if passes {
+        if passes && self.open && current {
+            // the period before, which no sample ended
+            status = recursion.correct(next, &[f64::NAN; CHAINS][..y.len()], t)?;
+        }
+        if passes && status != Status::ModelUndefined {
             status = recursion.advance(next, y, u, t, dt)?;
             clock.pass(dt);
         }
@@ -120,15 +128,16 @@ impl Online {
             status = recursion.correct(next, y, clock.time())?;
         }
         let start = largest(&self.memory);
-        let undefined = !next.iter().all(|z| z.is_finite()) && start <= DIVERGED * self.lift;
-        if status == Status::ModelUndefined || undefined {
+        let finite = next.iter().all(|z| z.is_finite());
+        if status == Status::ModelUndefined || (!finite && start <= DIVERGED * self.lift) {
             return Ok(Outcome::Undefined);
         }
         let bound = self.bound(start, largest(y));
-        if !self.allow_unstable && !next.iter().all(|z| z.abs() <= bound) {
+        if !finite || (!self.allow_unstable && !next.iter().all(|z| z.abs() <= bound)) {
             return Ok(Outcome::Diverged);
         }
         self.clock = clock;
+        self.open = verb == Verb::Predict;
         self.started |= verb != Verb::Predict;
         Ok(Outcome::Taken)
     }
@@ -147,6 +156,7 @@ impl Online {
             shown: None,
             clock: Clock::new(),
             started: false,
+            open: false,
             stable_dt: 0.0,
             allow_unstable: false,
             lift: 1.0,
@@ -159,7 +169,8 @@ impl Online {
         self.memory = law.get().law().initial();
         self.next = self.memory.clone();
         self.law = Some(law.unbind());
-        (self.shown, self.clock, self.started, self.stable_dt) = (None, Clock::new(), false, 0.0);
+        (self.shown, self.clock, self.stable_dt) = (None, Clock::new(), 0.0);
+        (self.started, self.open) = (false, false);
         (self.allow_unstable, self.lift) = (allow_unstable, lift);
     }
 
@@ -169,11 +180,22 @@ impl Online {
         self.clock.time()
     }
 
+    /// The clock itself, for copies.
+    #[getter(_clock)]
+    fn parts(&self) -> (u32, [f64; 3]) {
+        self.clock.parts()
+    }
+
+    #[setter(_clock)]
+    fn set_parts(&mut self, parts: (u32, [f64; 3])) {
+        self.clock = Clock::from_parts(parts);
+    }
+
     #[setter(_time)]
     fn set_time(&mut self, time: f64) {
         self.clock = Clock::new();
         self.clock.pass(time);
-        self.started = time > 0.0;
+        (self.started, self.open) = (time > 0.0, false);
     }
 
     /// Where it stands, (m,): x_hat first, then auxiliary states, then the gain r where it moves.
@@ -368,7 +390,9 @@ fn call<'py>(
     let refusal = match outcome {
         Outcome::Taken => None,
         Outcome::Diverged => Some(slf.call_method0(intern!(py, "_divergence"))?),
-        Outcome::Undefined => Some(slf.call_method1(intern!(py, "_no_value"), (sample.to_vec(),))?),
+        Outcome::Undefined => {
+            Some(slf.call_method1(intern!(py, "_no_value"), (sample.to_vec(), input.to_vec()))?)
+        }
     };
     if let Some(error) = refusal {
         return Err(PyErr::from_value(error));

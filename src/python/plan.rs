@@ -774,6 +774,16 @@ fn index_or_minus_one(index: Option<u64>) -> i64 {
 }
 
 impl StudyResult {
+    /// Put entry i of every plant state in the place `order[i]`.
+    pub fn reorder_states(&mut self, order: &[usize]) {
+        let [x, ..] = &mut self.frames.values;
+        let rows = self.runs.iter_mut().map(|run| run.final_x.as_mut_slice());
+        for row in rows.chain(x.chunks_exact_mut(order.len())) {
+            let given = row.to_vec();
+            order.iter().zip(given).for_each(|(place, value)| row[*place] = value);
+        }
+    }
+
     /// As a dict of arrays.
     pub fn into_dict<'py>(self, py: Python<'py>, plan: &Plan) -> PyResult<Bound<'py, PyDict>> {
         let out = PyDict::new(py);

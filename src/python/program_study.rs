@@ -27,6 +27,8 @@ use crate::vectors::Task;
 use nalgebra::SVector;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Room for a plant's state and for an observer's memory.
 const X: usize = 12;
@@ -42,6 +44,8 @@ pub struct OwnPlant {
     /// (t, x, parameters) → (drift, diffusion if there is noise, output).
     table: Table,
     parameters: Vec<f64>,
+    /// State i of a simulation is this one of the plant: those that the observer estimates come first.
+    order: Vec<usize>,
 }
 
 impl OwnPlant {
@@ -64,13 +68,34 @@ impl OwnPlant {
                 table.outputs.len()
             )));
         }
-        Ok(Self { n, noisy, table, parameters })
+        Ok(Self { n, noisy, table, parameters, order: (0..n).collect() })
     }
 
-    /// Its outputs within a trace.
-    fn call(&self, given: &[Traced]) -> Vec<Traced> {
-        let parameters = self.parameters.iter().map(|value| Traced::from_f64(*value));
-        trace::inline(&self.table, &given.iter().copied().chain(parameters).collect::<Vec<_>>())
+    /// With the states first that an observer estimates.
+    fn estimated(mut self, truth: &[usize]) -> PyResult<Self> {
+        let twice = (1..truth.len()).any(|i| truth[..i].contains(&truth[i]));
+        if twice || truth.iter().any(|i| *i >= self.n) {
+            return Err(refused(&format!(
+                "truth = {truth:?} is not allowed: it must name some of the plant's {} states, each \
+                 once",
+                self.n
+            )));
+        }
+        let rest = (0..self.n).filter(|i| !truth.contains(i));
+        self.order = truth.iter().copied().chain(rest).collect();
+        Ok(self)
+    }
+
+    /// Drift, diffusion if there is noise, output: within a trace.
+    fn call(&self, t: Traced, x: &[Traced]) -> Vec<Traced> {
+        let mut given = vec![t; 1 + self.n];
+        self.order.iter().zip(x).for_each(|(place, x)| given[1 + place] = *x);
+        given.extend(self.parameters.iter().map(|value| Traced::from_f64(*value)));
+        let made = trace::inline(&self.table, &given);
+        let (rates, output) = made.split_at(made.len() - 1);
+        let rows = rates.chunks_exact(self.n);
+        let ordered = rows.flat_map(|row| self.order.iter().map(|place| row[*place]));
+        ordered.chain(output.iter().copied()).collect()
     }
 }
 
@@ -83,7 +108,7 @@ struct Tabled<'a>(&'a OwnPlant);
 
 impl Tabled<'_> {
     fn outputs(self, t: Traced, x: &PlantState<Traced>) -> Vec<Traced> {
-        self.0.call(&[&[t], &x.as_slice()[..self.0.n]].concat())
+        self.0.call(t, &x.as_slice()[..self.0.n])
     }
     fn state(values: &[Traced]) -> PlantState<Traced> {
         PlantState::from_fn(|i, _| values.get(i).copied().unwrap_or(Traced::ZERO))
@@ -120,6 +145,46 @@ impl Plant<Traced> for Tabled<'_> {
     }
 }
 
+/// The first error of a function that is called: the study ends by it.
+#[derive(Default)]
+struct Failure {
+    occurred: AtomicBool,
+    error: Mutex<Option<PyErr>>,
+}
+
+/// A function of single runs: a program, or a table with calls.
+enum Part {
+    Compiled(Compiled),
+    Called(Table, Arc<Failure>),
+}
+
+impl Part {
+    fn of(table: Table, failure: &Arc<Failure>) -> PyResult<Self> {
+        if table.calls.is_empty() {
+            return Ok(Self::Compiled(table.compile()?));
+        }
+        Ok(Self::Called(table, failure.clone()))
+    }
+
+    /// The outputs; NaN once a function has failed.
+    fn evaluate(&self, inputs: &[f64]) -> Vec<f64> {
+        let (table, failure) = match self {
+            Self::Compiled(compiled) => return compiled.evaluate(inputs),
+            Self::Called(table, failure) => (table, failure),
+        };
+        let nothing = || vec![f64::NAN; table.outputs.len()];
+        if failure.occurred.load(Ordering::Relaxed) {
+            return nothing();
+        }
+        table.evaluate(inputs).unwrap_or_else(|error| {
+            failure.occurred.store(true, Ordering::Relaxed);
+            let mut first = failure.error.lock().unwrap_or_else(PoisonError::into_inner);
+            first.get_or_insert(error);
+            nothing()
+        })
+    }
+}
+
 /// A plant as programs, for single runs.
 #[derive(Clone, Copy)]
 struct Evaluated<'a> {
@@ -127,7 +192,7 @@ struct Evaluated<'a> {
     noisy: bool,
     /// Whether it supports Euler-Maruyama, Milstein, the order 1.5 scheme.
     supports: [bool; 3],
-    parts: &'a Parts<Compiled>,
+    parts: &'a Parts<Part>,
 }
 
 /// The functions of a plant.
@@ -147,7 +212,7 @@ struct Parts<F> {
 }
 
 impl Evaluated<'_> {
-    fn state(part: &Compiled, given: &[&[f64]]) -> PlantState<f64> {
+    fn state(part: &Part, given: &[&[f64]]) -> PlantState<f64> {
         PlantState::read(&part.evaluate(&given.concat()))
     }
     fn known<'a>(&self, x: &'a PlantState<f64>) -> &'a [f64] {
@@ -203,14 +268,14 @@ impl Plant<f64> for Evaluated<'_> {
 /// An observer as programs of (t, dt, z, y), for single runs.
 #[derive(Clone, Copy)]
 struct Recursion<'a, const CURRENT: bool> {
-    correct: Option<&'a Compiled>,
-    advance: &'a Compiled,
+    correct: Option<&'a Part>,
+    advance: &'a Part,
     n: usize,
     memory: usize,
 }
 
 impl<const CURRENT: bool> Recursion<'_, CURRENT> {
-    fn moved(&self, of: &Compiled, z: &mut SVector<f64, Z>, y: f64, t: f64, dt: f64) -> Status {
+    fn moved(&self, of: &Part, z: &mut SVector<f64, Z>, y: f64, t: f64, dt: f64) -> Status {
         let mut given = vec![t, dt];
         given.extend_from_slice(&z.as_slice()[..self.memory]);
         given.push(y);
@@ -250,8 +315,8 @@ impl<const CURRENT: bool> Observer<f64> for Recursion<'_, CURRENT> {
 /// innovation is the sample itself, from which the rate takes what it needs.
 #[derive(Clone, Copy)]
 struct Evolution<'a> {
-    rate: &'a Compiled,
-    admissible: &'a Compiled,
+    rate: &'a Part,
+    admissible: &'a Part,
     n: usize,
     memory: usize,
 }
@@ -301,15 +366,21 @@ struct PlantTables {
 }
 
 impl Parts<Table> {
-    fn compile(&self) -> PyResult<Parts<Compiled>> {
+    fn made(&self, failure: &Arc<Failure>) -> PyResult<Parts<Part>> {
+        let part = |table: &Table| Part::of(table.clone(), failure);
         Ok(Parts {
-            drift: self.drift.compile()?,
-            output: self.output.compile()?,
-            diffusion: self.diffusion.compile()?,
-            slope: self.slope.compile()?,
-            jacobian_times: self.jacobian_times.compile()?,
-            curvature: self.curvature.compile()?,
+            drift: part(&self.drift)?,
+            output: part(&self.output)?,
+            diffusion: part(&self.diffusion)?,
+            slope: part(&self.slope)?,
+            jacobian_times: part(&self.jacobian_times)?,
+            curvature: part(&self.curvature)?,
         })
+    }
+    /// Whether functions are called.
+    fn calls(&self) -> bool {
+        let Self { drift, output, diffusion, .. } = self;
+        [drift, output, diffusion].iter().any(|table| !table.calls.is_empty())
     }
 }
 
@@ -382,6 +453,8 @@ where
 struct Study<'a> {
     plan: &'a Plan,
     observer: &'a Tables,
+    /// [`Tables::taking`].
+    taking: Table,
     plant: PlantTables,
 }
 
@@ -403,8 +476,7 @@ impl Study<'_> {
                 trace::inline(&self.plant.parts.output, &[&[plant_t], x.as_slice()].concat());
             let y = output[0] + noise + sines;
             let given = [&[t, dt], z.as_slice(), &[y], &self.told()].concat();
-            let taken = self.observer.correct().unwrap_or(self.observer.advance());
-            let mut made = trace::inline(taken, &given);
+            let mut made = trace::inline(&self.taking, &given);
             made.truncate(z.len());
             Ok(named("z", &made))
         })?
@@ -506,16 +578,27 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
         PlacedGains::Computed
     };
     let observer = Tables::read(&of_observer, Setting { gains, ..DOUBLE })?;
-    let plan = Plan::read(spec, observer.memory_len(), &[])?;
+    let mut plan = Plan::read(spec, observer.memory_len(), &["truth"])?;
     if observer.n_y() != 1 || plan.memory_len() > Z {
         return Err(refused("an own plant or model is simulated with one output"));
     }
     let plant_spec = spec.sub("plant")?;
     let (n, scheme) = (plan.plant.len(), plan.plant_scheme);
-    let own = match plan.plant {
-        AnyPlant::Own { .. } => Some(OwnPlant::read(&plant_spec)?),
-        _ => None,
+    let truth: Option<Vec<usize>> = spec.get("truth")?.map(|truth| truth.extract()).transpose()?;
+    let own = match (&plan.plant, truth) {
+        (AnyPlant::Own { .. }, None) => Some(OwnPlant::read(&plant_spec)?),
+        (AnyPlant::Own { .. }, Some(truth)) => {
+            Some(OwnPlant::read(&plant_spec)?.estimated(&truth)?)
+        }
+        (_, None) => None,
+        (_, Some(_)) => return Err(refused("truth names states of an own plant")),
     };
+    if let Some(own) = &own {
+        for row in plan.x0.chunks_exact_mut(n) {
+            let given = row.to_vec();
+            row.iter_mut().zip(&own.order).for_each(|(x, place)| *x = given[*place]);
+        }
+    }
     macro_rules! paper {
         ($variant:ident) => {
             plant_tables(n, scheme, || match AnyPlant::<Traced>::read(&plant_spec)? {
@@ -537,7 +620,7 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
             None => return Err(refused("another plant")),
         },
     };
-    let study = Study { plan: &plan, observer: &observer, plant };
+    let study = Study { plan: &plan, observer: &observer, taking: observer.taking()?, plant };
     if n < observer.n() {
         return Err(refused(&format!(
             "the observer estimates {} states; the plant has {n}",
@@ -546,23 +629,26 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
     }
     let integrator = plan.joint_integrator(&spec.sub("observer")?)?;
     let alone = integrator.is_some() && !plan.has_no_sines();
-    let result = if !alone && vectors(&plan)?.is_some() {
+    let mut result = if !alone && !study.calls() && vectors(&plan)?.is_some() {
         study.in_blocks(py, integrator)?
     } else {
         study.one_by_one(py, integrator)?
     };
+    if let Some(own) = &own {
+        result.reorder_states(&own.order);
+    }
     result.into_dict(py, &plan)
 }
 
 impl Study<'_> {
-    fn evaluated<'a>(&self, parts: &'a Parts<Compiled>) -> Evaluated<'a> {
+    fn evaluated<'a>(&self, parts: &'a Parts<Part>) -> Evaluated<'a> {
         let PlantTables { noisy, supports, .. } = self.plant;
         Evaluated { n: self.plan.plant.len(), noisy, supports, parts }
     }
 
     fn in_blocks(&self, py: Python<'_>, integrator: Option<Integrator>) -> PyResult<StudyResult> {
         let (plan, observer) = (self.plan, self.observer);
-        let parts = self.plant.parts.compile()?;
+        let parts = self.plant.parts.made(&Arc::default())?;
         let plants = self.plant.step.compile()?;
         let (observers, joint) = match integrator {
             None => (self.observers()?, false),
@@ -574,7 +660,7 @@ impl Study<'_> {
         let rest = [&observers, &plants, on].map(Compiled::registers::<f64>);
         interruptible(py, |stop| {
             let plant = self.evaluated(&parts);
-            let kept = plan.memory_len();
+            let (kept, memory) = (observer.signals(), plan.memory_len());
             let done = plan.execute_blocks::<Evaluated<'_>, SVector<f64, Z>>(
                 plant,
                 kept,
@@ -587,7 +673,7 @@ impl Study<'_> {
                         joint,
                         predictors: predictors.as_ref().map(Compiled::program),
                         registers: [of_observers, of_plants, on],
-                        entries: (plan.plant.len(), kept),
+                        entries: (plan.plant.len(), memory),
                         estimated: observer.n(),
                         filters: observer.is_current(),
                     };
@@ -601,48 +687,65 @@ impl Study<'_> {
 
     fn one_by_one(&self, py: Python<'_>, integrator: Option<Integrator>) -> PyResult<StudyResult> {
         let (plan, observer) = (self.plan, self.observer);
-        let parts = self.plant.parts.compile()?;
-        let (n, memory) = (observer.n(), plan.memory_len());
+        let failure = Arc::<Failure>::default();
+        let parts = self.plant.parts.made(&failure)?;
+        let (n, memory, kept) = (observer.n(), plan.memory_len(), observer.signals());
         // what is known of the observer's inputs and parameters, taken in
         let alone = |table: &Table, own: usize| {
-            trace(DOUBLE, || {
+            let alone = trace(DOUBLE, || {
                 let given = inputs("given", own);
                 let outputs = trace::inline(table, &[given, self.told()].concat());
                 Ok(named("z", &outputs))
-            })?
-            .compile()
+            })?;
+            Part::of(alone, &failure)
         };
         let half = |table: &Table| alone(table, 2 + memory + 1);
-        let correct = observer.correct().map(half).transpose()?;
-        let advance = half(observer.advance())?;
+        let current = observer.is_current();
+        let correct = if current { Some(half(&self.taking)?) } else { None };
+        let advance = if current { half(observer.advance())? } else { half(&self.taking)? };
         let law = match (integrator, observer.law()) {
             (None, _) => None,
             (Some(_), None) => return Err(refused(SAMPLED_ONLY)),
-            (Some(integrator), Some((rate, admissible))) => {
-                Some((integrator, alone(rate, 1 + memory + 1)?, admissible.compile()?))
-            }
+            (Some(integrator), Some((rate, admissible))) => Some((
+                integrator,
+                alone(rate, 1 + memory + 1)?,
+                Part::of(admissible.clone(), &failure)?,
+            )),
         };
-        interruptible(py, |stop| {
+        let result = interruptible(py, |stop| {
             let plant = self.evaluated(&parts);
             let tell = |u: &NoInput<f64>| *u;
             if let Some((integrator, rate, admissible)) = &law {
                 let law = Evolution { rate, admissible, n, memory };
-                return plan.execute(plant, memory, stop, |experiment, run, x, z, watch| {
-                    experiment.joint(&law, tell, *integrator, run, x, z, watch)
-                });
+                return plan.execute(
+                    plant,
+                    observer.signals(),
+                    stop,
+                    |experiment, run, x, z, watch| {
+                        experiment.joint(&law, tell, *integrator, run, x, z, watch)
+                    },
+                );
             }
             if observer.is_current() {
                 let observer =
                     Recursion::<true> { correct: correct.as_ref(), advance: &advance, n, memory };
-                plan.execute(plant, memory, stop, |experiment, run, x, z, watch| {
+                plan.execute(plant, kept, stop, |experiment, run, x, z, watch| {
                     experiment.sampled(&observer, tell, run, x, z, watch)
                 })
             } else {
                 let observer = Recursion::<false> { correct: None, advance: &advance, n, memory };
-                plan.execute(plant, memory, stop, |experiment, run, x, z, watch| {
+                plan.execute(plant, kept, stop, |experiment, run, x, z, watch| {
                     experiment.sampled(&observer, tell, run, x, z, watch)
                 })
             }
-        })
+        });
+        let failed = failure.error.lock().unwrap_or_else(PoisonError::into_inner).take();
+        failed.map_or(result, Err)
+    }
+
+    /// Whether Python functions are called.
+    fn calls(&self) -> bool {
+        let tables = [&self.taking, self.observer.advance()];
+        self.plant.parts.calls() || tables.iter().any(|table| !table.calls.is_empty())
     }
 }

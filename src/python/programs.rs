@@ -3,6 +3,7 @@
 //! The laws are the core's own. Run over [`Traced`] numbers, with the model's table in the place of a
 //! compiled model, each writes down its step once; the program of that step is what runs.
 
+use super::called::Called;
 use super::choices::{AnyGain, AnyMethod, AnySaturation, Manner, MovingGain};
 use super::compile::Compiled;
 use super::design::order_refused;
@@ -13,8 +14,7 @@ use super::recursion::{AnyObserver, Block, Recursion};
 use super::spec::Spec;
 use super::systems::{AnyModel, read_van_der_pol};
 use super::table::Table;
-pub use super::tabled::MAX_INPUTS;
-use super::tabled::{Gains, LawTables, flat};
+use super::tabled::{Gains, LawTables, MAX_INPUTS, flat};
 use super::trace::{self, PlacedGains, Setting, Traced, call, input, inputs, named, trace};
 use crate::Scalar;
 use crate::dispatch_order;
@@ -274,6 +274,8 @@ struct Shape {
     n_y: usize,
     n_u: usize,
     memory: usize,
+    /// Entries of the memory without the time that current timing holds beside them.
+    signals: usize,
     current: bool,
     initial: Vec<f64>,
 }
@@ -300,6 +302,8 @@ pub struct Tables {
 
 /// A chain whose corrections are placed.
 struct PlacedChain {
+    /// Which sample corrects it.
+    channel: usize,
     /// Where the time stands in the memory that a correction is for, with current timing; else it is the
     /// step's length.
     elapsed: Option<usize>,
@@ -309,7 +313,7 @@ struct PlacedChain {
 /// What an observer knows, as its spec says it.
 enum Given<'py, 'a> {
     Paper(Option<Spec<'py>>),
-    Own(OwnModel),
+    Own(Box<OwnModel>),
     /// Chain number `chain` of a model with several outputs.
     Chain(&'a OwnModel, usize),
 }
@@ -321,7 +325,7 @@ impl<'py> Given<'py, '_> {
         }
         let model = spec.sub("model")?;
         if model.text("kind")? == "own" {
-            return Ok(Self::Own(OwnModel::read(&model)?));
+            return Ok(Self::Own(Box::new(OwnModel::read(&model)?)));
         }
         Ok(Self::Paper(Some(model)))
     }
@@ -428,13 +432,22 @@ impl Tables {
         let placed = matches!(manner.method, AnyMethod::Placed(_));
         let together = !current && !placed;
         Ok(Self {
-            shape: Shape { n: law.n, n_y: 1, n_u: given.n_u()?, memory, current, initial },
+            shape: Shape {
+                n: law.n,
+                n_y: 1,
+                n_u: given.n_u()?,
+                memory,
+                signals: law.len,
+                current,
+                initial,
+            },
             correct: law.correct(setting, manner)?,
             advance: law.advance(setting, manner)?,
             missing: None,
             unstarted: None,
             placed: law.gains().map_or_else(Vec::new, |gains| {
-                vec![PlacedChain { elapsed: current.then_some(law.len), gains: gains.clone() }]
+                let elapsed = current.then_some(law.len);
+                vec![PlacedChain { channel: 0, elapsed, gains: gains.clone() }]
             }),
             law: if together { Some(law.together(setting)?) } else { None },
             parameters: given.parameters().to_vec(),
@@ -454,7 +467,7 @@ where
     })?;
     let (n, n_y, memory) = (O::ESTIMATED, O::Measurement::LEN, O::State::LEN);
     let current = O::TIMING == Timing::Current;
-    Ok(Shape { n, n_y, n_u, memory, current, initial })
+    Ok(Shape { n, n_y, n_u, memory, signals: memory, current, initial })
 }
 
 /// A gain that does not move.
@@ -719,8 +732,9 @@ impl Tables {
         for (of, place) in chains.iter().zip(&place) {
             place.iter().zip(&of.shape.initial).for_each(|(place, value)| initial[*place] = *value);
         }
-        let placed = chains.iter().zip(&place).flat_map(|(of, place)| {
-            of.placed.iter().map(|PlacedChain { elapsed, gains }| PlacedChain {
+        let placed = chains.iter().zip(&place).enumerate().flat_map(|(channel, (of, place))| {
+            of.placed.iter().map(move |PlacedChain { elapsed, gains, .. }| PlacedChain {
+                channel,
                 elapsed: elapsed.map(|elapsed| place[elapsed]),
                 gains: gains.clone(),
             })
@@ -755,7 +769,7 @@ impl Tables {
         let advance = joined(&|of| of.advance.clone())?;
         let current = chains.first().is_some_and(|of| of.shape.current);
         let (n, n_y, n_u, memory) = (own.n, chains.len(), own.n_u, rest);
-        let shape = Shape { n, n_y, n_u, memory, current, initial };
+        let shape = Shape { n, n_y, n_u, memory, signals: memory, current, initial };
         Ok(Self {
             shape,
             correct,
@@ -860,17 +874,17 @@ struct Step {
 }
 
 /// A step in all its forms.
-struct Steps {
-    usual: Arc<Step>,
+pub struct Steps<S> {
+    usual: Arc<S>,
     /// The same for a missing sample, if that is another law.
-    missing: Option<Arc<Step>>,
+    missing: Option<Arc<S>>,
     /// The same with and without a sample for a law that has not started, see [`Tables::unstarted`].
-    unstarted: Option<(usize, [Arc<Step>; 2])>,
+    unstarted: Option<(usize, [Arc<S>; 2])>,
 }
 
-impl Steps {
+impl<S> Steps<S> {
     /// The step for such a sample.
-    fn choose(&self, memory: &[f64], present: bool) -> &Arc<Step> {
+    pub fn choose(&self, memory: &[f64], present: bool) -> &Arc<S> {
         if let Some((index, [with, without])) = &self.unstarted
             && memory.get(*index).is_some_and(|entry| *entry <= 0.0)
         {
@@ -887,32 +901,27 @@ impl Steps {
 pub struct Programmed {
     tables: Tables,
     /// From sample to sample of a record; with current timing a correction, shown, and the way on.
-    whole: Steps,
+    whole: Steps<Step>,
     /// The halves: the use of a sample with current timing, and the way to the next one.
-    correct: Option<Steps>,
-    advance: Steps,
+    correct: Option<Steps<Step>>,
+    advance: Steps<Step>,
 }
 
 /// An observer with a model of the user's own.
 pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
     let setting = Setting { gains: PlacedGains::Given, ..Setting::usual(false) };
     let tables = Tables::read(spec, setting)?;
-    let (usual, whole, correct) = match &tables.correct {
-        None => (&tables.advance, tables.forms(&tables.advance, |table| Ok(table.clone()))?, None),
-        Some(correct) => (
-            correct,
-            tables.forms(correct, |correct| tables.whole(correct))?,
-            Some(tables.forms(correct, |correct| Ok(correct.clone()))?),
-        ),
-    };
-    let advance = if correct.is_some() {
-        Steps {
-            usual: Arc::new(tables.program(&tables.advance, 0)?),
-            missing: None,
-            unstarted: None,
-        }
-    } else {
-        tables.forms(usual, |table| Ok(table.clone()))?
+    let calls = |table: &Table| !table.calls.is_empty();
+    if calls(&tables.advance) || tables.correct.as_ref().is_some_and(calls) {
+        let (correct, advance) = tables.halves(|table| Ok(table.clone()))?;
+        return Ok(Box::new(Called::new(tables, correct, advance)));
+    }
+    let (correct, advance) = tables.halves(|table| tables.program(table, 0))?;
+    let whole = match &tables.correct {
+        None => tables.forms(&tables.advance, |table| tables.program(table, 0))?,
+        Some(correct) => tables.forms(correct, |correct| {
+            tables.program(&tables.whole(correct)?, correct.outputs.len())
+        })?,
     };
     Ok(Box::new(Programmed { tables, whole, correct, advance }))
 }
@@ -930,12 +939,31 @@ impl Tables {
     pub fn memory_len(&self) -> usize {
         self.shape.memory
     }
+    /// Entries of the memory that studies have metrics of.
+    pub fn signals(&self) -> usize {
+        self.shape.signals
+    }
     pub fn is_current(&self) -> bool {
         self.shape.current
     }
     /// The use of a sample with current timing.
     pub fn correct(&self) -> Option<&Table> {
         self.correct.as_ref()
+    }
+    /// What takes the sample, whether the law has started or not: the correction with current timing,
+    /// else the way to the next sample.
+    pub fn taking(&self) -> PyResult<Table> {
+        let usual = self.correct.as_ref().unwrap_or(&self.advance);
+        let Some((index, [unstarted, _])) = &self.unstarted else { return Ok(usual.clone()) };
+        trace(Setting::usual(false), || {
+            let given: Vec<Traced> = usual.inputs.iter().map(|name| input(name)).collect();
+            let (made, first) = (trace::inline(usual, &given), trace::inline(unstarted, &given));
+            let started = given[MEMORY + index];
+            let chosen = made.iter().zip(&first);
+            let chosen: Vec<Traced> =
+                chosen.map(|(a, b)| trace::if_positive(started, *a, *b)).collect();
+            Ok(usual.output_names.iter().cloned().zip(chosen).collect())
+        })
     }
     /// The way to the next sample.
     pub fn advance(&self) -> &Table {
@@ -963,14 +991,23 @@ impl Tables {
         })
     }
 
-    /// The step that `make` makes of a table, in all forms that the table has.
-    fn forms(&self, usual: &Table, make: impl Fn(&Table) -> PyResult<Table>) -> PyResult<Steps> {
-        let step = |table: &Table| {
-            let made = make(table)?;
-            let shown =
-                if made.outputs.len() > table.outputs.len() { table.outputs.len() } else { 0 };
-            Ok::<_, PyErr>(Arc::new(self.program(&made, shown)?))
+    /// The halves of a step, as `make` makes them of their tables: the use of a sample with current
+    /// timing, and the way to the next one.
+    fn halves<S>(
+        &self,
+        make: impl Fn(&Table) -> PyResult<S>,
+    ) -> PyResult<(Option<Steps<S>>, Steps<S>)> {
+        let Some(correct) = &self.correct else {
+            return Ok((None, self.forms(&self.advance, make)?));
         };
+        let usual = Arc::new(make(&self.advance)?);
+        let advance = Steps { usual, missing: None, unstarted: None };
+        Ok((Some(self.forms(correct, make)?), advance))
+    }
+
+    /// What `make` makes of a table that takes the sample, in all forms that it has.
+    fn forms<S>(&self, usual: &Table, make: impl Fn(&Table) -> PyResult<S>) -> PyResult<Steps<S>> {
+        let step = |table: &Table| Ok::<_, PyErr>(Arc::new(make(table)?));
         let unstarted = match &self.unstarted {
             None => None,
             Some((index, [with, without])) => Some((*index, [step(with)?, step(without)?])),
@@ -987,6 +1024,27 @@ impl Tables {
         let before = |place, of: &u8| (MEMORY..place).contains(&usize::from(*of));
         let hands_on = { next }.any(|(place, (a, b))| before(place, a) || before(place, b));
         Ok(Step { at_rest: self.at_rest(&compiled), compiled, shown, hands_on })
+    }
+
+    /// Memory to start from when nothing is known.
+    pub fn initial(&self) -> &[f64] {
+        &self.shape.initial
+    }
+
+    /// The inputs of a step: (t, dt, z, y, u, parameters, gains).
+    pub fn inputs(
+        &self,
+        memory: &[f64],
+        (y, u): (&[f64], &[f64]),
+        (t, dt): (f64, f64),
+    ) -> Vec<f64> {
+        let mut inputs = [&[t, dt], memory, y, u, self.parameters.as_slice()].concat();
+        for placed in &self.placed {
+            let (first, gains) = (inputs.len(), &placed.gains);
+            inputs.resize(first + gains.count, 0.0);
+            gains.write(f64::from_bits(length_of(placed, memory, y, dt)), &mut inputs[first..]);
+        }
+        inputs
     }
 
     /// Inputs of a step before its parameters.
@@ -1047,13 +1105,14 @@ impl Step {
             outputs.iter().map(|output| r.0[usize::from(*output)]).collect()
         };
         let (next, shown) = (numbers(next, r), numbers(shown, r));
+        let taken = self.shown > 0 && shown.iter().all(|value| value.is_finite());
         if moved {
             r.0[MEMORY..MEMORY + memory].copy_from_slice(&next);
-        } else if self.shown > 0 && shown.iter().all(|value| value.is_finite()) {
+        } else if taken {
             // the sample was taken, the way on has no value
             r.0[MEMORY..MEMORY + memory].copy_from_slice(&shown);
         }
-        if moved || self.shown > 0 {
+        if moved || taken {
             for (i, value) in shown.iter().enumerate() {
                 keep(*value, row.get_mut(i), largest.get_mut(i));
             }
@@ -1066,19 +1125,19 @@ impl Step {
 
 impl Programmed {
     /// The times that a sample's corrections are for.
-    fn lengths(&self, memory: &[f64], dt: f64) -> Lengths {
+    fn lengths(&self, memory: &[f64], y: &[f64], dt: f64) -> Lengths {
         let mut lengths = [0; CHAINS];
         for (length, placed) in lengths.iter_mut().zip(&self.tables.placed) {
-            *length = length_of(placed.elapsed, memory, dt);
+            *length = length_of(placed, memory, y, dt);
         }
         lengths
     }
 
     /// Whether these are they.
     #[inline(always)]
-    fn are_lengths(&self, known: &Lengths, memory: &[f64], dt: f64) -> bool {
+    fn are_lengths(&self, known: &Lengths, memory: &[f64], y: &[f64], dt: f64) -> bool {
         let mut chains = known.iter().zip(&self.tables.placed);
-        chains.all(|(known, placed)| *known == length_of(placed.elapsed, memory, dt))
+        chains.all(|(known, placed)| *known == length_of(placed, memory, y, dt))
     }
 
     /// Gains for corrections of these lengths into their registers.
@@ -1154,8 +1213,8 @@ impl Programmed {
             let dt = dt.get(k).copied().unwrap_or(0.0);
             if !self.tables.placed.is_empty() {
                 let memory = &r.0[place.clone()];
-                if !lengths.is_some_and(|known| self.are_lengths(&known, memory, dt)) {
-                    let new = self.lengths(memory, dt);
+                if !lengths.is_some_and(|known| self.are_lengths(&known, memory, sample, dt)) {
+                    let new = self.lengths(memory, sample, dt);
                     self.put_gains(&new, &mut r);
                     lengths = Some(new);
                 }
@@ -1192,7 +1251,7 @@ impl Programmed {
     /// One half of a step for one sample.
     fn one(
         &self,
-        steps: &Steps,
+        steps: &Steps<Step>,
         memory: &mut [f64],
         (y, u): (&[f64], &[f64]),
         (t, dt): (f64, f64),
@@ -1200,18 +1259,19 @@ impl Programmed {
         let present = y.iter().all(|y| y.is_finite());
         let step = steps.choose(memory, present);
         let mut r = step.at_rest;
-        self.put_gains(&self.lengths(memory, dt), &mut r);
+        self.put_gains(&self.lengths(memory, y, dt), &mut r);
         r.0[MEMORY..MEMORY + memory.len()].copy_from_slice(memory);
         let moved = step.advance(&mut r, memory.len(), (t, dt), (y, u), (memory, &mut []));
         status(moved, present)
     }
 }
 
-/// The time that a correction is for, in bits; `place` is where it stands in the memory.
+/// The time that a chain's correction is for, in bits; with current timing none for a missing sample.
 #[inline(always)]
-fn length_of(place: Option<usize>, memory: &[f64], dt: f64) -> u64 {
-    let elapsed = place.and_then(|place| memory.get(place)).copied();
-    elapsed.unwrap_or(dt).to_bits()
+fn length_of(placed: &PlacedChain, memory: &[f64], y: &[f64], dt: f64) -> u64 {
+    let elapsed = placed.elapsed.and_then(|place| memory.get(place)).copied();
+    let sample = y.get(placed.channel).copied().unwrap_or(f64::NAN);
+    elapsed.map_or(dt, |elapsed| elapsed - elapsed.while_missing(sample)).to_bits()
 }
 
 /// An entry of the memory into its place in a row, if there is one, and its largest magnitude so far.
@@ -1321,16 +1381,22 @@ pub fn trace_step<'py>(
     let setting = Setting { gains, ..Setting::usual(single) };
     let tables = Tables::read(&Spec::new(spec, "observer")?, setting)?;
     let of_missing = tables.missing.filter(|_| missing);
-    let (table, untaken): (Table, &[&str]) = match (part, tables.correct) {
-        ("step", None) => (of_missing.unwrap_or(tables.advance), &[]),
-        ("correct", Some(correct)) => (of_missing.unwrap_or(correct), &["dt", "u["]),
-        ("predict", Some(_)) => (tables.advance, &["y["]),
+    let Shape { memory, n_y, n_u, .. } = tables.shape;
+    let y = MEMORY + memory..MEMORY + memory + n_y;
+    let u = y.end..y.end + n_u;
+    let table = match (part, tables.correct) {
+        ("step", None) => of_missing.unwrap_or(tables.advance),
+        ("correct", Some(correct)) => {
+            let step = MEMORY - 1; // its length
+            of_missing.unwrap_or(correct).without_inputs(|i| i == step || u.contains(&i))
+        }
+        ("predict", Some(_)) => tables.advance.without_inputs(|i| y.contains(&i)),
         (other, correct) => {
             let parts = if correct.is_some() { "correct or predict" } else { "step" };
             return Err(refused(&format!("part = {other:?} is not allowed: {parts}")));
         }
     };
-    table.without_inputs(untaken).to_dict(py)
+    table.to_dict(py)
 }
 
 /// Memories along a record in single precision: times (N,), samples (N, n_y), inputs (N, n_u), memory
@@ -1384,18 +1450,20 @@ pub fn run_single(
             step.program().run(&mut r);
             let next = step.outputs.iter().take(memory).map(|output| r.0[usize::from(*output)]);
             let next: Vec<f32> = next.collect();
-            if next.iter().all(|value| value.is_finite()) {
-                *z = next;
+            if !next.iter().all(|value| value.is_finite()) {
+                return Err(refused(&format!("the model has no value at sample {k}")));
             }
+            *z = next;
+            Ok(())
         };
         if let Some(correct) = &correct {
             let of = take(&z, correct);
-            evaluate(&mut z, of, 0.0);
+            evaluate(&mut z, of, 0.0)?;
         }
         rows.push(z.clone());
         if let Some(dt) = dt {
             let of = if correct.is_some() { &advance } else { take(&z, &advance) };
-            evaluate(&mut z, of, dt);
+            evaluate(&mut z, of, dt)?;
         }
     }
     Ok(rows)

@@ -5,6 +5,7 @@ use super::spec::Spec;
 use crate::program::Operation;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
+use std::sync::Arc;
 
 /// Names of the operations that a table may hold, with the number of their operands.
 const OPERATIONS: [(&str, Operation, usize); 25] = [
@@ -40,14 +41,102 @@ pub fn operands(operation: Operation) -> usize {
     OPERATIONS.iter().find(|(_, of, _)| *of == operation).map_or(3, |(_, _, count)| *count)
 }
 
-/// A value of a table: inputs first, then constants, then results.
+/// A value of a table: inputs first, then results of calls, then constants, then results of operations.
 pub type Value = usize;
+
+/// A call of a Python function: it takes a list of numbers and gives as many as it has results.
+#[derive(Clone, Debug)]
+pub struct Call {
+    pub function: Arc<Py<PyAny>>,
+    pub arguments: Vec<Value>,
+    pub results: usize,
+}
+
+impl Call {
+    /// With its arguments elsewhere.
+    fn moved(&self, place: impl Fn(Value) -> Value) -> Self {
+        let arguments = self.arguments.iter().map(|value| place(*value)).collect();
+        Self { function: self.function.clone(), arguments, results: self.results }
+    }
+
+    /// Its results.
+    fn made(&self, arguments: &[f64]) -> PyResult<Vec<f64>> {
+        let made: Vec<f64> =
+            Python::attach(|py| self.function.bind(py).call1((arguments.to_vec(),))?.extract())?;
+        if made.len() == self.results {
+            Ok(made)
+        } else {
+            Err(refused(&format!("a function of the model gave {} numbers", made.len())))
+        }
+    }
+}
+
+/// Why a table with calls is neither compiled nor written down.
+pub const NOT_COMPILED: &str = "this is not allowed for a system of Python functions that could not be \
+    compiled: write its equations as expressions";
+
+/// The calls of a table, each with the number of operations that come before it.
+pub struct Scheduled<'a>(Vec<(&'a Call, usize)>);
+
+impl<'a> Scheduled<'a> {
+    pub fn of(table: &'a Table) -> Self {
+        let (inputs, base) = (table.inputs.len(), table.base());
+        let mut scheduled = Vec::new();
+        let mut of_result: Vec<usize> = Vec::new(); // for each result of a call
+        for call in &table.calls {
+            let before = call.arguments.iter().map(|value| match value.checked_sub(base) {
+                Some(operation) => operation + 1,
+                None => value.checked_sub(inputs).and_then(|i| of_result.get(i)).map_or(0, |i| *i),
+            });
+            // calls keep their order
+            let earlier = scheduled.last().map_or(0, |(_, before)| *before);
+            let before = before.max().unwrap_or(0).max(earlier);
+            of_result.extend(std::iter::repeat_n(before, call.results));
+            scheduled.push((call, before));
+        }
+        Self(scheduled)
+    }
+
+    /// Those that come just before operation number `index`, in order.
+    pub fn before(&self, index: usize) -> impl Iterator<Item = &'a Call> {
+        self.0.iter().filter(move |(_, before)| *before == index).map(|(call, _)| *call)
+    }
+}
+
+impl Table {
+    /// The outputs for some inputs, value by value: also of a table with calls. Functions are called
+    /// without a lock; their errors end it.
+    pub fn evaluate(&self, inputs: &[f64]) -> PyResult<Vec<f64>> {
+        let Self { constants, operations, outputs, .. } = self;
+        let mut values = inputs.to_vec();
+        values.resize(self.inputs.len() + self.called(), 0.0);
+        values.extend_from_slice(constants);
+        values.reserve(operations.len());
+        let calls = Scheduled::of(self);
+        let mut result = self.inputs.len();
+        for index in 0..=operations.len() {
+            for call in calls.before(index) {
+                let given: Vec<f64> = call.arguments.iter().map(|value| values[*value]).collect();
+                let made = call.made(&given)?;
+                values[result..result + call.results].copy_from_slice(&made);
+                result += call.results;
+            }
+            if let Some((operation, of)) = operations.get(index) {
+                let [a, b, c] = of.map(|value| values.get(value).copied().unwrap_or(0.0));
+                values.push(operation.apply(a, b, c));
+            }
+        }
+        Ok(outputs.iter().map(|output| values[*output]).collect())
+    }
+}
 
 /// A straight-line program: every value is computed once, from values before it.
 #[derive(Clone, Debug, Default)]
 pub struct Table {
     /// Names of the inputs.
     pub inputs: Vec<String>,
+    /// In the order in which they are made; their results are values one after the other.
+    pub calls: Vec<Call>,
     pub constants: Vec<f64>,
     pub operations: Vec<(Operation, [Value; 3])>,
     pub outputs: Vec<Value>,
@@ -57,14 +146,29 @@ pub struct Table {
 impl Table {
     /// From a dict, of which nothing is believed.
     pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
-        spec.only(&["inputs", "constants", "ops", "outputs", "output_names"])?;
+        spec.only(&["inputs", "calls", "constants", "ops", "outputs", "output_names"])?;
         let inputs = spec.texts("inputs")?.unwrap_or_default();
+        let mut calls = Vec::new();
+        let mut called = inputs.len();
+        let given: Vec<(Py<PyAny>, Vec<Value>, usize)> = match spec.get("calls")? {
+            Some(calls) => calls.extract()?,
+            None => Vec::new(),
+        };
+        for (function, arguments, results) in given {
+            if let Some(argument) = arguments.iter().find(|argument| **argument >= called) {
+                return Err(refused(&format!(
+                    "argument {argument} of a call is not allowed: < {called}"
+                )));
+            }
+            called += results;
+            calls.push(Call { function: Arc::new(function), arguments, results });
+        }
         let constants = if spec.get("constants")?.is_some() {
             spec.numbers("constants")?.values
         } else {
             Vec::new()
         };
-        let mut known = inputs.len() + constants.len();
+        let mut known = called + constants.len();
         let mut operations = Vec::new();
         let rows: Vec<Bound<'_, PyAny>> = match spec.get("ops")? {
             Some(rows) => rows.try_iter()?.collect::<PyResult<_>>()?,
@@ -102,11 +206,14 @@ impl Table {
             return Err(refused(&format!("table output {output} is not allowed: < {known}")));
         }
         let output_names = spec.texts("output_names")?.unwrap_or_default();
-        Ok(Self { inputs, constants, operations, outputs, output_names })
+        Ok(Self { inputs, calls, constants, operations, outputs, output_names })
     }
 
     /// As a dict.
     pub fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        if !self.calls.is_empty() {
+            return Err(refused(NOT_COMPILED));
+        }
         let out = PyDict::new(py);
         out.set_item("inputs", &self.inputs)?;
         out.set_item("constants", &self.constants)?;
@@ -128,23 +235,23 @@ impl Table {
         Ok(out)
     }
 
-    /// Without the inputs whose names begin like that, which nothing may use.
-    pub fn without_inputs(&self, names: &[&str]) -> Self {
-        let goes = |name: &String| {
-            names
-                .iter()
-                .any(|start| name == start || start.ends_with('[') && name.starts_with(start))
-        };
+    /// Without some of the inputs, told by their places, which nothing may use.
+    pub fn without_inputs(&self, goes: impl Fn(usize) -> bool) -> Self {
         let mut place: Vec<Value> = Vec::with_capacity(self.inputs.len());
         let mut kept = 0;
-        for name in &self.inputs {
+        for i in 0..self.inputs.len() {
             place.push(kept);
-            kept += usize::from(!goes(name));
+            kept += usize::from(!goes(i));
         }
         let gone = self.inputs.len() - kept;
         let moved = |value: Value| place.get(value).copied().unwrap_or(value.saturating_sub(gone));
         Self {
-            inputs: self.inputs.iter().filter(|name| !goes(name)).cloned().collect(),
+            inputs: (0..)
+                .zip(&self.inputs)
+                .filter(|(i, _)| !goes(*i))
+                .map(|(_, n)| n.clone())
+                .collect(),
+            calls: self.calls.iter().map(|call| call.moved(moved)).collect(),
             constants: self.constants.clone(),
             operations: self.operations.iter().map(|(of, from)| (*of, from.map(moved))).collect(),
             outputs: self.outputs.iter().map(|value| moved(*value)).collect(),
@@ -157,9 +264,28 @@ impl Table {
         let (inputs, base) = (self.inputs.len(), self.base());
         let mut needed = vec![false; base + self.operations.len()];
         self.outputs.iter().for_each(|value| needed[*value] = true);
-        for (i, (operation, values)) in self.operations.iter().enumerate().rev() {
-            if needed[base + i] {
-                values.iter().take(operands(*operation)).for_each(|value| needed[*value] = true);
+        loop {
+            for (i, (operation, values)) in self.operations.iter().enumerate().rev() {
+                if needed[base + i] {
+                    values
+                        .iter()
+                        .take(operands(*operation))
+                        .for_each(|value| needed[*value] = true);
+                }
+            }
+            // a call is needed as a whole, and so are its arguments
+            let before = needed.iter().filter(|needed| **needed).count();
+            let mut first = base - self.constants.len();
+            for call in self.calls.iter().rev() {
+                first -= call.results;
+                let results = first..first + call.results;
+                if needed[results.clone()].contains(&true) {
+                    needed[results].fill(true);
+                    call.arguments.iter().for_each(|value| needed[*value] = true);
+                }
+            }
+            if needed.iter().filter(|needed| **needed).count() == before {
+                break;
             }
         }
         let mut place: Vec<Value> = (0..inputs).collect();
@@ -168,7 +294,16 @@ impl Table {
             place.push(next);
             next += usize::from(*needed);
         }
-        let kept = |(i, _): &(usize, _)| needed[inputs + i];
+        let called = base - self.constants.len();
+        let mut calls = Vec::new();
+        let mut first = inputs;
+        for call in &self.calls {
+            if needed.get(first) == Some(&true) {
+                calls.push(call.moved(|value| place[value]));
+            }
+            first += call.results;
+        }
+        let kept = |(i, _): &(usize, _)| needed[called + i];
         let constants = self.constants.iter().copied().enumerate().filter(kept);
         let constants = constants.map(|(_, constant)| constant).collect();
         let mut operations = Vec::new();
@@ -179,11 +314,16 @@ impl Table {
         }
         let outputs = self.outputs.iter().map(|value| place[*value]).collect();
         let (inputs, output_names) = (self.inputs.clone(), self.output_names.clone());
-        Self { inputs, constants, operations, outputs, output_names }
+        Self { inputs, calls, constants, operations, outputs, output_names }
     }
 
-    /// The first result.
+    /// Results of calls.
+    pub fn called(&self) -> usize {
+        self.calls.iter().map(|call| call.results).sum()
+    }
+
+    /// The first result of an operation.
     pub fn base(&self) -> usize {
-        self.inputs.len() + self.constants.len()
+        self.inputs.len() + self.called() + self.constants.len()
     }
 }

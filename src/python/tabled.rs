@@ -4,7 +4,7 @@
 use super::choices::{AnyMethod, Manner, NOT_PLACED};
 use super::errors::refused;
 use super::table::Table;
-use super::trace::{PlacedGains, Setting, Traced, inline, input, inputs, named, trace};
+use super::trace::{self, PlacedGains, Setting, Traced, inline, input, inputs, named, trace};
 use crate::Scalar;
 use crate::injection::{Injected, Placed, Placement};
 use crate::memory::Memory;
@@ -189,7 +189,7 @@ impl LawTables {
             AnyMethod::Placed(at) => {
                 let given = L::CONSTANT && matches!(setting.gains, PlacedGains::Given);
                 let gains = if given { Some(gains(at)?) } else { None };
-                Some(Self::placed(setting, at, n_u, &build, gains)?)
+                Some(Self::placed(setting, (at, manner.timing), n_u, &build, gains)?)
             }
         };
         Ok(Self { placed, ..Self::of(setting, n_u, &build)? })
@@ -238,7 +238,7 @@ impl LawTables {
 
     fn placed<L>(
         setting: Setting,
-        at: Placement,
+        (at, timing): (Placement, Timing),
         n_u: usize,
         build: &impl Fn() -> PyResult<L>,
         gains: Option<Arc<Gains>>,
@@ -260,12 +260,17 @@ impl LawTables {
                 let gains = L::Gains::from_numbers(&of[3]);
                 return Ok(flat(&law.inject(&z, &law.innovation(&z, y), &gains, dt)));
             }
-            let dt = match setting.gains {
-                PlacedGains::For(length) => Traced::from_f64(length),
-                PlacedGains::Computed | PlacedGains::Given => dt,
-            };
             let scheme = Placed::new(law, at)?;
-            Ok(flat(&scheme.correct(law, &z, y, dt)))
+            let PlacedGains::For(length) = setting.gains else {
+                return Ok(flat(&scheme.correct(law, &z, y, dt)));
+            };
+            let made = flat(&scheme.correct(law, &z, y, Traced::from_f64(length)));
+            if timing == Timing::Predictor {
+                return Ok(made);
+            }
+            // a correction for no time, as at the start, moves nothing
+            let chosen = made.iter().zip(&of[0]);
+            Ok(chosen.map(|(made, z)| trace::if_positive(dt, *made, *z)).collect())
         })?;
         Ok(PlacedTables { flow, correct, gains })
     }

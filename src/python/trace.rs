@@ -7,7 +7,7 @@
 //! yet cannot be recorded: the trace then fails, and says so.
 
 use super::errors::refused;
-use super::table::{Table, Value, operands};
+use super::table::{Call, Scheduled, Table, Value, operands};
 use crate::Scalar;
 use crate::program::Operation;
 use pyo3::PyResult;
@@ -15,6 +15,7 @@ use std::cell::RefCell;
 use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
+use std::sync::Arc;
 
 /// A value of the trace of this thread.
 #[derive(Clone, Copy, Debug)]
@@ -24,6 +25,8 @@ pub struct Traced(u32);
 enum Node {
     Constant(u64),
     Input(usize),
+    /// A result of a call, counted through all calls.
+    Called(usize),
     Result(Operation, [u32; 3]),
 }
 
@@ -41,6 +44,9 @@ struct Trace {
     known: HashMap<Node, u32>,
     names: Vec<String>,
     functions: Vec<Function>,
+    /// Calls of Python functions, with their first results; each is made once for the same arguments.
+    calls: Vec<(Call, usize)>,
+    called: usize,
     single: bool,
     /// Whether samples are taken to be there.
     present: bool,
@@ -107,6 +113,22 @@ impl Trace {
         }
         self.node(Node::Result(operation, operands))
     }
+
+    /// The results of a call, for arguments that are nodes.
+    fn call(&mut self, call: &Call, arguments: Vec<usize>) -> Vec<u32> {
+        let same = |(known, _): &&(Call, usize)| {
+            Arc::ptr_eq(&known.function, &call.function) && known.arguments == arguments
+        };
+        let first = if let Some((_, first)) = self.calls.iter().find(same) {
+            *first
+        } else {
+            let first = self.called;
+            self.called += call.results;
+            self.calls.push((Call { arguments, ..call.clone() }, first));
+            first
+        };
+        (first..first + call.results).map(|result| self.node(Node::Called(result))).collect()
+    }
 }
 
 thread_local! {
@@ -162,7 +184,7 @@ pub fn trace(
         }
     });
     let outputs = law()?;
-    let Trace { nodes, names, undecided, .. } = with(std::mem::take);
+    let Trace { nodes, names, undecided, calls, called, .. } = with(std::mem::take);
     if undecided {
         return Err(refused(
             "this observer decides on values while it runs, so that its step is no table of \
@@ -170,12 +192,15 @@ pub fn trace(
         ));
     }
     let constants = nodes.iter().filter(|node| matches!(node, Node::Constant(_))).count();
-    let (mut next_constant, mut next_result) = (names.len(), names.len() + constants);
+    let of_calls = names.len();
+    let mut next_constant = of_calls + called;
+    let mut next_result = next_constant + constants;
     let mut table = Table { inputs: names, ..Table::default() };
     let mut place: Vec<Value> = Vec::with_capacity(nodes.len());
     for node in nodes {
         place.push(match node {
             Node::Input(index) => index,
+            Node::Called(result) => of_calls + result,
             Node::Constant(bits) => {
                 table.constants.push(f64::from_bits(bits));
                 next_constant += 1;
@@ -188,6 +213,10 @@ pub fn trace(
                 next_result - 1
             }
         });
+    }
+    for (call, _) in calls {
+        let arguments = call.arguments.iter().map(|node| place[*node]).collect();
+        table.calls.push(Call { arguments, ..call });
     }
     for (name, Traced(index)) in outputs {
         table.outputs.push(place[index as usize]);
@@ -219,13 +248,24 @@ pub fn named(name: &str, values: &[Traced]) -> Vec<(String, Traced)> {
 pub fn inline(table: &Table, inputs: &[Traced]) -> Vec<Traced> {
     with(|trace| {
         let mut values: Vec<u32> = inputs.iter().map(|Traced(index)| *index).collect();
-        values.resize(table.inputs.len(), 0);
+        values.resize(table.inputs.len() + table.called(), 0);
         for constant in &table.constants {
             values.push(trace.constant(*constant));
         }
-        for (operation, from) in &table.operations {
-            let from = from.map(|value| values.get(value).copied().unwrap_or(0));
-            values.push(trace.apply(*operation, from, operands(*operation)));
+        let calls = Scheduled::of(table);
+        let mut result = table.inputs.len();
+        for index in 0..=table.operations.len() {
+            for call in calls.before(index) {
+                let given = call.arguments.iter().map(|value| values[*value] as usize).collect();
+                for node in trace.call(call, given) {
+                    values[result] = node;
+                    result += 1;
+                }
+            }
+            if let Some((operation, from)) = table.operations.get(index) {
+                let from = from.map(|value| values.get(value).copied().unwrap_or(0));
+                values.push(trace.apply(*operation, from, operands(*operation)));
+            }
         }
         table.outputs.iter().map(|value| Traced(values[*value])).collect()
     })
@@ -256,6 +296,12 @@ pub fn call(function: usize, arguments: &[Traced]) -> Vec<Traced> {
 fn apply<const K: usize>(operation: Operation, operands: [Traced; K]) -> Traced {
     let indices = std::array::from_fn(|i| operands.get(i).map_or(0, |Traced(index)| *index));
     Traced(with(|trace| trace.apply(operation, indices, K)))
+}
+
+/// `a` where the value is positive, else `b`.
+pub fn if_positive(value: Traced, a: Traced, b: Traced) -> Traced {
+    let positive = apply(Operation::Less, [Traced::ZERO, value]);
+    apply(Operation::Select, [positive, a, b])
 }
 
 /// A question about values: its answer if they are constants.

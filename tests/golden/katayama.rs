@@ -82,7 +82,7 @@ fn closed_loop_reaches_its_speed() {
     assert!(slowest > 0.5, "{slowest}");
     // 2 ms after the start
     let (ship, dt) = (Ship::new(0.0, [0.0; 3]).unwrap(), 0.002);
-    let u = ship.control(&start(), 0.01);
+    let u = ship.control(0.0, &start(), 0.01);
     let moved = plant_step(Integrator::Rk4, &ship, 0.0, &start(), &u, dt);
     printed("z1(2 ms)", moved.1.x, 0.5019, 4);
     assert!((end.x.1 - Vector3::new(0.8, 0.0, 0.0)).amax() < 1e-6, "{}", end.x.1);

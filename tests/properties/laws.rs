@@ -11,7 +11,7 @@ use hgo_rs::observers::{
     RepelledCollection, StandardObserver,
 };
 use hgo_rs::{Observer, Scalar};
-use nalgebra::{SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{SMatrix, SVector, Vector1, Vector2, Vector3};
 use std::fmt::Debug;
 
 /// The estimates of every observer after half a second of a sine, by name.
@@ -183,40 +183,47 @@ fn low_power_and_peaking_free_written_out() {
     }
 }
 
-/// The least squares of a general g against the rotation's transpose, and for a tall g.
+/// The least squares of a general g against the rotation's transpose, and for a tall g that moves with
+/// time and input.
 #[test]
 fn velocity_is_explained_by_least_squares() {
     #[derive(Clone, Copy)]
     struct General(Ship<f64>);
     impl StrictFeedback<f64, 3, 3, 2> for General {
-        fn f1(&self, x: &Vector3<f64>) -> Vector3<f64> {
-            self.0.f1(x)
+        fn f1(&self, t: f64, x: &Vector3<f64>, u: &Vector2<f64>) -> Vector3<f64> {
+            self.0.f1(t, x, u)
         }
-        fn g(&self, x: &Vector3<f64>) -> SMatrix<f64, 3, 3> {
-            self.0.g(x)
+        fn g(&self, t: f64, x: &Vector3<f64>, u: &Vector2<f64>) -> SMatrix<f64, 3, 3> {
+            self.0.g(t, x, u)
         }
-        fn f2(&self, x: &Vector3<f64>, z: &Vector3<f64>, u: &Vector2<f64>) -> Vector3<f64> {
-            self.0.f2(x, z, u)
+        fn f2(&self, t: f64, x: &Vector3<f64>, z: &Vector3<f64>, u: &Vector2<f64>) -> Vector3<f64> {
+            self.0.f2(t, x, z, u)
         }
     }
     #[derive(Clone, Copy)]
     struct Tall;
-    impl StrictFeedback<f64, 3, 2, 0> for Tall {
-        fn f1(&self, _: &Vector3<f64>) -> Vector3<f64> {
+    impl StrictFeedback<f64, 3, 2, 1> for Tall {
+        fn f1(&self, _: f64, _: &Vector3<f64>, _: &Vector1<f64>) -> Vector3<f64> {
             Vector3::zeros()
         }
-        fn g(&self, _: &Vector3<f64>) -> SMatrix<f64, 3, 2> {
-            SMatrix::<f64, 3, 2>::new(1.0, 2.0, 0.5, -1.0, 3.0, 0.2)
+        fn g(&self, t: f64, _: &Vector3<f64>, u: &Vector1<f64>) -> SMatrix<f64, 3, 2> {
+            SMatrix::<f64, 3, 2>::new(1.0 + t, 2.0, 0.5, -1.0, 3.0 * u.x, 0.2)
         }
-        fn f2(&self, _: &Vector3<f64>, _: &Vector2<f64>, _: &SVector<f64, 0>) -> Vector2<f64> {
+        fn f2(&self, _: f64, _: &Vector3<f64>, _: &Vector2<f64>, _: &Vector1<f64>) -> Vector2<f64> {
             Vector2::zeros()
         }
     }
     let ship = Ship::new(0.0, [0.0; 3]).unwrap();
     let (x, v) = (Vector3::new(1.0, 2.0, 0.7), Vector3::new(0.3, -0.2, 0.1));
-    assert!((General(ship).explain(&x, &v) - ship.explain(&x, &v)).amax() < 1e-15);
+    let (t, u) = (0.4, Vector2::new(0.2, 0.1));
+    let (ours, general) = (ship.explain(t, &x, &u, &v), General(ship).explain(t, &x, &u, &v));
+    assert!((general - ours).amax() < 1e-15);
     // the residual of least squares is orthogonal to the columns of g
-    let z = Tall.explain(&x, &v);
-    let residual = v - Tall.g(&x) * z;
-    assert!(Tall.g(&x).tr_mul(&residual).amax() < 1e-14 && residual.amax() > 0.05);
+    for (t, u) in [(0.0, 1.0), (2.0, -0.5)] {
+        let u = Vector1::new(u);
+        let z = Tall.explain(t, &x, &u, &v);
+        let g = Tall.g(t, &x, &u);
+        let residual = v - g * z;
+        assert!(g.tr_mul(&residual).amax() < 1e-14 && residual.amax() > 0.01, "{residual}");
+    }
 }

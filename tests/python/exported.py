@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,10 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "firmware" / "c"))
 import example
 import toolchain
 
-STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-ffp-contract=off")
+WARNINGS = (
+    "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror",
+)  # fmt: skip
+STRICT = ("-std=c99", *WARNINGS, "-ffp-contract=off")
 FLAGS = {
     "-O0": (*STRICT, "-O0"),
     "-O2": (*STRICT, "-O2"),
@@ -43,6 +47,19 @@ def in_c(folder: Path, name: str, flags: tuple[str, ...] = FLAGS["-O2"]) -> str:
     program = folder / "demonstration"
     run("cc", *flags, folder / "main.c", folder / f"{name}.c", "-lm", "-o", program)
     return run(program)
+
+
+def checked_as_cpp(folder: Path, name: str) -> None:
+    """All of an export read as C++ too."""
+    for standard in ("c++11", "c++20"):
+        flags = ("-x", "c++", f"-std={standard}", *WARNINGS, "-ffp-contract=off", "-fsyntax-only")
+        run("g++", *flags, folder / f"{name}.c", folder / "main.c")
+
+
+def checked_by_clippy(folder: Path) -> None:
+    """Cargo's clippy as it is, warnings as errors."""
+    build = {**os.environ, "CARGO_TARGET_DIR": str(folder / "target")}
+    run("cargo", "clippy", "--offline", "--quiet", "--", "-D", "warnings", cwd=folder, env=build)
 
 
 def in_rust(folder: Path, name: str) -> str:

@@ -1,13 +1,14 @@
 """The `hgo` command: statuses, one-line errors, what is written, Ctrl-C."""
 
 import base64
-import inspect
 import json
+import math
 import os
 import re
 import signal
 import subprocess
 import sys
+import time
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -19,13 +20,6 @@ from hgo_rs import cli, data, plotting, reproduce, scenarios
 from hgo_rs.data import read_log
 from hgo_rs.errors import MissingExtraError
 from hgo_rs.scenarios.base import Context, Outcome, Row, Scenario, row
-
-# What a log is run with unless told otherwise, where the classes have both timings.
-LOGGED = (
-    {"timing": "current"}
-    if "timing" in inspect.signature(hgo_rs.StandardObserver).parameters
-    else {}
-)
 
 HGO = [sys.executable, "-m", "hgo_rs.cli"]
 
@@ -383,6 +377,7 @@ def axis(tmp_path, monkeypatch):
 def undrawn(monkeypatch):
     """Figures take longer than the rest: leave them out where they are not the point."""
     monkeypatch.setattr(cli._Trace, "draw", lambda *_: None)
+    monkeypatch.setattr(plotting, "save", lambda *_: None)
 
 
 ESTIMATE = ["--time", "t", "--output", "q", "--order", 3, "--gain", 20]
@@ -400,7 +395,7 @@ def test_estimate_gives_the_derivatives(capsys, axis, observer):
     assert header == "t,y,x_hat1,x_hat2,x_hat3,innovation,missing"
 
     log = read_log("axis.csv", "t", "q")
-    law = getattr(hgo_rs, cli.OBSERVERS[observer])(3, gain=20.0, **LOGGED)
+    law = getattr(hgo_rs, cli.OBSERVERS[observer])(3, gain=20.0)
     expected = law.run(log.t, log.y)
     velocity = read_log("axis.estimates.csv", "t", "x_hat2").y
     np.testing.assert_array_equal(velocity, np.asarray(expected.x_hat)[:, 1])
@@ -424,7 +419,7 @@ def test_estimate_with_a_sampling_period_and_poles(capsys, axis):
     poles = ["--poles", "-1+1j,-1-1j"]
     assert hgo(capsys, "estimate", axis, *args, "--dt", 5e-3, *poles)[0] == 0
     log = read_log(axis, None, "q", dt=5e-3)
-    law = hgo_rs.StandardObserver(2, gain=20.0, poles=[-1 + 1j, -1 - 1j], **LOGGED)
+    law = hgo_rs.StandardObserver(2, gain=20.0, poles=[-1 + 1j, -1 - 1j])
     velocity = read_log("axis.estimates.csv", "t", "x_hat2").y
     np.testing.assert_array_equal(velocity, np.asarray(law.run(log.t, log.y).x_hat)[:, 1])
 
@@ -491,6 +486,128 @@ def test_estimate_of_an_absent_or_broken_log(capsys, axis):
     assert "line 2003: 2 cells where 3 cells are expected" in one_line(err)
 
 
+# --- what is written, and where ---
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["--out", "e.csv", "--save-config", "e.csv"], "e.csv is the file of --out too; choose"),
+        (["--figure", "e.png", "--save-config", "./e.png"], "e.png is the file of --figure too"),
+        (["--save-config", "axis.csv"], "axis.csv is the log itself; choose another file with --s"),
+        (["--out", "linked.csv"], "linked.csv is the log itself"),
+        (["--out", "hard.csv"], "hard.csv is the log itself"),
+        (["--config", "o.toml", "--save-config", "o.toml"], "o.toml is the file of --config"),
+        (["--config", "o.toml", "--save-config", "axis.estimates.png"], "is the file of --figure"),
+        (["--out", "pipe.csv"], "cannot write pipe.csv: it is a pipe or a device"),
+    ],
+)
+def test_no_file_is_written_over_another(capsys, axis, args, message):
+    Path("linked.csv").symlink_to("axis.csv")
+    Path("hard.csv").hardlink_to("axis.csv")
+    Path("o.toml").write_text(OBSERVER.replace("poles = [-1, -2]\n", ""))
+    os.mkfifo("pipe.csv")
+    before = {p.name: p.read_bytes() for p in Path().iterdir() if p.is_file()}
+    status, out, err = hgo(capsys, "estimate", axis, *ESTIMATE, "--observer", "standard", *args)
+    assert (status, out) == (2, "")
+    assert message in one_line(err)
+    assert {p.name: p.read_bytes() for p in Path().iterdir() if p.is_file()} == before
+
+
+@pytest.mark.parametrize("what", ["figure", "configuration", "table"])
+def test_a_result_that_cannot_be_written_leaves_all_as_it_was(capsys, axis, monkeypatch, what):
+    for name in ("e.csv", "e.png", "e.toml"):
+        Path(name).write_text("earlier")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    owner, name = {
+        "figure": (plotting, "save"),
+        "configuration": (hgo_rs.Config, "to_toml"),
+        "table": (data.TableWriter, "_write_text"),
+    }[what]
+    monkeypatch.setattr(owner, name, full)
+    args = [*ESTIMATE, "--observer", "standard", "--out", "e.csv", "--save-config", "e.toml"]
+    status, out, err = hgo(capsys, "estimate", axis, *args)
+    assert (status, out) == (2, "")
+    assert "No space left on device" in one_line(err)
+    assert sorted(p.name for p in Path().iterdir()) == ["axis.csv", "e.csv", "e.png", "e.toml"]
+    assert {Path(name).read_text() for name in ("e.csv", "e.png", "e.toml")} == {"earlier"}
+
+
+def test_an_error_says_what_a_folder_holds_already(tmp_path):
+    folder = reproduce.OutputFolder(tmp_path)
+    folder.write_all({"a.png": b"a", "a.svg": b"a"})
+    (tmp_path / "b.png").mkdir()
+    with pytest.raises(reproduce.OutputError, match=r"b\.png: Is a dir.*written before: a\.png, a"):
+        folder.write_all({"b.svg": b"b", "b.png": b"b"})
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.png", "a.svg", "b.png"]
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        ["\x1b[2Jfoo"],
+        ["run", "\x1b[2Jfoo"],
+        ["estimate", "a\x1b[2J.csv", *ESTIMATE, "--observer", "standard"],
+        ["estimate", "no\x9b\x07.csv", *ESTIMATE, "--observer", "standard"],
+        ["estimate", "axis.csv", *ESTIMATE, "--observer", "\u202estandard"],
+        ["estimate", "axis.csv", *ESTIMATE, "--observer", "standard", "--input", "\x1b[2J"],
+        ["estimate", "axis.csv", "--gain", "\x1b[2J"],
+        ["estimate", "odd\x1b[2J\n.csv", "--time", "t\x1b]0x\x07", "--output", "q\n\x1b[2J"],
+        ["estimate", "axis.csv", "--config", "o.toml"],
+    ],
+)
+def test_no_control_character_reaches_the_terminal(capsys, axis, args):
+    rows = "".join(f"{k * 0.01!r},{math.sin(k * 0.01)!r}\n" for k in range(100))
+    Path("odd\x1b[2J\n.csv").write_text('"t\x1b]0x\x07","q\n\x1b[2J"\n' + rows)
+    Path("o.toml").write_text('format = 1\n"\\u001b[2J" = 1\n')
+    well = args[-1].endswith("q\n\x1b[2J")
+    if well:
+        args = [*args, *ESTIMATE[4:], "--observer", "standard"]
+    status, out, err = hgo(capsys, *args)
+    assert status == (0 if well else 2), err
+    assert all(line.isprintable() for line in (out + err).splitlines())
+    assert "\\x1b[2J" in out + err or "\\x9b" in err or "\\u202e" in err
+
+
+def test_the_command_says_what_ran(capsys, axis, undrawn):
+    """Whatever is left open is as in the class."""
+    for name, law in (
+        ("standard", hgo_rs.StandardObserver(3, gain=20.0)),
+        ("low-power", hgo_rs.LowPowerObserver(3, gain=20.0)),
+    ):
+        _, out, _ = hgo(capsys, "estimate", axis, *ESTIMATE, "--observer", name)
+        chosen = f"method {law.spec['method']}; timing {law.timing}"
+        assert f"run by {name}, order 3, gain 20 1/s, {chosen}\n" in out
+        other = ["--method", "rk4", "--timing", "current"]
+        _, out, _ = hgo(capsys, "estimate", axis, *ESTIMATE, "--observer", name, *other)
+        assert "method rk4; timing current\n" in out
+
+
+def test_units_of_several_clocks(capsys, tmp_path, monkeypatch, undrawn):
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(400) * 5
+    signals = {"p": np.sin(1e-3 * t), "q": np.cos(1e-3 * t[::8])}
+    np.savez("two.npz", ta=t, tb=t[::8] * 1000, **signals)
+    model = hgo_rs.Model(states=["p", "v", "q", "w"], orders=[2, 2], phi=["0*p", "0*q"])
+    chains = [hgo_rs.StandardObserver(2, 20.0), hgo_rs.StandardObserver(2, 10.0)]
+    law = hgo_rs.MultiOutputObserver(chains, model=model)
+    law.save("o.toml", time=["ta", "tb"], output=["p", "q"])
+    args = ["two.npz", "--config", "o.toml"]
+    assert "say unit = one of" in hgo(capsys, "estimate", *args)[2]
+    units = ["--unit", "ms", "--unit", "us"]
+    status, out, err = hgo(capsys, "estimate", *args, *units, "--save-config", "s.toml")
+    assert (status, err) == (0, "")
+    assert "400 samples from 0 s to 1.995 s" in out
+    assert hgo_rs.load("s.toml").log["unit"] == ["ms", "us"]
+    y = np.full((400, 2), np.nan)
+    y[:, 0], y[::8, 1] = signals.values()
+    written = read_log("two.estimates.csv", "t", ["x_hat2", "x_hat4"]).y
+    np.testing.assert_array_equal(written, law.run(t / 1e3, y).x_hat[:, 1::2])
+
+
 OBSERVER = """\
 format = 1
 observer = "standard"
@@ -508,7 +625,7 @@ def test_estimate_from_a_configuration(capsys, axis, undrawn):
     Path("observer.toml").write_text(OBSERVER)
     assert hgo(capsys, "estimate", axis, "--config", "observer.toml")[0] == 0
     log = read_log(axis, "t", "q")
-    law = hgo_rs.StandardObserver(2, gain=20.0, poles=[-1, -2], **LOGGED)
+    law = hgo_rs.StandardObserver(2, gain=20.0, poles=[-1, -2])
     velocity = read_log("axis.estimates.csv", "t", "x_hat2").y
     np.testing.assert_array_equal(velocity, law.run(log.t, log.y).x_hat[:, 1])
     # options go before the file, and both can be written down
@@ -528,7 +645,7 @@ def test_estimate_from_a_configuration(capsys, axis, undrawn):
     assert (status, err) == (0, "")
     assert "written: axis.estimates.csv, axis.estimates.png, o.toml" in out
     law = hgo_rs.StandardObserver(
-        3, gain=30.0, poles=[-1, -1 + 1j, -1 - 1j], model=hgo_rs.InputGain(2.0), **LOGGED
+        3, gain=30.0, poles=[-1, -1 + 1j, -1 - 1j], model=hgo_rs.InputGain(2.0)
     )
     saved = hgo_rs.load("o.toml")
     assert saved.observer().spec == law.spec
@@ -667,6 +784,51 @@ def test_import_is_light():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     assert result.stdout.strip() == "[]"
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="no list of processes")
+def test_a_terminated_run_leaves_no_workers(tmp_path):
+    process = subprocess.Popen(
+        [*HGO, "reproduce", "--jobs", "2", "--backend", "numpy", "--out", tmp_path],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+
+    def alive():
+        states = []
+        for stat in Path("/proc").glob("[0-9]*/stat"):
+            try:
+                fields = stat.read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            if fields[3] == str(process.pid) and fields[0] != "Z":  # of its session
+                states.append(stat)
+        return len(states)
+
+    end = time.monotonic() + 60.0
+    while alive() < 4 and time.monotonic() < end:  # itself, two workers, a tracker
+        time.sleep(0.05)
+    assert alive() >= 4
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=60) == 143
+    while alive() and time.monotonic() < end:
+        time.sleep(0.05)
+    assert alive() == 0
+
+
+def test_a_terminated_estimate_leaves_no_file(axis):
+    lines = [f"{k * 5e-3:.3f},{k % 7},0\n" for k in range(400_000)]
+    axis.write_text("t,q,u\n" + "".join(lines))
+    process = subprocess.Popen(
+        [*HGO, "estimate", axis, *map(str, ESTIMATE), "--observer", "standard"]
+    )
+    end = time.monotonic() + 60.0
+    while not list(Path().glob(".hgo-*")) and time.monotonic() < end:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=60) == 143
+    assert [p.name for p in Path().iterdir()] == ["axis.csv"]
 
 
 def test_closed_pipe_is_quiet():

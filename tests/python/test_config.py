@@ -1,6 +1,8 @@
 """`observer.toml`: exact round trips; errors that name file, line and remedy."""
 
 import inspect
+import os
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -10,13 +12,6 @@ from hypothesis import strategies as st
 import hgo_rs
 from hgo_rs import Config, ConfigError, HgoError
 from hgo_rs.config import FORMAT, LOG, MODELS, OBSERVERS, START, TOP
-
-# What a log is run with unless told otherwise, where the classes have both timings.
-LOGGED = (
-    {"timing": "current"}
-    if "timing" in inspect.signature(hgo_rs.StandardObserver).parameters
-    else {}
-)
 
 COMMON = """\
 format = 1
@@ -46,7 +41,7 @@ def test_a_common_case_in_less_than_ten_lines(tmp_path):
     assert len(COMMON.splitlines()) < 10
     (tmp_path / "observer.toml").write_text(COMMON, encoding="utf-8")
     config = hgo_rs.load(tmp_path / "observer.toml")
-    expected = hgo_rs.LowPowerObserver(3, gain=160.0, method="rk4-innovation-held", **LOGGED)
+    expected = hgo_rs.LowPowerObserver(3, gain=160.0, method="rk4-innovation-held")
     assert config.observer().spec == expected.spec
     assert config.log == {"time": "t_ms", "output": "q"}
     assert config.source == str(tmp_path / "observer.toml")
@@ -121,6 +116,49 @@ def test_any_text_comes_back(name, other):
     except UnicodeEncodeError:  # a surrogate is no text
         return
     assert Config.from_toml(text).data == data
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a" * 2**18 + " = 1", "has more than 262144 bytes"),
+        ("format = 1\n" + ".".join("a" * 100_000) + " = 1", "line 2: a key of more than 16 parts"),
+        ("format = 1\n[" + " . ".join(["a"] * 50_000) + "]", "line 2: a key of more than 16 parts"),
+        ("x = " + "{a = " * 50_000, "nested too deeply"),
+        ("x = " + "[" * 100_000, "nested too deeply"),
+        ("x = [\n" + "1,\n" * 80_000 + "]", "line 1: a value of more than 300 lines"),
+        ("\n".join(f"a.b{k} = 1" for k in range(20_000)), "line 1: a is not a known key"),
+    ],
+    ids=["long", "dotted", "dotted table", "tables", "lists", "lines", "keys"],
+)
+def test_a_text_of_any_size_is_refused_soon(tmp_path, text, message):
+    text = text if len(text) <= 2**18 or "has more" in message else text[: 2**17] + " = 1"
+    path = tmp_path / "o.toml"
+    path.write_text(text)
+    tracemalloc.start()
+    try:
+        with pytest.raises(ConfigError) as caught:
+            hgo_rs.load(path)
+        assert tracemalloc.get_traced_memory()[1] < 2**26
+    finally:
+        tracemalloc.stop()
+    assert message in str(caught.value)
+    assert len(str(caught.value)) < 400
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes in the file system")
+def test_what_may_have_no_end_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "o.toml")
+    for path in (tmp_path / "o.toml", "/dev/zero"):
+        with pytest.raises(ConfigError, match="is a pipe or a device"):
+            hgo_rs.load(path)
+
+
+def test_a_wrong_expression_is_shown_on_one_line():
+    text = 'format = 1\nobserver = "standard"\ngain = 2.0\n[model]\nstates = ["q", "v"]\n'
+    said = refusal(text + 'phi = "sin(q) + * v"\n')
+    assert "line 6: phi: unexpected '*'" in said
+    assert said.endswith(", in 'sin(q) + * v'")
 
 
 HEAD = 'format = 1\nobserver = "standard"\n'
@@ -266,7 +304,7 @@ def test_own_model(tmp_path):
     model = hgo_rs.Model(
         states=["q", "v"], inputs=["F"], parameters={"M": 95.1, "Fv": 203.5}, phi="(F - Fv*v)/M"
     )
-    assert law.spec == hgo_rs.StandardObserver(2, gain=200.0, model=model, **LOGGED).spec
+    assert law.spec == hgo_rs.StandardObserver(2, gain=200.0, model=model).spec
     law.save(tmp_path / "o.toml")
     assert hgo_rs.load(tmp_path / "o.toml").observer().spec == law.spec
 
@@ -298,8 +336,8 @@ def test_several_chains(tmp_path):
     model = hgo_rs.Model(
         states=["a", "va", "b", "vb"], orders=[2, 2], phi=["-a + 0.1*vb", "-sin(b)"]
     )
-    first = hgo_rs.StandardObserver(2, gain=20.0, **LOGGED)
-    second = hgo_rs.LowPowerObserver(2, gain=15.0, **LOGGED)
+    first = hgo_rs.StandardObserver(2, gain=20.0)
+    second = hgo_rs.LowPowerObserver(2, gain=15.0)
     assert law.spec == hgo_rs.MultiOutputObserver([first, second], model=model).spec
     law.save(tmp_path / "o.toml")
     assert hgo_rs.load(tmp_path / "o.toml").observer().spec == law.spec
@@ -308,3 +346,32 @@ def test_several_chains(tmp_path):
     assert "line 12: gain = -15.0: must be" in refusal(CHAINS.replace("15.0", "-15.0"))
     assert "line 6: order is text" in refusal(CHAINS.replace("order = 2", "order = 'x'", 1))
     assert "gain has no meaning" in refusal(CHAINS.replace("[[", "gain = 1\n\n[[", 1))
+
+
+def test_the_time_of_steps_is_saved(tmp_path):
+    """A model with t goes on at its time: x' = v, v' = t, so v is t^2/2 without any correction."""
+    model = hgo_rs.Model(states=["q", "v"], phi="t")
+    observer = hgo_rs.StandardObserver(2, gain=5.0, model=model, method="rk4", timing="predictor")
+    for _ in range(20):
+        observer.step(None, dt=0.1)
+    observer.save(tmp_path / "o.toml")
+    assert "[start]" in (tmp_path / "o.toml").read_text()
+    config = hgo_rs.load(tmp_path / "o.toml")
+    assert config.data["start"]["t"] == pytest.approx(2.0)
+    back = config.observer()
+    assert Config.of(back) == config
+    for _ in range(10):
+        np.testing.assert_array_equal(back.step(None, dt=0.1), observer.step(None, dt=0.1))
+    np.testing.assert_allclose(back.x_hat[1], 3.0**2 / 2.0, rtol=1e-12)
+    fresh = config.replace(start={"memory": config.data["start"]["memory"]}).observer()
+    assert fresh.step(None, dt=0.1)[1] < back.x_hat[1]
+    back.reset()
+    assert back._time == 0.0
+
+
+def test_a_missing_folder_and_a_folder_are_refused(tmp_path):
+    config = Config({"format": 1, "observer": "standard", "order": 2, "gain": 20.0})
+    for path in (tmp_path / "no" / "o.toml", tmp_path):
+        with pytest.raises(ConfigError, match="cannot write"):
+            config.save(path)
+    assert not list(tmp_path.iterdir())

@@ -1,5 +1,6 @@
 """Logs in every format; errors that name file, line and remedy."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -285,12 +286,12 @@ def refusal_of_names(*args):
         ("t", None, 1, ""),
         ("t", "ms", 1e3, ""),
         ("t_ms", None, 1e3, "times 't_ms' are in ms, as the name says"),
-        ("t_ms", "us", 1e6, ""),
+        ("t_ms", "us", 1e6, "times 't_ms' are taken in us, though the name says ms"),
         ("time [us]", None, 1e6, "times 'time [us]' are in us, as the name says"),
         ("Time (µs)", None, 1e6, "as the name says"),
         ("stamp.ns", None, 1e9, "as the name says"),
         ("time_s", None, 1, ""),
-        ("ms", None, 1, ""),  # a name, not a unit
+        ("ms", None, 1e3, "times 'ms' are in ms, as the name says"),
         ("items", None, 1, ""),
     ],
 )
@@ -315,17 +316,14 @@ def test_unix_times_keep_every_digit(tmp_path, unit, per_s, suffix):
         path.write_text("stamp,q\n" + "".join(f"{t},{k}\n" for k, t in enumerate(times)))
     log = read_log(path, "stamp", "q")
     assert f"read as Unix times in {unit}" in log.describe()
-    if unit == "ns":  # beyond the integers that float64 has
-        np.testing.assert_array_equal(log.t, (times - base) / 1e9)
-        assert f"t counts from stamp = {base}" in log.describe()
-    else:
-        np.testing.assert_array_equal(log.t, times / per_s)
+    np.testing.assert_array_equal(log.t, (times - base) / per_s)
+    assert f"t counts from stamp = {base}" in log.describe()
 
 
 def test_units_that_make_no_sense(tmp_path):
     path = write(tmp_path, "t,q\n0,1\n5,2\n")
-    with pytest.raises(HgoError, match="unit = 'min': must be one of s, ms, us, ns"):
-        read_log(path, "t", "q", unit="min")
+    with pytest.raises(HgoError, match="unit = 'year': must be one of s, ms, us, ns, min"):
+        read_log(path, "t", "q", unit="year")
     with pytest.raises(DataError, match="unit: it is the time column's"):
         read_log(path, None, "q", dt=0.1, unit="ms")
 
@@ -369,6 +367,378 @@ def test_times_of_a_schedule(tmp_path):
     np.testing.assert_array_equal(np.concatenate([c.t for c in chunks]), log.t)
     with pytest.raises(DataError, match="schedule: give it alone"):
         read_log(path, None, "q", schedule=law, dt=0.1)
+
+
+# --- clocks: one origin, exact differences -----------------------------------------------------
+
+BEGIN = 1_709_629_623_000_000_000  # a Unix time in ns
+FAST = BEGIN + np.arange(200) * 5_000_000
+SLOW = BEGIN + 500_000_000 + np.arange(20) * 50_000_000
+CLOCKS = {
+    "ns": lambda t: t,
+    "unsigned ns": lambda t: t.astype(np.uint64),
+    "big-endian ns": lambda t: t.astype(">i8"),
+    "us": lambda t: t // 10**3,
+    "ms": lambda t: t // 10**6,
+    "float s": lambda t: t / 1e9,
+    "float ms": lambda t: t / 1e6,
+    "float ns": lambda t: t.astype(float),
+    "date in ns": lambda t: t.astype("M8[ns]"),
+    "date in us": lambda t: t.astype("M8[ns]").astype("M8[us]"),
+    "date in ms": lambda t: t.astype("M8[ns]").astype(">M8[ms]"),
+}
+
+
+def lag(log):
+    """From the first sample of the first output to that of the second."""
+    there = ~np.isnan(log.y)
+    return log.t[there[:, 1]][0] - log.t[there[:, 0]][0]
+
+
+@pytest.mark.parametrize("second", CLOCKS)
+@pytest.mark.parametrize("first", CLOCKS)
+def test_clocks_of_any_types_and_units_have_one_origin(tmp_path, first, second):
+    path = tmp_path / "two.npz"
+    np.savez(path, ta=CLOCKS[first](FAST), a=np.ones(200), tb=CLOCKS[second](SLOW), b=np.ones(20))
+    log = read_log(path, ["ta", "tb"], ["a", "b"])
+    resolved = 3e-7 if "float" in first + second else 1e-12
+    assert lag(log) == pytest.approx(0.5, abs=resolved)
+    assert log.t[-1] - log.t[0] == pytest.approx(1.45, abs=resolved)
+    if "float" not in first + second:  # equal times are one row
+        assert len(log.t) == 200 + 20 - 10
+
+
+@pytest.mark.parametrize("pad", ["", "nan"])
+def test_padded_columns_keep_every_digit(tmp_path, pad):
+    """Two blocks, in the second of which the slow clock has no sample at all."""
+    count = data.CHUNK + 100
+    times = BEGIN + 1 + np.arange(count) * 5_000_000
+    lines = [f"{t},1,{pad},{pad}" for t in times.tolist()]
+    lines[:20] = [f"{t},1,{s + 1},2" for t, s in zip(times.tolist(), SLOW.tolist(), strict=False)]
+    log = read_log(write(tmp_path, "\n".join(["ta,a,tb,b", *lines])), ["ta", "tb"], ["a", "b"])
+    np.testing.assert_array_equal(log.t, np.arange(count) * 5_000_000 / 1e9)
+    assert lag(log) == 0.5
+
+
+def test_integers_with_nulls_in_parquet_keep_every_digit(tmp_path):
+    pyarrow = pytest.importorskip("pyarrow")
+    import pyarrow.parquet as pq
+
+    def padded(values, kind):
+        return pyarrow.array(values.tolist() + [None] * 180, kind)
+
+    table = {"ta": FAST + 1, "a": np.ones(200), "b": padded(np.ones(20), pyarrow.float64())}
+    for kind in (pyarrow.int64(), pyarrow.uint64(), pyarrow.timestamp("ns")):
+        table["tb"] = padded(SLOW + 1, kind)
+        pq.write_table(pyarrow.table(table), tmp_path / "two.parquet")
+        log = read_log(tmp_path / "two.parquet", ["ta", "tb"], ["a", "b"])
+        assert lag(log) == 0.5
+        assert len(log.t) == 210
+
+
+def arrays(tmp_path, **columns):
+    np.savez(tmp_path / "log.npz", **columns)
+    return tmp_path / "log.npz"
+
+
+def test_clocks_with_nothing_in_common_are_refused(tmp_path):
+    both = {"time": ["ta", "tb"], "output": ["a", "b"]}
+    boot = SLOW - BEGIN
+    days, since = FAST.astype("M8[ns]"), boot.astype("m8[ns]")
+    ones = {"a": np.ones(200), "b": np.ones(20)}
+    path = arrays(tmp_path, ta=days, tb=since, **ones)
+    assert "do not overlap, they lie 54.2 years apart" in refusal(path, **both)
+    path = arrays(tmp_path, ta=FAST, tb=boot, **ones)
+    assert "likely ns (a step of 0.05 s)" in refusal(path, **both)
+    assert "do not overlap" in refusal(path, unit=["ns", "ns"], **both)
+    path = arrays(tmp_path, ta=np.arange(200) * 5, tb=np.arange(20) * 0.05, **ones)
+    assert "as if of different units; say each: unit = [...]" in refusal(path, **both)
+    log = read_log(path, unit=["ms", "s"], **both)
+    np.testing.assert_array_equal(log.t, np.arange(200) * 5 / 1e3)
+    with pytest.raises(DataError, match="unit: 3 for 2 time columns"):
+        read_log(path, unit=["ms", "s", "s"], **both)
+
+
+@pytest.mark.parametrize("kind", [np.uint64, np.int64, np.uint32, np.int32, np.uint16])
+def test_differences_of_integers_neither_wrap_nor_round(tmp_path, kind):
+    top = min(int(np.iinfo(kind).max) // 4, 2**61)
+    times = (top + np.arange(100) * 5).astype(kind)
+    q = np.ones(100)
+    log = read_log(arrays(tmp_path, t=times, q=q), "t", "q", unit="ns")
+    np.testing.assert_allclose(np.diff(log.t), 5e-9, rtol=1e-6)
+    back = refusal(arrays(tmp_path, t=times[::-1], q=q), "t", "q", unit="ns")
+    assert "the log runs backwards, newest first: sort it by time" in back
+
+
+@pytest.mark.parametrize(("kind", "bits"), [(np.uint16, 16), (np.int32, 32), (np.uint32, 32)])
+def test_a_counter_that_wraps_is_told_to_be_unwrapped(tmp_path, kind, bits):
+    end = int(np.iinfo(kind).max)
+    times = (end - 500 + np.arange(200, dtype=np.int64) * 5).astype(kind)
+    path = arrays(tmp_path, t_ms=times, q=np.ones(200))
+    assert f"numpy.unwrap(column, period=2**{bits})" in refusal(path, "t_ms", "q")
+    split = read_log(path, "t_ms", "q", resets="split")
+    assert any(f"a counter of {bits} bits began again" in remark for remark in split.remarks)
+    made = np.unwrap(times.astype(float), period=2.0**bits)  # the remedy works
+    log = read_log(arrays(tmp_path, t_ms=made, q=np.ones(200)), "t_ms", "q")
+    np.testing.assert_allclose(np.diff(log.t), 5e-3, rtol=1e-6)
+
+
+def test_times_that_are_no_numbers_or_too_large(tmp_path):
+    q = np.ones(4)
+    for t, message in (
+        (np.arange(4) > 0, "column 't' holds bool, not numbers"),
+        (
+            np.array([1, 2, np.iinfo(np.int64).min, 4]),
+            "which is no time; leave a missing one empty",
+        ),
+        (np.array([1, 2, 2**64 - 1, 4], np.uint64), "which is no time; leave a missing one empty"),
+        (np.arange(4).astype("m8[M]"), "is in months, which have no fixed length"),
+    ):
+        assert message in refusal(arrays(tmp_path, t=t, q=q), "t", "q")
+    months = np.array(["2024-01", "2024-02", "2024-03", "2024-04"], "M8[M]")
+    assert "median step of the time 't' is 31 days" in refusal(
+        arrays(tmp_path, t=months, q=q), "t", "q"
+    )
+    coarse = (8192.0 + np.arange(100) * 1e-3).astype(np.float32)
+    log = read_log(
+        arrays(tmp_path, t=np.unique(coarse), q=np.ones(len(np.unique(coarse)))), "t", "q"
+    )
+    assert "resolve 0.000977 s only" in log.describe()
+
+
+# --- units that cannot be ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "per_s"),
+    [
+        *(("TimeUS", 1e6), ("micros", 1e6), ("time_usec", 1e6), ("Zeit [µs]", 1e6), ("tUS", 1e6)),
+        *(("millis", 1e3), ("TimeMSec", 1e3), ("ms since boot", 1e3), ("time_boot_ms", 1e3)),
+        *(("nanoTime", 1e9), ("t/ns", 1e9), ("seconds", 1.0), ("t [min]", 1 / 60)),
+        *(("elapsed_minutes", 1 / 60), ("hours", 1 / 3600), ("time [h]", 1 / 3600)),
+    ],
+)
+def test_names_that_say_their_unit(tmp_path, name, per_s):
+    times = np.arange(50) * 0.005 * per_s
+    path = write(tmp_path, f"{name};q\n" + "".join(f"{t!r};1\n" for t in times.tolist()))
+    log = read_log(path, name, "q")
+    np.testing.assert_allclose(log.t, np.arange(50) * 0.005, rtol=1e-12)
+    assert not log.assumed
+
+
+@pytest.mark.parametrize(
+    "name", ["ticks", "time_us_ms", "index", "frame", "Unnamed: 0", "t_h", "t_d", "t_m", "weeks"]
+)
+def test_names_that_leave_the_unit_open_are_asked(tmp_path, name):
+    path = write(tmp_path, f"{name};q\n0;1\n5;2\n15;3\n")
+    said = refusal(path, name, "q")
+    assert f"the unit of the time {name!r} cannot be told" in said and "say unit = " in said
+    assert read_log(path, name, "q", unit="ms").t[1] == 0.005
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        (429_617_575 + np.arange(50) * 5000, "is 5000 s, taken in s, which neither unit nor the"),
+        (429_617_575 + np.arange(50) * 5000, "likely us (a step of 0.005 s) or ms (a step of 5 s)"),
+        (np.arange(50) * 1e6, "is 11.6 days, taken in s"),
+        (3_600_000_000_000 + np.arange(50) * 5_000_000, "taken in ms, which neither"),  # uptime, ns
+        (133_542_000_000_000_000 + np.arange(50) * 50_000, "years from its origin"),  # 100 ns
+        (739_000.3 + np.arange(50) * 5e-3 / 86400, "a MATLAB date in days"),
+        (45_356.3 + np.arange(50) * 5e-3 / 86400, "a spreadsheet date in days"),
+        (np.r_[np.arange(50) * 0.005, 1.7e9 + np.arange(50) * 0.005], "leaps by 53.9 years"),
+    ],
+)
+def test_units_that_cannot_be(tmp_path, times, message):
+    path = arrays(tmp_path, t=times, q=np.ones(len(times)))
+    said = refusal(path, "t", "q")
+    assert message in said
+    assert "unit" in said
+
+
+def test_a_unit_that_is_said_is_taken_within_reason(tmp_path):
+    hourly = arrays(tmp_path, t=np.arange(50) * 3600, q=np.ones(50))
+    assert "median step of the time 't' is 3600 s" in refusal(hourly, "t", "q")
+    assert read_log(hourly, "t", "q", unit="s").t[1] == 3600.0
+    days = arrays(tmp_path, t=739_000.25 + np.arange(50) / 8.0, q=np.ones(50))
+    np.testing.assert_array_equal(np.diff(read_log(days, "t", "q", unit="d").t), 10_800.0)
+    wrong = arrays(tmp_path, t=np.arange(50) * 2_000_000, q=np.ones(50))
+    assert "say another unit, or give dt in place" in refusal(wrong, "t", "q", unit="s")
+    assert len(read_log(wrong, None, "q", dt=2e6).t) == 50
+    assert "years from its origin" in refusal(
+        arrays(tmp_path, t=1_700_000_000_000 + np.arange(50) * 5, q=np.ones(50)), "t", "q", unit="s"
+    )
+
+
+def test_a_unit_beside_dates_is_said_to_be_idle(tmp_path):
+    path = arrays(tmp_path, t=FAST.astype("M8[ns]"), q=np.ones(200))
+    log = read_log(path, "t", "q", unit="ms")
+    np.testing.assert_array_equal(log.t, (FAST - BEGIN) / 1e9)
+    assert "times 't' have a unit of their own, not ms" in log.remarks
+    assert "t counts from t = 2024-03-05T09:07:03" in log.describe()
+
+
+def test_dt_beside_times_of_a_guessed_unit(tmp_path):
+    path = arrays(tmp_path, t=np.arange(50) * 5, q=np.ones(50))
+    said = refusal(path, "t", "q", dt=0.005)
+    assert "leave dt out to honour uneven steps, or say a unit other than s" in said
+    np.testing.assert_array_equal(
+        read_log(path, "t", "q", dt=0.005, unit="ms").t, 0.005 * np.arange(50)
+    )
+
+
+def test_later_parts_are_checked_as_the_first(tmp_path):
+    """The unit changes after two blocks: the steps there are those of no record in seconds."""
+    first, count = data.CHUNK + 100, 5000
+    times = np.r_[np.arange(first) * 0.005, first * 0.005 + 1e3 * np.arange(1, count)]
+    path = write(tmp_path, "t,q\n" + "".join(f"{t!r},1\n" for t in times.tolist()))
+    for rows in (500, None):
+        with pytest.raises(DataError, match="the median step of the time 't' is 1000 s"):
+            list(read_chunks(path, "t", "q", rows=rows))
+    times = np.r_[np.arange(first) * 0.005, 1.7e9]
+    path = write(tmp_path, "t,q\n" + "".join(f"{t!r},1\n" for t in times.tolist()))
+    assert f"line {first + 2}: the time 't' leaps by 53.9 years" in refusal(path, "t", "q")
+
+
+# --- order -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("resets", ["refuse", "split"])
+@pytest.mark.parametrize("order", ["newest first", "shuffled", "interleaved", "pages"])
+def test_rows_out_of_order_are_no_pieces(tmp_path, resets, order):
+    t = np.arange(300) * 0.015
+    t = {
+        "newest first": t[::-1],
+        "shuffled": np.random.default_rng(0).permutation(t),
+        "interleaved": np.c_[t, t + 20.0].ravel(),
+        "pages": t.reshape(6, 50)[:, ::-1].ravel(),
+    }[order]
+    path = arrays(tmp_path, t=t, q=np.ones(len(t)))
+    said = refusal(path, "t", "q", resets=resets)
+    assert "sort" in said or (order == "interleaved" and resets == "refuse")
+    if order == "newest first":
+        assert "newest first: sort it by time" in said
+
+
+def test_times_written_with_too_few_digits(tmp_path):
+    times = [f"{1.7e9 + 0.005 * k:.6g}" for k in range(50)]
+    path = write(tmp_path, "t,q\n" + "".join(f"{t},1\n" for t in times))
+    assert "or write times with all their digits" in refusal(path, "t", "q")
+
+
+def test_a_last_piece_of_one_row_is_refused(tmp_path):
+    path = write(tmp_path, "t,q\n" + "".join(f"{k},1\n" for k in range(50)) + "0,1\n")
+    assert "line 52: the last piece has 1 row" in refusal(path, "t", "q", resets="split")
+
+
+# --- headers of numbers ------------------------------------------------------------------------
+
+RISING = 0.005 * np.arange(1, 300)
+
+
+def shown(t, q, form):
+    return "".join(f"{form(a)},{form(b)}\n" for a, b in zip(t.tolist(), q.tolist(), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("first", "rest"),
+    [
+        ("0,1", shown(RISING, 5.0 + np.sin(RISING), repr)),  # leaps in q
+        ("0,1", shown(RISING + 1.7e9, np.cos(RISING), repr)),  # leaps in t
+        ("0,1", shown(RISING, np.cos(RISING), repr)),  # 1.0 is no bare 1
+        ("0,1", shown(RISING, np.cos(RISING), "{:.3f}".format)),
+        ('"0","1"', shown(RISING, np.cos(RISING), "{:g}".format)),
+        ("0,1", "".join(f"{5 * k},{512 + k % 7}\n" for k in range(299))),
+    ],
+)
+def test_a_header_of_numbers_is_no_sample(tmp_path, first, rest):
+    path = write(tmp_path, f"{first}\n{rest}")
+    log = read_log(path, "0", "1", unit="s")
+    assert len(log.t) == 299
+    assert "line 1 (0, 1) is read as a header" in log.describe()
+    assert "repeats the header" in refusal(
+        write(tmp_path, f"{first}\n{rest}{first}\n{rest}"), "0", "1", unit="s", resets="split"
+    )
+
+
+def test_headers_of_other_numbers_and_with_an_index(tmp_path):
+    rows = list(zip(RISING.tolist(), np.cos(RISING).tolist(), strict=True))
+    index = "".join(f"{k},{a!r},{b!r}\n" for k, (a, b) in enumerate(rows))
+    log = read_log(write(tmp_path, ",0,1\n" + index), "0", "1")
+    assert (log.t[0], log.y[0], len(log.t)) == (*rows[0], 299)
+    log = read_log(write(tmp_path, "2,7\n" + shown(RISING, np.cos(RISING), repr)), "2", "7")
+    assert (log.t[0], log.y[0], len(log.t)) == (*rows[0], 299)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0,1\n" + shown(RISING, np.cos(RISING), "{:g}".format),
+        "0,1\n1,2\n2,3\n3,4\n",
+        "0\n" + "".join(f"{q!r}\n" for q in np.sin(RISING).tolist()),
+        "100,7\n" + "".join(f"{100 + 5 * k},{512 + k % 7}\n" for k in range(1, 50)),
+    ],
+)
+def test_what_could_be_a_header_or_a_sample_is_refused(tmp_path, text):
+    first, rest = text.split("\n", 1)
+    named = {"time": "0", "output": "1"} if "," in first else {"time": None, "output": "0"}
+    named |= {} if "," in first else {"dt": 0.005}
+    said = refusal(write(tmp_path, text), unit="s" if "," in first else None, **named)
+    assert "may be a header or a sample" in said
+    pointed = ",".join(f"{cell}.0" for cell in first.split(","))  # the remedies work
+    count = text.count("\n")
+    unit = {"unit": "s"} if "," in first else {}
+    assert len(read_log(write(tmp_path, f"{pointed}\n{rest}"), **named, **unit).y) == count
+    above = ",".join("tq"[2 - first.count(",") - 1 :][: first.count(",") + 1])
+    named = {key: {"0": above[0], "1": above[-1]}.get(v, v) for key, v in named.items()}
+    assert len(read_log(write(tmp_path, f"{above}\n{text}"), **named, **unit).y) == count
+
+
+def test_a_first_sample_of_whole_numbers_stays_one(tmp_path):
+    rows = "".join(f"{100 + 5 * k},{512 + k % 7}\n" for k in range(50))
+    assert len(read_log(write(tmp_path, rows), "0", "1", unit="ms").t) == 50
+    rows = "0,0\n" + shown(RISING, np.sin(RISING), repr)
+    assert len(read_log(write(tmp_path, rows), "0", "1").t) == 300
+
+
+# --- bounds ------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes in the file system")
+def test_what_may_have_no_end_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "device.csv").symlink_to("/dev/zero")
+    for name in ("pipe.csv", "device.csv"):
+        assert "is a pipe or a device" in refusal(tmp_path / name, "t", "q")
+    with (tmp_path / "line.csv").open("wb") as file:
+        file.truncate(2**33)  # one line of zeros, which take no room
+    assert "line 1: has more than 1048576 characters" in refusal(tmp_path / "line.csv", "t", "q")
+    long = "t,q\n0,1\n1," + " " * data.LINE + "2\n"
+    assert "line 3: has more than" in refusal(write(tmp_path, long), "t", "q")
+
+
+def test_only_named_arrays_are_unpacked(tmp_path, monkeypatch):
+    import psutil
+    from scipy.io import savemat
+
+    t = np.arange(100) * 0.01
+    np.savez_compressed(tmp_path / "log.npz", t=t, q=np.c_[t, 2 * t], other=np.zeros(3_000_000))
+    savemat(tmp_path / "log.mat", {"t": t, "q": np.c_[t, 2 * t], "other": np.zeros(3_000_000)})
+    free = type("Memory", (), {"available": 2**24})
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: free)
+    for name in ("log.npz", "log.mat"):
+        np.testing.assert_array_equal(read_log(tmp_path / name, "t", "q[1]").y, 2 * t)
+        assert "Columns: t, q[0], q[1], other" in refusal(tmp_path / name, "t", "speed")
+        assert "unpack to 0.0224 GiB" in refusal(tmp_path / name, "t", "other")
+
+
+def test_names_from_a_file_do_nothing_to_a_terminal(tmp_path):
+    path = write(tmp_path, "t,q\x1b[2J\n0,1\n1,\n2,3\n", "a\x1b[31m.csv")
+    with pytest.raises(DataError) as caught:
+        read_log(path, "t", "q")
+    assert "a\\x1b[31m.csv has no column 'q'. Columns: t, q\\x1b[2J" in str(caught.value)
+    text = read_log(path, "t", ["q\x1b[2J"]).describe()
+    assert all(line.isprintable() for line in text.splitlines())
 
 
 # --- chunks ----------------------------------------------------------------------------------

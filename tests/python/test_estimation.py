@@ -1,6 +1,5 @@
 """Observers over logs: chunks, configurations, gaps and the error to expect after them."""
 
-import inspect
 import math
 from functools import lru_cache
 from itertools import pairwise
@@ -14,13 +13,6 @@ from hgo_rs import Config, HgoError
 from hgo_rs.data import DataError, Log, read_log
 from hgo_rs.estimation import run_chunks
 
-# What a log is run with unless told otherwise, where the classes have both timings.
-LOGGED = (
-    {"timing": "current"}
-    if "timing" in inspect.signature(hgo_rs.StandardObserver).parameters
-    else {}
-)
-
 ADAPTIVE = hgo_rs.AdaptiveGain(5.0, 1e-4, 0.2)
 LAWS = {
     "standard": hgo_rs.StandardObserver(3, gain=12.0),
@@ -30,10 +22,9 @@ LAWS = {
     "low-power": hgo_rs.LowPowerObserver(3, gain=8.0),
     "peaking-free": hgo_rs.PeakingFreeObserver(3, gain=8.0, saturation=9.0),
     "sampled-data": hgo_rs.SampledDataObserver(),
+    "current": hgo_rs.StandardObserver(2, gain=12.0, model=hgo_rs.InputGain(0.7), timing="current"),
+    "current-low-power": hgo_rs.LowPowerObserver(3, gain=8.0, method="zoh", timing="current"),
 }
-if LOGGED:
-    LAWS["current"] = hgo_rs.StandardObserver(2, gain=12.0, model=hgo_rs.InputGain(0.7), **LOGGED)
-    LAWS["current-low-power"] = hgo_rs.LowPowerObserver(3, gain=8.0, method="zoh", **LOGGED)
 
 
 def record(n_u=0, count=400, seed=3, starts=(0, 150, 151)):
@@ -99,11 +90,13 @@ def test_what_is_wrong_in_a_later_chunk_says_where():
     t[300:] += 5.0
     names, none = log.names, np.zeros(400, bool)
     bad = Log(t, np.sin(t), None, names, "log.csv", none)
-    law = hgo_rs.StandardObserver(3, gain=12.0)
-    with pytest.raises(
-        hgo_rs.DesignError, match=r"log\.csv, counting samples from t = 2\.5 s \(sa"
+    for timing, told in (
+        ("predictor", r"t = 2\.5 s \(sample 250\): after sample 49"),
+        ("current", r"t = 8 s \(sample 300\): before sample 0"),
     ):
-        list(run_chunks(law, cut(bad, 50)))
+        law = hgo_rs.StandardObserver(3, gain=12.0, method="euler", timing=timing)
+        with pytest.raises(hgo_rs.DesignError, match=rf"log\.csv, counting samples from {told}"):
+            list(run_chunks(law, cut(bad, 50)))
 
 
 CONFIG = 'format = 1\nobserver = "standard"\norder = 2\ngain = 12.0\n'
@@ -124,7 +117,7 @@ def axis(tmp_path):
 def test_estimate(axis):
     result = hgo_rs.estimate(axis / "axis.csv", axis / "observer.toml")
     log = read_log(axis / "axis.csv", "t_ms", "q")
-    expected = hgo_rs.StandardObserver(2, gain=12.0, **LOGGED).run(log.t, log.y)
+    expected = hgo_rs.StandardObserver(2, gain=12.0).run(log.t, log.y)
     assert result.x_hat.tobytes() == expected.x_hat.tobytes()
     assert log.t[-1] == 4.995
     config = hgo_rs.load(axis / "observer.toml")
@@ -136,7 +129,7 @@ def test_estimate(axis):
     # with an input, from a state of its own
     changes = {"model": {"kind": "input", "b0": -1.0}, "start": {"x_hat": [0.0, 1.0]}}
     config = config.replace({"input": "F"}, **changes)
-    law = hgo_rs.StandardObserver(2, gain=12.0, model=hgo_rs.InputGain(-1.0), **LOGGED)
+    law = hgo_rs.StandardObserver(2, gain=12.0, model=hgo_rs.InputGain(-1.0))
     log = read_log(axis / "axis.csv", "t_ms", "q", "F")
     expected = law.run(log.t, log.y, log.u, x_hat0=[0.0, 1.0])
     result = hgo_rs.estimate(axis / "axis.csv", config)
@@ -156,10 +149,26 @@ def test_estimate(axis):
     ],
 )
 def test_logs_that_do_not_fit(axis, log, message):
-    data = {"format": 1, "observer": "standard", "order": 2, "gain": 12.0}
+    data = {"format": 1, "observer": "standard", "order": 2, "gain": 12.0, "method": "euler"}
     time = {} if log == {"output": "q"} else {"time": "t_ms"}
     with pytest.raises(HgoError, match=message):
         hgo_rs.estimate(axis / "axis.csv", Config({**data, "log": {**time, **log}}))
+
+
+def test_a_guessed_unit_that_leaves_nothing_to_filter_is_refused(tmp_path):
+    """Milliseconds taken as seconds, by a law that has no step limit."""
+    path = tmp_path / "log.csv"
+    path.write_text("t,q\n" + "".join(f"{5 * k},{math.sin(0.01 * k)}\n" for k in range(400)))
+    data = {"format": 1, "observer": "standard", "order": 2, "gain": 20.0, "method": "zoh"}
+    log = {"time": "t", "output": "q"}
+    with pytest.raises(DataError, match=r"median step 5 s is 100 times 1/gain.*say unit = one of"):
+        hgo_rs.estimate(path, Config({**data, "log": log}))
+    with pytest.raises(DataError, match="the unit of the time 't' is a guess"):
+        list(run_chunks(Config(data).observer(), [read_log(path, "t", "q")]))
+    result = hgo_rs.estimate(path, Config({**data, "log": log | {"unit": "ms"}}))
+    assert abs(result.x_hat[-1, 1] - 2.0 * math.cos(3.99)) < 0.3
+    assert len(hgo_rs.estimate(path, Config({**data, "log": log | {"unit": "s"}})).time) == 400
+    assert len(hgo_rs.estimate(path, Config({**data, "gain": 1.0, "log": log})).time) == 400
 
 
 def test_a_log_of_pieces_is_estimated_piece_by_piece():
@@ -202,18 +211,21 @@ def with_gaps(sigma):
 @pytest.mark.parametrize(
     "law",
     [
+        hgo_rs.StandardObserver(2, gain=20.0, method="euler", timing="predictor"),
+        hgo_rs.StandardObserver(3, gain=15.0, method="rk4-innovation-held", timing="predictor"),
+        hgo_rs.LowPowerObserver(3, gain=15.0, method="euler", timing="predictor"),
         hgo_rs.StandardObserver(2, gain=20.0),
-        hgo_rs.StandardObserver(3, gain=15.0, method="rk4-innovation-held"),
         hgo_rs.LowPowerObserver(3, gain=15.0),
     ],
-    ids=["standard-2", "standard-3", "low-power-3"],
+    ids=["standard-2", "standard-3", "low-power-3", "standard-2-placed", "low-power-3-placed"],
 )
 def test_the_error_expected_after_gaps_is_that_of_a_pendulum(law, sigma):
     """Within a factor of 2, over all gaps and for short, middling and long ones."""
     (t, x), y = pendulum(), with_gaps(sigma)
     result = law.run(t, y)
     gaps = result.gaps
-    ends = [gap.start + gap.length for gap in gaps]
+    # with current timing the next sample has corrected its row
+    ends = [gap.start + gap.length - (law.timing == "current") for gap in gaps]
     error = result.x_hat[ends] - x[ends, : law.n]
     assert np.abs(result.x_hat[300:, 0] - x[300:, 0]).max() < 2.0  # stays bounded
     duration = np.array([gap.duration for gap in gaps])

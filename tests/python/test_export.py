@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported import FLAGS, STRICT, in_c, in_rust, lacking, on_the_chip, put, run, says_ok
+from exported import (
+    FLAGS,
+    STRICT,
+    checked_as_cpp,
+    checked_by_clippy,
+    in_c,
+    in_rust,
+    lacking,
+    on_the_chip,
+    put,
+    run,
+    says_ok,
+)
 
 import hgo_rs
 from hgo_rs import InputGain, LowPowerObserver, StandardObserver, _core
@@ -19,8 +32,8 @@ from hgo_rs.errors import HgoError
 from hgo_rs.exports import export, sources
 from hgo_rs.exports.c import files as c_files
 from hgo_rs.exports.elementary import PRECISIONS, Elementary
-from hgo_rs.exports.expressions import Names
-from hgo_rs.exports.program import Field, Program, Row, program
+from hgo_rs.exports.names import Names
+from hgo_rs.exports.program import Field, Move, Program, Row, Words, program
 from hgo_rs.exports.rust import files as rust_files
 from hgo_rs.exports.table import FUNCTIONS, graph
 from hgo_rs.observers import Observer
@@ -29,22 +42,50 @@ ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="written for GNU's tools")
 # --- observers ------------------------------------------------------------------------------------
 
+# what the papers write down, and what is best for data
+PAPER: dict[str, Any] = {"method": "euler", "timing": "predictor"}
+BEST: dict[str, Any] = {"method": "zoh", "timing": "current"}
+
 KINDS = {
-    "standard": lambda: StandardObserver(3, 20.0, method="rk4", model=InputGain(1.7)),
-    "adaptive": lambda: StandardObserver(2, hgo_rs.AdaptiveGain(0.05, 0.5, 0.2)),
-    "low_power": lambda: LowPowerObserver(4, 5.0, method="staggered-euler", model=InputGain(2.0)),
+    "standard": lambda: StandardObserver(
+        3, 20.0, method="rk4", timing="predictor", model=InputGain(1.7)
+    ),
+    "adaptive": lambda: StandardObserver(2, hgo_rs.AdaptiveGain(0.05, 0.5, 0.2), **PAPER),
+    "low_power": lambda: LowPowerObserver(
+        4, 5.0, method="staggered-euler", timing="predictor", model=InputGain(2.0)
+    ),
     "peaking_free": lambda: hgo_rs.PeakingFreeObserver(
-        5, 4.0, model=hgo_rs.Crackle(), saturation=[1.0, 0.5, 0.5, 0.5], method="bogacki-shampine"
+        5,
+        4.0,
+        model=hgo_rs.Crackle(),
+        saturation=[1.0, 0.5, 0.5, 0.5],
+        method="bogacki-shampine",
+        timing="predictor",
     ),
     "sampled": hgo_rs.SampledDataObserver,
-    "current": lambda: StandardObserver(2, 20.0, timing="current", model=InputGain(1.7)),
-    "exact": lambda: StandardObserver(2, 20.0, method="zoh", timing="current"),
-    "arm": lambda: two_links(),
+    "current": lambda: StandardObserver(
+        2, 20.0, method="euler", timing="current", model=InputGain(1.7)
+    ),
+    "exact": lambda: StandardObserver(2, 20.0, **BEST),
+    "moving": lambda: StandardObserver(
+        2, hgo_rs.AdaptiveGain(0.05, 0.5, 0.2), method="rk4", timing="current"
+    ),
+    "arm": lambda: two_links(**PAPER),
+    "filtered_arm": lambda: two_links(**BEST),
     "pendulum": lambda: pendulum(),
+    "driven": lambda: driven(**BEST),
 }
 
 
-def two_links() -> Observer:
+def driven(**manner: Any) -> Observer:
+    """A model with time and input in it."""
+    model = hgo_rs.Model(
+        states=["q", "v"], inputs=["u"], parameters={"c": 0.4}, phi="u - c*v - sin(q) + cos(3*t)"
+    )
+    return StandardObserver(2, 15.0, model=model, **manner)
+
+
+def two_links(**manner: Any) -> Observer:
     """Two coupled joints with an encoder each."""
     model = hgo_rs.Model(
         states=["q1", "w1", "q2", "w2"],
@@ -52,7 +93,7 @@ def two_links() -> Observer:
         parameters={"c": 2.0},
         phi=["-sin(q1) + c*tanh(q2 - q1)", "c*(q1 - q2) - 0.1*w2"],
     )
-    joint = [StandardObserver(2, ell) for ell in (12.0, 15.0)]
+    joint = [StandardObserver(2, ell, **manner) for ell in (12.0, 15.0)]
     return hgo_rs.MultiOutputObserver(joint, model=model)
 
 
@@ -72,7 +113,7 @@ def pendulum() -> Observer:
         "outputs": [11],
         "output_names": ["phi"],
     }
-    observer = StandardObserver(2, 15.0)
+    observer = StandardObserver(2, 15.0, **PAPER)
     names = {"states": ["theta", "omega"], "inputs": ["torque"], "parameters": ["g_l", "Fv"]}
     model = {"kind": "own", "form": "phase", "n": 2, "n_u": 1, "table": table}
     return Observer(
@@ -89,12 +130,12 @@ def test_a_program_has_the_bits_of_the_core(tmp_path: Path, kind: str) -> None:
     every = FLAGS.values() if kind == "pendulum" else [FLAGS["gnu11 -O3 native"]]
     for flags in every:
         assert says_ok(in_c(tmp_path, kind, flags), 100)
-    if kind in ("pendulum", "adaptive", "sampled", "arm"):
+    if kind in ("pendulum", "adaptive", "sampled", "arm", "current", "filtered_arm", "driven"):
         observer.export(to="rust", out=tmp_path, name=kind)
         assert says_ok(in_rust(tmp_path, kind), 100)
 
 
-@pytest.mark.parametrize("kind", ["pendulum", "sampled"])
+@pytest.mark.parametrize("kind", ["pendulum", "sampled", "filtered_arm", "driven"])
 def test_single_precision_is_the_cores_in_both_languages(tmp_path: Path, kind: str) -> None:
     observer = KINDS[kind]()
     observer.export(to="c", out=tmp_path, name=kind, precision="single")
@@ -114,14 +155,70 @@ def test_the_vector_is_what_run_gives(tmp_path: Path) -> None:
     assert [row.status for row in described.vector] == [0, 0, 1, 0, 0]
 
 
-def test_the_single_vector_is_what_the_core_runs_in_single_precision() -> None:
-    observer = pendulum()
+def test_the_vector_of_current_timing_is_what_run_gives() -> None:
+    observer = driven(**BEST)
+    start = observer.initial_memory([0.4, -0.2])
+    observer.reset(memory0=start)
+    t = np.cumsum([0.0, 0.01, 0.012, 0.01, 0.02, 0.01, 0.01])
+    y, u = [0.5, 0.49, np.nan, np.nan, 0.46, 0.41, 0.0], [0.1, 0.2, 0.0, -0.1, 0.3, 0.0, 0.0]
+    described = program(observer, name="p", precision="double", log=(t, y, u))
+    # a row of run stands behind the use of its sample, as a step does
+    result = observer.run(t, y, u, memory0=start)
+    assert [row.memory for row in described.vector] == [tuple(m) for m in result.memory[:-1]]
+    assert [row.status for row in described.vector] == [0, 0, 1, 1, 0, 0]
+    # u and dt are those of the period that ends with the sample
+    assert [row.u[0] for row in described.vector[1:]] == u[:5]
+    assert [row.dt for row in described.vector[1:]] == list(np.diff(t)[:5])
+
+
+@pytest.mark.parametrize("manner", [PAPER, BEST], ids=["predictor", "current"])
+def test_the_single_vector_is_what_the_core_runs_in_single_precision(manner: Any) -> None:
+    observer = driven(**manner)
     t = np.cumsum(np.full(40, 0.0125)).astype(np.float32).astype(float)
     y, u = np.sin(t), 0.2 * np.cos(t)
     y[7] = np.nan
     described = program(observer, name="p", precision="single", log=(t, y, u))
-    memory = _core.run_single(observer.spec, t.tolist(), y[:, None], u[:, None], [0.0, 0.0])
-    assert [row.memory for row in described.vector] == [tuple(map(float, m)) for m in memory[1:]]
+    start = observer.memory.tolist()
+    memory = _core.run_single(observer.spec, t.tolist(), y[:, None], u[:, None], start)
+    rows = memory[:-1] if manner is BEST else memory[1:]
+    assert [row.memory for row in described.vector] == [tuple(map(float, m)) for m in rows]
+
+
+def test_time_and_input_of_a_sampled_model_reach_the_source(tmp_path: Path) -> None:
+    model = hgo_rs.Model(
+        states=["q", "v"],
+        inputs=["u"],
+        f=["v", "20*sin(5*t) - q + u"],
+        K_T=["0.5*(y - q)*(1 + t)", "u*(y - q)"],
+    )
+    t = 0.01 * np.arange(30)
+    y, u = np.cos(t), 0.5 + np.sin(t)
+    observer = hgo_rs.SampledDataObserver(model)
+    observer.export(to="c", out=tmp_path, name="sd", log=(t, y, u))
+    assert says_ok(in_c(tmp_path, "sd"), 29)
+    rows = program(observer, name="sd", precision="double", log=(t, y, u)).vector
+    q, v = 0.0, 0.0
+    for k, row in enumerate(rows):
+        e = y[k] - q
+        rate = 20.0 * np.sin(5.0 * t[k]) - q + u[k]
+        q, v = q + 0.01 * v + 0.5 * e * (1.0 + t[k]), v + 0.01 * rate + u[k] * e
+        np.testing.assert_allclose(row.memory, [q, v], rtol=1e-12)
+
+
+def test_time_keeps_its_digits_in_single_precision(tmp_path: Path) -> None:
+    model = hgo_rs.Model(states=["q", "v"], phi="t - 36000")
+    observer = StandardObserver(2, 2.0, model=model, **PAPER)
+    t = 36000.0 + 0.001 * np.arange(9)
+    log = (t, np.full(9, np.nan), np.zeros((9, 0)))
+    observer.export(to="c", out=tmp_path, name="slow", precision="single", log=log)
+    assert "float y, double t, float dt" in (tmp_path / "slow.h").read_text()
+    assert says_ok(in_c(tmp_path, "slow"), 8)
+    v = np.float32(0.0)
+    for row, now in zip(program(observer, name="slow", precision="single", log=log).vector, t,
+                        strict=False):  # fmt: skip
+        v += np.float32(row.dt) * (np.float32(now) - np.float32(36000.0))
+        assert row.memory[1] == v
+    assert v > 0.0  # a sum of 0.001 in single precision stands still from 16384 s on
 
 
 def test_a_source_is_readable() -> None:
@@ -153,8 +250,28 @@ def test_a_step_without_a_value_keeps_the_memory(tmp_path: Path) -> None:
     assert says_ok(in_c(tmp_path, "arm"), 3)
 
 
+def test_a_prediction_without_a_value_keeps_the_estimate_and_counts_the_time(
+    tmp_path: Path,
+) -> None:
+    model = hgo_rs.Model(states=["q", "v"], inputs=["u"], phi="sqrt(u)")
+    observer = StandardObserver(2, 5.0, model=model, **BEST)
+    observer.reset([1.0, 2.0])
+    t, y, u = 0.25 * np.arange(5), [1.0, 1.0, 1.0, 1.0, 1.0], [-1.0, -1.0, 4.0, 4.0, 4.0]
+    observer.export(to="c", out=tmp_path, name="root", log=(t, y, u))
+    assert says_ok(in_c(tmp_path, "root"), 4)
+    observer.export(to="rust", out=tmp_path, name="root", log=(t, y, u))
+    assert says_ok(in_rust(tmp_path, "root"), 4)
+    rows = program(observer, name="root", precision="double", log=(t, y, u)).vector
+    assert [row.status for row in rows] == [0, 2, 2, 0]
+    assert rows[2].memory == (1.0, 2.0, 0.5)
+    # moved by 2 dt + sqrt(4) dt^2/2 to 1.5625; corrected with the poles exp(-5 * 0.75 * [1, 2])
+    poles = np.exp(-3.75 * np.array([1.0, 2.0]))
+    q = 1.5625 + (1.0 - poles.prod()) * (1.0 - 1.5625)
+    np.testing.assert_allclose(rows[3].memory[0], q, rtol=1e-12)
+
+
 def test_a_wrong_bit_is_found(tmp_path: Path) -> None:
-    texts = sources(StandardObserver(2, 37.0), to="c", name="axis")
+    texts = sources(StandardObserver(2, 37.0, **PAPER), to="c", name="axis")
     texts["axis.c"] = texts["axis.c"].replace("isfinite(y) ? y - x1", "isfinite(y) ? x1 - y")
     put(tmp_path, texts)
     run("cc", *STRICT, tmp_path / "main.c", tmp_path / "axis.c", "-o", tmp_path / "d")
@@ -178,9 +295,12 @@ def some_numbers(rng: np.random.Generator, count: int) -> np.ndarray:
     return np.concatenate([special, wide, near])
 
 
+INPUTS = ("t", "dt", "z[0]", "z[1]", "y[0]", "u[0]")
+
+
 def random_table(rng: np.random.Generator, count: int) -> dict[str, Any]:
     """A program of all operations on two inputs beside t, dt and two states."""
-    names = ["t", "dt", "a", "b", "y", "u"]
+    names = [*INPUTS]
     constants = [0.5, -1.25, 3.0, 1.0, -0.0, 0.0, 0.1]
     unary = ["neg", "abs", "sign", "sqrt"]
     binary = ["add", "sub", "mul", "div", "min", "max", "lt", "le", "eq", "innovation", "copysign"]
@@ -209,13 +329,20 @@ def bare(table: dict[str, Any], rows: np.ndarray, precision: str) -> Program:
         status = 2 if not fine else 0 if math.isfinite(y) else 1
         vector.append(Row(t, dt, (y,), (u,), status, tuple(memory)))
     fields = (Field("alpha", "one", 0.5), Field("Beta", "two", -0.25))
-    names = Names()
-    for word in ("alpha", "Beta", "y", "u"):
-        names.new(word)
-    known = graph(table, precision), tuple(table["inputs"])
-    words: Any = ("y",), ("u",), names
+    words = Words(("alpha", "Beta"), ("y",), ("u",), (), "started", ())
+    names = Names(("alpha", "Beta", "y", "u"))
+    step = Move("step", graph(table, precision), INPUTS)
     return Program(
-        "maze", PRECISIONS[precision], fields, (), *words, *known, "A maze.", tuple(vector)
+        "maze",
+        PRECISIONS[precision],
+        fields,
+        (),
+        words,
+        names,
+        (step,),
+        (),
+        "A maze.",
+        tuple(vector),
     )
 
 
@@ -232,6 +359,39 @@ def test_random_programs_have_the_same_bits_everywhere(tmp_path: Path, precision
         if size > 100:
             put(tmp_path, rust_files(program))
             assert says_ok(in_rust(tmp_path, "maze"), 60)
+
+
+# --- no warning -----------------------------------------------------------------------------------
+
+
+def odd() -> Observer:
+    """Numbers and names that linters know, and terms that cancel."""
+    model = hgo_rs.Model(
+        states=["foo", "baz"],
+        inputs=["quux", "a1", "a2", "a3", "a4", "a5", "a6"],
+        parameters={"near_pi": 3.14159, "e": 2.7182818284, "long": 0.1234567890123456},
+        phi="near_pi*foo - e*long + (foo - foo) + foo*0 + piecewise(foo, baz > 0, foo) + quux/3"
+        " - (-foo) + min(foo, foo) + a1*a2 - a3*t + t*t + a4 + a5 + a6 + 1.5707963267948966",
+    )
+    return StandardObserver(2, 5.0, model=model, method="euler", timing="predictor")
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_no_compiler_and_no_linter_warns(tmp_path: Path, precision: str) -> None:
+    rng = np.random.default_rng(2)
+    rows = rng.standard_normal((20, 4)) * [1.0, 0.1, 2.0, 3.0]
+    rows[10:13, 2] = np.nan
+    programs = [bare(random_table(rng, size), rows, precision) for size in (20, 60, 120)]
+    observers = [odd(), *(make() for make in KINDS.values())]
+    programs += [program(of, name="maze", precision=precision) for of in observers]
+    for number, described in enumerate(programs):
+        folder = put(tmp_path / str(number), c_files(described))
+        run("gcc", *STRICT, "-fsyntax-only", folder / "maze.c", folder / "main.c")
+        checked_as_cpp(folder, "maze")
+    if shutil.which("cargo-clippy") is None:
+        pytest.skip("not installed: cargo clippy")
+    for described in [programs[0], programs[2], programs[3], programs[-1]]:
+        checked_by_clippy(put(tmp_path / "rust", rust_files(described)))
 
 
 # --- elementary functions -------------------------------------------------------------------------
@@ -281,7 +441,7 @@ def all_functions(precision: str) -> Program:
     """A program that uses every elementary function and the square root."""
     calls = [["sqrt", 4], *[[word, 4, 5] if function in TWO else [word, 4]
              for word, function in FUNCTIONS.items() if function in ELEMENTARY]]  # fmt: skip
-    table = {"inputs": ["t", "dt", "a", "b", "y", "u"], "constants": [], "ops": calls}
+    table = {"inputs": [*INPUTS], "constants": [], "ops": calls}
     first = len(table["inputs"])
     ops: list[list[Any]] = [*calls]
     for i in range(1, len(calls)):
@@ -379,7 +539,7 @@ def test_the_source_that_is_read_is_the_cores() -> None:
 
 
 def test_only_functions_that_are_used_are_printed() -> None:
-    text = sources(StandardObserver(2, 37.0), to="c")["observer.c"]
+    text = sources(StandardObserver(2, 37.0, **PAPER), to="c")["observer.c"]
     assert "_exp" not in text and "memcpy" not in text
 
 
@@ -403,13 +563,29 @@ def test_a_cortex_m4f_gives_the_same_bits(tmp_path: Path, precision: str) -> Non
 
 
 def test_names_are_identifiers_and_never_the_same_twice() -> None:
-    names = Names()
-    made = [names.new(w) for w in ("x", "x", "for", "t", "2nd", "θ", "Fv", "a b", "x_2", "sin")]
-    assert made == ["x", "x_2", "v_for", "v_t", "v_2nd", "value", "Fv", "a_b", "x_2_2", "v_sin"]
+    names = Names(("axis_step",))
+    wishes = (
+        "x",
+        "for",
+        "t",
+        "state_t",
+        "2nd",
+        "\u03b8",
+        "Fv",
+        "J",
+        "PI",
+        "a b",
+        "axis_step",
+        "q_",
+    )
+    made = names.several([(wish, "state") for wish in wishes])
+    assert made == ["x", "state_for", "state_t_2", "state_t", "v2nd", "u3b8", "Fv", "J",
+                    "state_PI", "a_b", "state_axis_step", "q_"]  # fmt: skip
+    assert [names.local(wish) for wish in ("x", "x", "dt", "h")] == ["x_2", "x_3", "value_dt", "h"]
 
 
 def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
-    observer = StandardObserver(2, 37.0)
+    observer = StandardObserver(2, 37.0, **PAPER)
     with pytest.raises(HgoError, match="to = 'ada': must be one of c, rust"):
         sources(observer, to="ada")
     with pytest.raises(HgoError, match="precision = 'half'"):
@@ -432,6 +608,10 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
         export(observer, to="c", out=blocked)
     with pytest.raises(HgoError, match="reduced-order"):
         hgo_rs.ReducedOrderObserver(0.5).export(to="c", out=tmp_path)
+    for method in ("zoh", "bilinear"):
+        observer = LowPowerObserver(3, 5.0, method=method)
+        with pytest.raises(HgoError, match=f"method = '{method}': .* low-power .*\"rk4\""):
+            observer.export(to="c", out=tmp_path)
 
 
 def test_the_command_writes_what_the_file_says(
@@ -462,7 +642,7 @@ def test_the_command_writes_what_the_file_says(
 
 def test_a_control_system_runs_as_the_observer_does() -> None:
     control = pytest.importorskip("control")
-    observer = StandardObserver(2, 20.0, model=InputGain(1.5))
+    observer = StandardObserver(2, 20.0, model=InputGain(1.5), **PAPER)
     t = np.arange(300) * 0.005
     y, u = np.sin(3.0 * t), np.cos(2.0 * t)
     system = observer.to_control(0.005)
@@ -499,7 +679,7 @@ def test_a_control_system_of_current_timing() -> None:
     t = np.arange(200) * 0.005
     y, u = np.sin(3.0 * t), np.cos(2.0 * t)
     system = observer.to_control(0.005)
-    assert system.state_labels == ["x1", "x2", "elapsed", "period", "held_u"]
+    assert system.state_labels == ["x1", "x2", "elapsed"]
     response = control.input_output_response(system, t, np.vstack([y, u]), observer.memory)
     np.testing.assert_allclose(response.outputs.T, observer.run(0.005, y, u).x_hat, atol=1e-12)
 
@@ -507,6 +687,6 @@ def test_a_control_system_of_current_timing() -> None:
 def test_a_control_system_needs_a_stable_step() -> None:
     pytest.importorskip("control")
     with pytest.raises(HgoError, match="dt"):
-        StandardObserver(2, 20.0).to_control(1.0)
+        StandardObserver(2, 20.0, **PAPER).to_control(1.0)
     with pytest.raises(HgoError, match="dt = nan"):
         StandardObserver(2, 20.0).to_control(math.nan)

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 from scipy import signal, stats
@@ -22,8 +23,10 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 from hgo_rs import reference
 from hgo_rs.reference import Observer, coupled_paths, mean_covariance, polynomial, simulate
 from hgo_rs.reference.integrate import brownian
+from hgo_rs.reference.models import Ship
 from hgo_rs.reference.noise import Streams, filtered, mix
 from hgo_rs.reference.observers import law_from
+from hgo_rs.reference.placement import chain_gains, low_power_gains
 
 Spec = dict[str, Any]
 
@@ -826,7 +829,7 @@ def test_ship_moves_as_the_papers_matrices_say() -> None:
     dt, delta, w = 0.1, 0.5, np.array([0.4, 0.2, 0.1])
     spec = ship_study(dt, 0.1, delta, dt, w=w.tolist(), substeps=20, every=1)
     out = simulate(spec)
-    u = out["memory"][0, 0, 6:8]
+    u = out["memory"][0, 1, 6:8]  # held over the step that the last sample closed
     start = np.array(spec["x0"])
     end = integrated(lambda _, x: ship_rate(x, u, delta, w), dt, start)
     np.testing.assert_allclose(out["x"][0, 1], end, rtol=1e-9)
@@ -1176,7 +1179,7 @@ def test_a_record_gives_what_the_simulation_gave() -> None:
     assert not record["missing"].any()
     ship = ship_study(0.1, 0.1, 0.5, 3.0, every=1)
     out = simulate(ship)
-    u = out["memory"][0, :, 6:8]
+    u = np.roll(out["memory"][0, :, 6:8], -1, axis=0)  # row k + 1 holds u(k); the last is not used
     record = Observer(ship["observer"]).run(out["t"], out["y"][0], u, ship["memory0"])
     np.testing.assert_allclose(record["memory"], out["memory"][0], rtol=1e-10, atol=1e-12)
 
@@ -1208,6 +1211,588 @@ def test_known_input_drives_the_chain() -> None:
     assert observer.n_u == 1
     record = observer.run(t, x[:, 0], u, [0.0, 0.0])
     np.testing.assert_allclose(record["memory"], x, atol=1e-12)
+
+
+def test_a_ship_that_moves_sideways_counts_as_moving_ahead() -> None:
+    """lambda22 jumps with the sign of z1: a z1 of rounding alone, and -0, are +0."""
+    ship = Ship()
+    z1 = np.array([0.0, -0.0, 1e-17, -1e-17])
+    z = np.stack([z1, np.full(4, 0.3), np.full(4, -0.2)])
+    rate = ship.f2(np.zeros((3, 4)), z, np.ones((2, 4)), 0.0)
+    np.testing.assert_allclose(rate, rate[:, :1] * np.ones(4), rtol=1e-12)
+    s = 0.3 + 1.18 * 0.2
+    assert ship.rudder(z)[1][3] == pytest.approx(-0.0232 * s * s * np.pi / 2.0, rel=1e-12)
+
+
+# --- time and input reach every function ------------------------------------------------------
+
+
+class Formula:
+    """A function in the place of a table."""
+
+    def __init__(self, inputs: int, outputs: int, call: Callable[..., Any]) -> None:
+        self.inputs, self.outputs, self.call = inputs, range(outputs), call
+
+    def __call__(self, values: list[Any]) -> list[Any]:
+        return [np.asarray(made) for made in self.call(*values)]
+
+
+def own(form: str, n: int, outputs: int, call: Callable[..., Any], **more: Any) -> Spec:
+    """A model of one's own: ``call`` is told (t, x_1 ... x_n, u ...) one by one."""
+    told = 1 + n + more.get("n_z", 0) + more.get("n_u", 0) + 2 * (form == "sampled")
+    spec = {"kind": "own", "form": form, "n": n, "table": Formula(told, outputs, call)}
+    return spec | {"parameters": []} | more
+
+
+def driven_phi(t: Any, x1: Any, x2: Any, u: Any) -> list[Any]:
+    return [3.0 * np.sin(5.0 * t) + u * np.cos(3.0 * t) - x1]
+
+
+DRIVEN = own("phase", 2, 1, driven_phi, n_u=1)
+PLACED = ("zoh", "bilinear")
+TIMINGS = ("predictor", "current")
+PAIR: Spec = {"n": 2, "gain": constant(5.0), "model": DRIVEN}
+LAWS: dict[str, Spec] = {
+    "standard": {"kind": "standard", "k": [3.0, 2.0], **PAIR},
+    "low-power": {"kind": "low-power", "alpha": [3.0, 2.0], "beta": [2.0], **PAIR},
+    "peaking-free": {
+        "kind": "peaking-free",
+        "alpha": [3.0, 2.0],
+        "beta": [2.0],
+        "saturation": [50.0],
+        **PAIR,
+    },
+    "collection": {
+        **PAIR,
+        "kind": "collection",
+        "k": [2.0, 2.0],
+        "k_bar": [0.05, 0.03],
+        "copies": 2,
+        "gain": ADAPTIVE,
+    },
+}
+LAWS["modified"] = {**LAWS["collection"], "kind": "modified"}
+
+
+def driven_truth(t: np.ndarray, u: np.ndarray, start: Any) -> np.ndarray:
+    """x at the times ``t`` under the input held between them, by DOP853."""
+    rows = [np.asarray(start, float)]
+    for k in range(len(t) - 1):
+
+        def rate(s: float, x: Any, k: int = k) -> Any:
+            return [x[1], driven_phi(t[k] + s, x[0], x[1], u[k])[0]]
+
+        rows.append(integrated(rate, t[k + 1] - t[k], rows[-1]))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("timing", TIMINGS)
+@pytest.mark.parametrize("method", [*METHODS, *PLACED])
+@pytest.mark.parametrize("kind", LAWS)
+def test_time_and_input_reach_the_model(kind: str, method: str, timing: str) -> None:
+    """Without samples the estimate follows x' = (x2, phi(t, x, u)), to the order of the scheme."""
+    spec = {**LAWS[kind], "method": method, "timing": timing}
+    if kind in ("collection", "modified") and method in PLACED:
+        with pytest.raises(ValueError, match="method"):
+            Observer(spec)
+        return
+    rng = np.random.default_rng(1)
+    t = np.append(0.0, np.cumsum(rng.uniform(0.005, 0.015, 60)))
+    u = np.cos(2.0 * t)
+    x = driven_truth(t, u, [0.4, -0.2])
+    observer = Observer(spec)
+    start = observer.initial()
+    start[:2] = x[0]
+    if kind in ("low-power", "peaking-free"):
+        start[2] = x[0, 1]
+    for row in range(0, observer.memory_len - 2 if kind in ("collection", "modified") else 0, 3):
+        start[row : row + 2] = x[0] + 1e-9 * row
+    shown = observer.run(t, np.full(len(t), np.nan), u, start)["memory"][:, :2]
+    exact = {"rk4": 1e-8, "rk4-innovation-held": 1e-8, "bogacki-shampine": 1e-6}
+    np.testing.assert_allclose(shown, x, atol=exact.get(method, 0.04))
+    assert np.abs(x[-1]).max() > 0.5
+
+
+def test_placed_predictor_written_out() -> None:
+    """zoh of order 2 over an uneven record: gains from the wanted eigenvalues, phi at t(k)."""
+    rng = np.random.default_rng(2)
+    t = np.append(0.0, np.cumsum(rng.uniform(0.01, 0.05, 40)))
+    y, u = np.sin(3.0 * t), np.cos(t)
+    record = Observer({**LAWS["standard"], "method": "zoh"}).run(t, y, u, [0.1, 0.2])
+    z = np.array([0.1, 0.2])
+    for k in range(len(t) - 1):
+        np.testing.assert_allclose(record["memory"][k], z, rtol=1e-11)
+        dt = t[k + 1] - t[k]
+        z = z + pair_gains(5.0, dt) * (y[k] - z[0])
+        phi = driven_phi(t[k], *z, u[k])[0]
+        z = np.array([z[0] + dt * z[1] + 0.5 * dt * dt * phi, z[1] + dt * phi])
+
+
+def pair_gains(ell: float, time: float) -> np.ndarray:
+    """(I - K C) exp(A T) of order 2 has the eigenvalues exp(-ell T), exp(-2 ell T)."""
+    wanted = np.exp(-ell * time * np.array([1.0, 2.0]))
+    k1 = 1.0 - wanted.prod()
+    return np.array([k1, (2.0 - k1 - wanted.sum()) / time])
+
+
+# --- placed eigenvalues, in 60 digits ---------------------------------------------------------
+
+
+def precise(values: Any) -> np.ndarray:
+    """As an array of mpmath's numbers."""
+    return np.vectorize(mpmath.mpf, otypes=[object])(np.asarray(values, dtype=float))
+
+
+def characteristic(a: np.ndarray) -> list[Any]:
+    """Coefficients of det(z - A), 1 first: Faddeev and LeVerrier."""
+    n, out = len(a), [mpmath.mpf(1)]
+    m = np.zeros_like(a)
+    for k in range(1, n + 1):
+        m = a @ m + out[-1] * np.eye(n, dtype=int)
+        out.append(-np.trace(a @ m) / k)
+    return out
+
+
+def step_matrix(k: np.ndarray) -> np.ndarray:
+    """(I - K C) exp(A T) of a chain; in coordinates with T = 1."""
+    n = len(k)
+    phi = [
+        [mpmath.mpf(1) / mpmath.factorial(j - i) if j >= i else mpmath.mpf(0) for j in range(n)]
+        for i in range(n)
+    ]
+    kept = np.eye(n, dtype=int) + precise(np.zeros((n, n)))
+    kept[:, 0] -= k
+    return np.asarray(np.array(phi) @ kept)
+
+
+def low_power_step_matrix(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """One step of the error of the low-power law, correction and flow, with T = 1."""
+    n = len(a)
+    columns = []
+    for unit in np.eye(2 * n - 1, dtype=int):
+        x, eta = precise(unit[:n]), precise(unit[n:])
+        e = np.append(precise([0.0]), eta) - x  # e_1 = -x_1, e_i = eta_(i-1) - x_i
+        x, eta = x + a * e, eta + b * e[:-1]
+        above = np.append(eta, precise([0.0]))
+        moved = [
+            sum(above[i + j] / mpmath.factorial(j + 1) for j in range(n - i)) for i in range(n)
+        ]
+        columns.append(np.concatenate((x + moved, eta + moved[1:])))
+    return np.array(columns).T
+
+
+@pytest.mark.parametrize(
+    ("n", "c"), [(5, 1e-3), (5, 1.0), (5, 10.0), (8, 1e-3), (8, 10.0), (12, 1.0)]
+)
+def test_high_orders_are_placed_where_the_papers_matrix_says(n: int, c: float) -> None:
+    """det(z - A) of the step in 60 digits is prod(z - exp(T lambda)), lambda those of M_n."""
+    poles = [*np.linspace(-1.0, -2.0, 2 * n - 2), -2.0]
+    alpha, beta = polynomial.low_power_coefficients_from_poles(poles)
+    a, b, _, _ = low_power_gains(alpha * c, beta * c * c, 1.0, "zoh")
+    with mpmath.workdps(60):
+        found = characteristic(low_power_step_matrix(precise(a), precise(b)))
+        continuous = characteristic(precise(polynomial.low_power_matrix(alpha, beta)))
+        lambdas = mpmath.polyroots(continuous, maxsteps=500, extraprec=400)
+        wanted = [mpmath.mpf(1)]
+        for pole in lambdas:
+            z = mpmath.exp(pole * mpmath.mpf(c))
+            shifted = [mpmath.mpf(0), *(z * w for w in wanted)]
+            wanted = [p - q for p, q in zip([*wanted, mpmath.mpf(0)], shifted, strict=True)]
+        largest = max(abs(w) for w in wanted)
+        off = max(abs(p - q) for p, q in zip(found, wanted, strict=True)) / largest
+    assert off < (1e-10 if c > 1.0 else 1e-13)
+
+
+@pytest.mark.parametrize(
+    ("kind", "method", "n", "c", "changed"),
+    [
+        ("standard", "bilinear", 6, 100.0, (0.0, 5e-5)),
+        ("standard", "bilinear", 7, 100.0, (5e-5, np.inf)),
+        ("low-power", "bilinear", 4, 100.0, (0.0, 5e-5)),
+        ("low-power", "bilinear", 5, 100.0, (5e-5, np.inf)),
+        ("standard", "zoh", 12, 100.0, (0.0, 1e-9)),
+        ("low-power", "zoh", 12, 10.0, (0.0, 1e-9)),
+    ],
+)
+def test_limits_of_the_order(
+    kind: str, method: str, n: int, c: float, changed: tuple[float, float]
+) -> None:
+    """By how much one rounding of the gains changes the powers of the step's matrix."""
+    ulp = 2.0**-53
+    with mpmath.workdps(40):
+        if kind == "standard":
+            k = polynomial.coefficients_from_poles(-np.linspace(1.0, 2.0, n))
+            gains = chain_gains(k * c ** np.arange(1, n + 1), 1.0, method)
+            rounded = precise(gains) * (1 + ulp * precise((-1.0) ** np.arange(n)))
+            both = step_matrix(precise(gains)), step_matrix(rounded)
+        else:
+            poles = [*np.linspace(-1.0, -2.0, 2 * n - 2), -2.0]
+            alpha, beta = polynomial.low_power_coefficients_from_poles(poles)
+            a, b, _, _ = low_power_gains(alpha * c, beta * c * c, 1.0, method)
+            first = low_power_step_matrix(precise(a), precise(b))
+            signs = precise((-1.0) ** np.arange(n))
+            second = low_power_step_matrix(
+                precise(a) * (1 + ulp * signs), precise(b) * (1 - ulp * signs[1:])
+            )
+            both = first, second
+        powers, largest, apart = list(both), mpmath.mpf(0), mpmath.mpf(0)
+        for _ in range(300 if method == "bilinear" else 25):
+            largest = max(largest, np.abs(powers[0]).max())
+            apart = max(apart, np.abs(powers[0] - powers[1]).max())
+            powers = [power @ one for power, one in zip(powers, both, strict=True)]
+        low, high = changed
+        assert low <= apart / largest < high
+    spec = {"kind": kind, "n": n, "gain": constant(1.0), "method": method}
+    if kind == "standard":
+        spec |= {"k": polynomial.coefficients_from_poles(-np.linspace(1.0, 2.0, n))}
+    else:
+        spec |= {"alpha": alpha, "beta": beta}
+    if low > 0.0:
+        with pytest.raises(ValueError, match="choose method zoh"):
+            Observer(spec)
+    else:
+        Observer(spec)
+
+
+# --- correct and predict ----------------------------------------------------------------------
+
+
+def loop(observer: Observer, t: Any, y: Any, u: Any, memory: Any) -> np.ndarray:
+    """Row k: ``correct`` with y(k), whereupon ``predict`` moves under u(k)."""
+    rows = []
+    for k in range(len(t)):
+        memory, _ = observer.correct(memory, y[k], t[k])
+        rows.append(memory)
+        if k + 1 < len(t):
+            memory, _ = observer.predict(memory, u[k], t[k], t[k + 1] - t[k])
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("method", ["euler", "zoh"])
+def test_current_timing_written_out(method: str) -> None:
+    """Jitter and gaps: a placed correction is for all that has passed, Euler's for a period."""
+    rng = np.random.default_rng(3)
+    t = np.append(0.0, np.cumsum(rng.uniform(0.01, 0.05, 60)))
+    y, u = np.sin(3.0 * t), np.cos(t)
+    y[[4, 5, 6, 30]] = np.nan
+    observer = Observer({**LAWS["standard"], "method": method, "timing": "current"})
+    shown = observer.run(t, y, u, [0.1, 0.2, 0.0])["memory"]
+    np.testing.assert_array_equal(shown, loop(observer, t, y, u[:, None], [0.1, 0.2, 0.0]))
+    z, last = np.array([0.1, 0.2]), t[0]
+    for k in range(len(t)):
+        if np.isfinite(y[k]) and k > 0:
+            euler = np.array([15.0, 50.0]) * (t[k] - t[k - 1])
+            gains = euler if method == "euler" else pair_gains(5.0, t[k] - last)
+            z = z + gains * (y[k] - z[0])
+            last = t[k]
+        np.testing.assert_allclose(shown[k, :2], z, rtol=1e-10)
+        if k + 1 < len(t):
+            dt, phi = t[k + 1] - t[k], driven_phi(t[k], *z, u[k])[0]
+            bend = 0.0 if method == "euler" else 0.5 * dt * dt * phi
+            z = np.array([z[0] + dt * z[1] + bend, z[1] + dt * phi])
+
+
+@pytest.mark.parametrize("method", [*METHODS, *PLACED])
+@pytest.mark.parametrize("kind", LAWS)
+def test_a_correction_is_for_the_time_elapsed(kind: str, method: str) -> None:
+    """For no time, and without a sample, it changes nothing; else it asks no model."""
+    if kind in ("collection", "modified") and method in PLACED:
+        return
+    observer = Observer({**LAWS[kind], "method": method, "timing": "current"})
+    rng = np.random.default_rng(4)
+    memory = rng.uniform(1.1, 1.9, observer.memory_len)
+    memory[-1] = 0.0
+    corrected, status = observer.correct(memory, 7.0, 0.0)
+    np.testing.assert_array_equal(corrected, memory)
+    assert status == 0
+    memory[-1] = 0.03
+    missed, status = observer.correct(memory, np.nan, 0.3)
+    np.testing.assert_array_equal(missed, memory)
+    assert status == 1
+    corrected, _ = observer.correct(memory, 7.0, 0.3)
+    assert corrected[-1] == 0.0
+    assert corrected[0] != memory[0]
+    autonomous = Observer({**observer.spec, "model": NONE})
+    np.testing.assert_array_equal(autonomous.correct(memory, 7.0, 9.0)[0], corrected)
+    if method not in PLACED:  # Euler's: dt (rate(e) - rate(0))
+        law = law_from({**LAWS[kind], "method": "euler", "model": NONE})
+        bare = memory[:-1, None]
+        moved = [law.step(bare, np.array([y]), None, 0.0, 0.03) for y in (7.0, np.nan)]
+        want = memory[:-1] + (moved[0] - moved[1])[:, 0]
+        np.testing.assert_allclose(corrected[:-1], want, rtol=1e-12)
+
+
+def test_a_step_is_the_past_period_and_then_the_sample() -> None:
+    observer = Observer({**LAWS["low-power"], "method": "zoh", "timing": "current"})
+    rng = np.random.default_rng(5)
+    t = np.append(0.0, np.cumsum(rng.uniform(0.01, 0.05, 20)))
+    y, u = np.sin(3.0 * t), np.cos(t)
+    y[7] = np.nan
+    memory, rows = observer.initial(), []
+    for k in range(len(t)):
+        past, held = (t[k] - t[k - 1], u[k - 1]) if k else (0.0, 0.0)
+        memory, status = observer.step(memory, y[k], [held], t[k], past)
+        assert status == (1 if k == 7 else 0)
+        rows.append(memory)
+    shown = observer.run(t, y, u, observer.initial())["memory"]
+    np.testing.assert_allclose(rows, shown, rtol=1e-12, atol=1e-14)
+
+
+def test_predictor_timing_has_no_halves() -> None:
+    observer = Observer({**LAWS["standard"], "method": "zoh"})
+    with pytest.raises(ValueError, match="timing='current'"):
+        observer.correct([0.0, 0.0], 1.0, 0.0)
+    with pytest.raises(ValueError, match="timing='current'"):
+        observer.predict([0.0, 0.0], [0.0], 0.0, 0.1)
+
+
+def sampled_parts(t: Any, x1: Any, x2: Any, u: Any, y: Any, period: Any) -> list[Any]:
+    h = 2.0 * x1 + np.sin(t) * u
+    correction = [(0.4 + 0.1 * np.sin(t)) * (y - h), period * u * (y - h)]
+    return [x2, np.cos(2.0 * t) * u - x1, *correction, h]
+
+
+def test_sampled_data_law_written_out() -> None:
+    """(5) with f(t, x, u), K_T(t, x, u, y, T) and y = h(t, x, u), over jitter and a gap."""
+    rng = np.random.default_rng(6)
+    t = np.append(0.0, np.cumsum(rng.uniform(0.01, 0.05, 30)))
+    y, u = rng.normal(size=31), rng.normal(size=31)
+    y[[3, 4]] = np.nan
+    model = own("sampled", 2, 5, sampled_parts, n_u=1)
+    record = Observer({"kind": "sampled-data", "model": model}).run(t, y, u, [1.0, 0.5])
+    x = np.array([1.0, 0.5])
+    for k in range(len(t)):
+        np.testing.assert_allclose(record["memory"][k], x, rtol=1e-12)
+        h = 2.0 * x[0] + np.sin(t[k]) * u[k]
+        np.testing.assert_allclose(record["innovation"][k], [y[k] - h], rtol=1e-12)
+        dt = t[k + 1] - t[k] if k < 30 else 0.0
+        e = y[k] - h if np.isfinite(y[k]) else 0.0
+        injected = np.array([(0.4 + 0.1 * np.sin(t[k])) * e, dt * u[k] * e])
+        x = x + dt * np.array([x[1], np.cos(2.0 * t[k]) * u[k] - x[0]]) + injected
+
+
+def feedback(t: Any, x1: Any, x2: Any, z: Any, u: Any) -> list[Any]:
+    """f1, g (2 by 1), f2."""
+    return [0.3 * x2, -x1, 1.0 + x1 * x1, 0.5 + 0.0 * x1, np.sin(4.0 * t) * u - z * x1]
+
+
+def test_reduced_order_law_written_out() -> None:
+    """(8) with least squares for Psi, f2(t, y, z, u) at the beginning of the step, and gaps."""
+    rng = np.random.default_rng(7)
+    t = np.append(0.0, np.cumsum(rng.uniform(0.01, 0.05, 40)))
+    y = np.stack([np.sin(t), np.cos(2.0 * t)], axis=1)
+    u = rng.normal(size=41)
+    gaps = [0, 5, 6, 20]
+    y[gaps, 1] = np.nan
+    model = own("strict-feedback", 2, 5, feedback, n_z=1, n_u=1)
+    spec = {"kind": "reduced-order", "model": model, "h_bar": [0.2], "epsilon": 0.05}
+    observer = Observer(spec)
+    start = observer.initial()
+    start[0] = 0.7
+    record = observer.run(t, y, u, start)
+    np.testing.assert_array_equal(record["memory"], loop(observer, t, y, u[:, None], start))
+    z, last = 0.7, -1
+    for k in range(len(t)):
+        present = k not in gaps
+        if last >= 0:
+            x, dt = y[last], t[k] - t[k - 1]
+            f1, g = np.array([0.3 * x[1], -x[0]]), np.array([[1.0 + x[0] ** 2], [0.5]])
+            elapsed = t[k] - t[last]
+            psi = np.linalg.lstsq(g, (y[k] - x) / elapsed - f1)[0][0] if present else z
+            np.testing.assert_allclose(
+                record["innovation"][k], y[k] - x - elapsed * (f1 + g[:, 0] * z), rtol=1e-9
+            )
+            f2 = np.sin(4.0 * t[k - 1]) * u[k - 1] - psi * x[0]
+            z = z + dt * (4.0 * (psi - z) + f2)
+        if present:
+            last = k
+        assert record["memory"][k, 0] == pytest.approx(z, rel=1e-10)
+        assert record["memory"][k, -2] == pytest.approx(t[k] - t[max(last, 0)], abs=1e-12)
+    assert record["status"].tolist() == [int(k in gaps) for k in range(41)]
+
+
+def test_reduced_order_law_when_nobody_corrects() -> None:
+    """``predict`` twice is ``predict``, a missing sample, ``predict``."""
+    observer = Observer(ship_study(0.1, 0.1, 0.0, 1.0)["observer"])
+    memory, _ = observer.correct([0.5, 0.1, 0.1] + [0.0] * 7, [1.0, 2.0, 0.3], 0.0)
+    memory, _ = observer.predict(memory, [0.2, 0.1], 0.0, 0.1)
+    twice, _ = observer.predict(memory, [0.4, 0.0], 0.1, 0.2)
+    missed, status = observer.correct(memory, [np.nan] * 3, 0.1)
+    assert status == 1
+    between, _ = observer.predict(missed, [0.4, 0.0], 0.1, 0.2)
+    np.testing.assert_array_equal(twice, between)
+    assert twice[8] == pytest.approx(0.3)
+
+
+def coupled(t: Any, p: Any, v: Any, q: Any, u: Any) -> list[Any]:
+    return [u * np.sin(t) - 0.5 * v + 2.0 * q, np.cos(3.0 * t) - p * q]
+
+
+def chains(timing: str, *methods: str) -> Spec:
+    one = {"kind": "standard", "n": 2, "k": [3.0, 2.0], "gain": constant(5.0)}
+    two = {"kind": "standard", "n": 1, "k": [1.0], "gain": constant(4.0)}
+    both = [
+        {**law, "method": m, "timing": timing} for law, m in zip((one, two), methods, strict=True)
+    ]
+    model = own("chains", 3, 2, coupled, orders=[2, 1], n_u=1)
+    return {"kind": "chains", "observers": both, "model": model}
+
+
+def test_chains_written_out() -> None:
+    """Two outputs at rates of their own: each has its own elapsed time; the states are shared."""
+    rng = np.random.default_rng(8)
+    t = np.append(0.0, np.cumsum(rng.uniform(0.01, 0.05, 50)))
+    y, u = np.stack([np.sin(t), np.cos(t)], axis=1), np.cos(2.0 * t)
+    y[np.arange(51) % 4 != 3, 1] = np.nan
+    y[20, 0] = np.nan
+    observer = Observer(chains("current", "zoh", "zoh"))
+    assert (observer.n, observer.n_y, observer.n_u, observer.memory_len) == (3, 2, 1, 5)
+    start = [0.1, 0.2, 0.3, 0.0, 0.0]
+    record = observer.run(t, y, u, start)
+    np.testing.assert_array_equal(record["memory"], loop(observer, t, y, u[:, None], start))
+    x, last = np.array(start[:3]), [0.0, 0.0]
+    for k in range(len(t)):
+        np.testing.assert_allclose(record["innovation"][k], y[k] - x[[0, 2]], atol=1e-12)
+        if np.isfinite(y[k, 0]) and k:
+            x[:2] += pair_gains(5.0, t[k] - last[0]) * (y[k, 0] - x[0])
+            last[0] = t[k]
+        if np.isfinite(y[k, 1]):
+            x[2] += (1.0 - np.exp(-4.0 * (t[k] - last[1]))) * (y[k, 1] - x[2])
+            last[1] = t[k]
+        np.testing.assert_allclose(record["memory"][k, :3], x, rtol=1e-10)
+        if k + 1 < len(t):
+            dt, (a, b) = t[k + 1] - t[k], coupled(t[k], *x, u[k])
+            x += [dt * x[1] + 0.5 * dt * dt * a, dt * a, dt * b]
+    assert set(record["status"].tolist()) == {0, 1}
+
+
+def test_chains_by_runge_kutta_hold_the_other_chains() -> None:
+    """Predictor timing: one step against DOP853 with the other chain's states held."""
+    observer = Observer(chains("predictor", "rk4", "rk4"))
+    start, u, t, dt = np.array([0.1, 0.2, 0.3]), 0.7, 0.4, 0.02
+    moved, _ = observer.step(start, [np.nan, np.nan], [u], t, dt)
+    first = integrated(
+        lambda s, x: [x[1], coupled(t + s, x[0], x[1], start[2], u)[0]], dt, start[:2]
+    )
+    second = integrated(lambda s, x: [coupled(t + s, *start[:2], x[0], u)[1]], dt, start[2:])
+    np.testing.assert_allclose(moved, [*first, *second], rtol=1e-9)
+
+
+def test_the_output_of_a_plant_is_told_the_time() -> None:
+    """y of the trajectories, and what the observer sees."""
+    table = Formula(3, 3, lambda t, x1, x2: [x2, -x1, x1 + 10.0 * np.sin(5.0 * t)])
+    spec: Spec = {
+        "plant": {"kind": "own-plant", "n": 2, "table": table, "parameters": []},
+        "observer": standard([3.0, 2.0], constant(5.0)),
+        "steps": 50,
+        "schedule": fixed(0.01),
+        "x0": [1.0, 0.0],
+        "memory0": [1.0, 0.0],
+        "every": 1,
+    }
+    for mode in ("sampled", "joint"):
+        out = simulate(spec | {"mode": mode})
+        y, t = out["y"][0, :, 0], out["t"]
+        np.testing.assert_allclose(y, out["x"][0, :, 0] + 10.0 * np.sin(5.0 * t), rtol=1e-12)
+    seen = Observer(spec["observer"]).run(t, simulate(spec)["y"][0], None, [1.0, 0.0])
+    np.testing.assert_allclose(seen["memory"], simulate(spec)["memory"][0], rtol=1e-9, atol=1e-12)
+
+
+def test_the_diffusion_of_a_plant_is_told_the_time() -> None:
+    """dx = cos(5t) dW: E x^2 = int cos^2(5t) dt."""
+    table = Formula(2, 3, lambda t, x: [0.0 * x, np.cos(5.0 * t) + 0.0 * x, x])
+    spec: Spec = {
+        "plant": {"kind": "own-plant", "n": 1, "noisy": True, "table": table, "parameters": []},
+        "observer": standard([1.0], constant(1.0)),
+        "plant_method": "euler-maruyama",
+        "substeps": 4,
+        "steps": 100,
+        "runs": 4000,
+        "schedule": fixed(0.01),
+        "x0": [0.0],
+        "memory0": [0.0],
+    }
+    variance = np.mean(simulate(spec)["final_x"] ** 2)
+    assert variance == pytest.approx(0.5 + np.sin(10.0) / 20.0, rel=0.08)
+
+
+# --- where the model has no value -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("y", [1.0, np.nan])
+@pytest.mark.parametrize("timing", TIMINGS)
+@pytest.mark.parametrize("method", ["euler", "rk4", "zoh"])
+def test_where_the_model_has_no_value_the_memory_is_kept(
+    method: str, timing: str, y: float
+) -> None:
+    """log x_1 for x_1 < 0: refused, with a sample and without one, by step, run and study."""
+    model = own("phase", 2, 1, lambda t, x1, x2: [np.log(x1)])
+    spec = {**LAWS["standard"], "model": model, "method": method, "timing": timing}
+    observer = Observer(spec)
+    start = observer.initial()
+    start[:2] = [-1.0, 5.0]
+    if timing == "current":
+        kept, status = observer.predict(start, None, 0.0, 0.01)
+        assert status == 2
+        np.testing.assert_array_equal(kept, start)
+    kept, status = observer.step(start, y, None, 0.01, 0.01)
+    assert status == 2
+    np.testing.assert_array_equal(kept, start)
+    t = 0.01 * np.arange(6)
+    record = observer.run(t, np.full(6, y), None, start)
+    assert record["status"][0] == 2
+    np.testing.assert_array_equal(record["memory"][:5], [start] * 5)
+    table = Formula(3, 3, lambda t, x1, x2: [x2, -x1, x1])
+    study: Spec = {
+        "plant": {"kind": "own-plant", "n": 2, "table": table, "parameters": []},
+        "observer": spec,
+        "steps": 5,
+        "schedule": fixed(0.01),
+        "x0": [1.0, 0.0],
+        "memory0": start,
+        "noise": {"kind": "samples", "values": np.full(6, 0.0 * y)},
+    }
+    out = simulate(study)
+    assert out["undefined_at"].tolist() == [0]
+    np.testing.assert_array_equal(out["final_memory"][0], start)
+
+
+@pytest.mark.parametrize("timing", TIMINGS)
+def test_one_chain_without_a_value_refuses_the_step(timing: str) -> None:
+    """Samples of one output alone: the good one's estimate may not stand still in silence."""
+    spec = chains(timing, "zoh", "zoh")
+    call = lambda t, p, v, q, u: [-np.log(q), 0.0 * q]  # noqa: E731
+    observer = Observer({**spec, "model": own("chains", 3, 2, call, orders=[2, 1], n_u=1)})
+    start = np.zeros(observer.memory_len)
+    start[2] = -1.0
+    t = 0.01 * np.arange(5)
+    y = np.stack([1.0 + t, np.full(5, np.nan)], axis=1)
+    record = observer.run(t, y, np.zeros(5), start)
+    assert record["status"][0] == 2
+    assert record["missing"].all()
+
+
+def test_a_study_of_an_own_reduced_order_observer() -> None:
+    """z_hat is compared with z, which stands after x in the plant."""
+    call = lambda t, x, z: [0.0 * x, 1.0 + 0.0 * x, np.sin(t) - x - 0.5 * z]  # noqa: E731
+    model = own("strict-feedback", 1, 3, call, n_z=1)
+    observer = {"kind": "reduced-order", "model": model, "h_bar": [0.5], "epsilon": 0.05}
+    table = Formula(3, 3, lambda t, x, z: [z, np.sin(t) - x - 0.5 * z, x])
+    spec: Spec = {
+        "plant": {"kind": "own-plant", "n": 2, "table": table, "parameters": []},
+        "observer": observer,
+        "plant_method": "rk4",
+        "steps": 200,
+        "schedule": fixed(0.01),
+        "x0": [1.0, 0.3],
+        "memory0": np.zeros(Observer(observer).memory_len),
+        "every": 1,
+        "windows": [[100, 200]],
+    }
+    out = simulate(spec)
+    error = out["memory"][0, 100:200, 0] - out["x"][0, 100:200, 1]
+    assert out["rms"][0, 0, 0] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-12)
+    assert out["rms"][0, 0, 0] < 5e-3 < np.std(out["x"][0, :, 1])
 
 
 # --- bad input --------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -43,11 +44,15 @@ GRID = {"ell": [20.0, 50.0], "std": [0.001, 0.01, 0.1]}
 CASES = [(ell, std) for ell in GRID["ell"] for std in GRID["std"]]
 
 
+EULER = {"method": "euler", "timing": "predictor"}
+"""A law with a step limit, whose memory is its estimate."""
+
+
 def lee(ell=20.0, std=0.01, **changes):
     """The arguments of an experiment of 200 steps."""
     return {
         "plant": Lee(),
-        "observer": StandardObserver(2, ell, k=[2.0, 2.0]),
+        "observer": StandardObserver(2, ell, k=[2.0, 2.0], **EULER),
         "x0": [1.0, -0.5],
         "dt": 0.005,
         "steps": 200,
@@ -502,6 +507,28 @@ def damage(path, how):
         elif how == "a run too far":
             run = pa.array([0, 1, 2, 99] * 2)
             table = table.set_column(table.column_names.index("run"), "run", run)
+        elif how == "a run that is no number":
+            run = pa.array([0, 1, 2, None] * 2)
+            table = table.set_column(table.column_names.index("run"), "run", run)
+        elif how == "a run of floats":
+            run = table["run"].cast(pa.float64())
+            table = table.set_column(table.column_names.index("run"), "run", run)
+        elif how == "cases for one another":
+            case = pa.array([1] * 4 + [0] * 4)
+            table = table.set_column(table.column_names.index("case"), "case", case)
+        elif how == "columns for one another":
+            swap = {"rms_e1_w0": "rms_e2_w0", "rms_e2_w0": "rms_e1_w0"}
+            table = table.rename_columns([swap.get(name, name) for name in table.column_names])
+        elif how == "another number":
+            peak = table["peak_x_hat1"].to_numpy().copy()
+            peak[5] = np.nextafter(peak[5], 9.0)
+            where = table.column_names.index("peak_x_hat1")
+            table = table.set_column(where, "peak_x_hat1", pa.array(peak))
+        elif how == "rows of another study":
+            other = path.with_name("other.parquet")
+            study(lee, **SAVED | {"rng": 5}, save=other)
+            rows = [table.slice(0, 7), pq.read_table(other).slice(7)]
+            table = pa.concat_tables(rows).replace_schema_metadata(table.schema.metadata)
         elif how == "metadata":
             table = table.replace_schema_metadata({b"hgo_rs.study": b'{"study": '})
         pq.write_table(table, path)
@@ -511,7 +538,9 @@ def damage(path, how):
     "how",
     [
         *("truncated", "empty", "text", "a flipped bit", "no study", "rows twice"),
-        *("a column less", "a run too far", "metadata"),
+        *("a column less", "a run too far", "a run that is no number", "a run of floats"),
+        *("cases for one another", "columns for one another", "another number"),
+        *("rows of another study", "metadata"),
     ],
 )
 def test_a_damaged_file_is_refused(tmp_path, how):
@@ -524,6 +553,32 @@ def test_a_damaged_file_is_refused(tmp_path, how):
         study(lee, **SAVED, save=path)
     assert "\n" not in str(refused.value)
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("every", [0, 50])
+def test_rows_are_placed_by_case_and_run(tmp_path, every):
+    """Rows in any order give the runs they are of; those that were left out are computed again."""
+    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    path, seen = tmp_path / "study.parquet", []
+
+    def build(ell):
+        return lee(ell, every=every)
+
+    whole = study(build, **SAVED)
+    study(build, **SAVED, save=path)
+    table = pq.read_table(path)
+    pq.write_table(table.sort_by("rms_e2_w1"), path)
+    again = study(build, **SAVED, save=path, progress=seen.append)
+    same(again, whole)
+    assert not seen
+    np.testing.assert_array_equal(again.table["rms_e2_w1"], whole.table["rms_e2_w1"])
+    for name, column in again.run_table().items():
+        np.testing.assert_array_equal(column, whole.run_table()[name])
+    order = np.random.default_rng(0).permutation(8)[:5]
+    pq.write_table(table.take(pa.array(order)), path)
+    same(study(build, **SAVED, save=path, progress=seen.append), whole)
+    assert seen[-1].done - seen[0].done < 8 * 200
+    assert len(pq.read_table(path)) == 8
 
 
 def test_a_write_that_fails_leaves_the_earlier_file(tmp_path, monkeypatch):
@@ -542,8 +597,43 @@ def test_a_write_that_fails_leaves_the_earlier_file(tmp_path, monkeypatch):
     with pytest.raises(StudyError, match="No space left") as stopped:
         study(lee, **SAVED, save=path, piece=1)
     same(stopped.value.result, study(lee, **SAVED))
+    told = str(stopped.value)
+    assert "8 of 8 runs are finished" in told
+    assert f"3 of them saved; the next call with save={str(path)!r} continues from these" in told
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ZeroDivisionError])
+@pytest.mark.parametrize("gone", ["full disk", "no folder", "no folder any more"])
+def test_what_is_not_on_the_disk_is_not_called_saved(tmp_path, monkeypatch, error, gone):
+    pq = pytest.importorskip("pyarrow.parquet")
+    small_tasks(monkeypatch)
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    path = folder / "study.parquet"
+    if gone == "no folder any more":
+        with pytest.raises(StudyInterrupted, match="all of them saved"):
+            study(lee, **SAVED, save=path, piece=1, progress=Stop(3))
+
+    def full(table, file, **options):
+        raise OSError(28, "No space left on device")
+
+    def stop(progress):
+        if gone == "full disk":
+            monkeypatch.setattr(pq, "write_table", full)
+        else:
+            shutil.rmtree(folder)
+        raise error
+
+    with pytest.raises((StudyInterrupted, StudyError)) as stopped:
+        study(lee, **SAVED, save=path, piece=1, progress=stop)
+    assert isinstance(stopped.value, KeyboardInterrupt) == (error is KeyboardInterrupt)
+    told = str(stopped.value)
+    assert "none is saved" in told
+    assert "could not be written (" in told
+    assert stopped.value.result.finished.sum() == (4 if "any more" in gone else 1)
+    assert not path.exists()
 
 
 def test_metadata_is_plain_json(tmp_path):
@@ -570,6 +660,13 @@ def build(ell):
 def told(progress):
     print("piece", flush=True)
 
+def execute(spec, backend, plain=hgo.studies.pieces.execute):
+    if {steps} > 10**6:
+        print("piece", flush=True)  # begins; it would take hours
+    return plain(spec, backend)
+
+hgo.studies.pieces.execute = execute
+
 print("ready", flush=True)
 try:
     hgo.study(build, grid=dict(ell=[20.0, 50.0]), runs={runs}, rng=3, save={path!r}, progress=told)
@@ -587,10 +684,10 @@ def test_ctrl_c_ends_soon_and_keeps_what_is_finished(tmp_path, steps, pieces):
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout.readline() == "ready\n"
-        for _ in range(pieces):
+        for _ in range(pieces or 1):
             assert process.stdout.readline() == "piece\n"
         if not pieces:
-            time.sleep(2.0)  # in the middle of the first piece, which would take hours
+            time.sleep(0.5)  # in the middle of the first piece
         begin = time.monotonic()
         process.send_signal(signal.SIGINT)
         said = process.stdout.read().split()

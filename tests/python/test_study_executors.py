@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -10,6 +11,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
+import psutil
 import pytest
 
 from hgo_rs import (
@@ -90,6 +92,27 @@ def test_a_forked_process_is_refused_in_place_of_hanging():
         pytest.raises(HgoError, match="executor: this process was forked"),
     ):
         study(**arguments(), executor=executor)
+
+
+class Backwards:
+    """Does its work at once, and gives the latest result first."""
+
+    def __init__(self):
+        self.waiting = []
+
+    def submit(self, function, specs, backend):
+        future = Future()
+        self.waiting.append((future, function(specs, backend)))
+        threading.Timer(0.05, self.give).start()
+        return future
+
+    def give(self):
+        future, outs = self.waiting.pop()
+        future.set_result(outs)
+
+
+def test_the_order_of_arrival_changes_no_bit(alone):
+    same(study(**arguments(), executor=Backwards()), alone)
 
 
 # --- executors that lose work -------------------------------------------------------------------
@@ -267,3 +290,55 @@ def test_a_worker_killed_in_mid_study_loses_nothing(client, tmp_path):
         time.sleep(0.1)
     assert pids[0] not in client.run(os.getpid).values()
     same(result, study(**arguments(steps=100_000)))
+
+
+# --- a process that is killed -------------------------------------------------------------------
+
+STUDY = """
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+import hgo_rs as hgo
+
+def build(ell):
+    return dict(plant=hgo.Lee(), observer=hgo.StandardObserver(2, ell, k=[2.0, 2.0]),
+                x0=[1.0, 0.0], dt=1e-3, steps=10**6, noise=hgo.NormalNoise(std=0.01))
+
+def told(progress):
+    print("working", flush=True)
+
+if __name__ == "__main__":
+    with ProcessPoolExecutor(3, mp_context=multiprocessing.get_context("spawn")) as executor:
+        hgo.study(build, grid=dict(ell=[20.0, 50.0]), runs=10**5, executor=executor, progress=told)
+"""
+SCENARIOS = """
+import sys
+from hgo_rs import reproduce, scenarios
+
+if __name__ == "__main__":
+    run = reproduce.run(list(scenarios.load().values()), jobs=2, figures=False,
+                        on_start=lambda id: print("working", flush=True))
+    for record in run:
+        pass
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("script", [STUDY, SCENARIOS], ids=["study", "scenarios"])
+def test_a_killed_process_leaves_no_workers(tmp_path, script, end):
+    path = tmp_path / "script.py"
+    path.write_text(script)
+    process = subprocess.Popen([sys.executable, path], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == "working\n"
+        workers = psutil.Process(process.pid).children(recursive=True)
+        assert len(workers) >= 2
+        process.send_signal(end)
+        assert process.wait(30) == -end
+        _, left = psutil.wait_procs(workers, timeout=30)
+    finally:
+        process.kill()
+        process.stdout.close()
+    for worker in left:
+        worker.kill()
+    assert not left

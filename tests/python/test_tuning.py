@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,8 @@ from scipy.linalg import solve_discrete_are
 from scipy.optimize import minimize_scalar
 
 import hgo_rs as hgo
-from hgo_rs import LowPowerObserver, StandardObserver, tune
-from hgo_rs.design import bandwidth, model_gain, noise_gain, settling
+from hgo_rs import LowPowerObserver, StandardObserver, TuningWarning, tune
+from hgo_rs.design import bandwidth, innovation_covariance, model_gain, noise_gain, settling
 
 ROOT = Path(__file__).parents[2]
 LOG = ROOT.parent / "shared" / "data" / "DATA_EMPS.mat"
@@ -137,13 +138,12 @@ def test_the_order_that_predicts_best_is_chosen() -> None:
         "order 2": lambda ell: StandardObserver(2, ell, method="rk4-innovation-held"),
         "order 3": lambda ell: StandardObserver(3, ell, method="rk4-innovation-held"),
     }
-    few = np.geomspace(5.0, 500.0, 16)
-    result = tune(laws, (t, y), ells=few)
+    result = tune(laws, (t, y))
     assert result.structure == "order 3" and result.state == 2
     errors = {
         name: np.std((law(g).run(t, y).x_hat[:, 1] - 3.0 * np.cos(3.0 * t))[2000:])
         for name, law in laws.items()
-        for g in [result.ell if name == "order 3" else tune(law, (t, y), ells=few).ell]
+        for g in [result.ell if name == "order 3" else tune(law, (t, y)).ell]
     }
     assert errors["order 3"] < errors["order 2"]
 
@@ -182,14 +182,55 @@ def test_the_figure_and_the_table(tmp_path: Path) -> None:
         (lambda: tune(standard, 1e-5, DT, cutoff=9.0, state=3), "state = 3"),
         (
             lambda: tune(standard, 1e-5, DT, cutoff=9.0, ells=[1.0, -2.0, 3.0]),
-            "three gains or more in",
+            "three gains or more",
         ),
-        (lambda: tune(standard, 1e-5, DT, cutoff=9.0, ells=[]), "three gains or more in"),
+        (lambda: tune(standard, 1e-5, DT, cutoff=9.0, ells=[]), "three gains or more"),
         (lambda: tune({}, 1e-5, DT, cutoff=9.0), "at least one observer"),
         (lambda: tune(3, 1e-5, DT, cutoff=9.0), "build = 3"),  # type: ignore[arg-type]
         (lambda: tune(standard, (np.arange(9.0),)), "must be .t, y. or .t, y, u."),
-        (lambda: tune(standard, (np.zeros(9), np.zeros(9))), "t = .*must be increasing"),
-        (lambda: tune(standard, (DT, np.zeros(40))), "samples after skip"),
+        (
+            lambda: tune(standard, (np.zeros(99), np.zeros(99))),
+            "t at samples 0 and 1 = .*increasing",
+        ),
+        (lambda: tune(standard, (DT, np.zeros(40))), "samples of the log = 40"),
+        (lambda: tune(standard, (DT, np.zeros(51))), "samples after skip and gaps = 48"),
+        (lambda: tune(standard, (0.0, np.zeros(99))), "t, a period = 0.0"),
+        (lambda: tune(standard, (DT, np.full(99, np.nan))), "that are not missing = 0"),
+        (
+            lambda: tune(standard, (DT, np.arange(99.0)), 2 * DT),
+            "median time between samples, 0.001",
+        ),
+        (
+            lambda: tune(standard, (DT, np.full(99, 3.0))),
+            "distinct values .* = 1: must be > 2.*still",
+        ),
+        (lambda: tune(standard, (DT, np.arange(99.0) > 50)), "distinct values .* = 2: must be > 2"),
+        (lambda: tune(standard, (DT, np.maximum(5.0 - np.arange(99.0), 0.0))), "distinct .* = 1"),
+        (lambda: tune(standard, (1.0, np.arange(999.0))), "least RMS innovation = .*rounding of y"),
+        (
+            lambda: tune(standard, 1e-5, DT, cutoff=9.0, ells=[1.0, np.nan, 3.0]),
+            "three gains or more",
+        ),
+        (lambda: tune(standard, 1e-5, DT, cutoff=9.0, ells=5.0), "ells = 5.0: must be three gains"),
+        (
+            lambda: tune(lambda ell: 1 / 0, 1e-5, DT, cutoff=9.0),
+            r"build\(100\) raised ZeroDivision",
+        ),
+        (
+            lambda: tune(lambda ell: None, 1e-5, DT, cutoff=9.0),
+            r"build\(100\) = None: must be an obs",
+        ),
+        (
+            lambda: tune(lambda ell: standard(50.0), 1e-5, DT, cutoff=9.0),
+            r"gain of build\(100\) = 50.0: must be 100, the gain that is asked for",
+        ),
+        (
+            lambda: tune(
+                lambda ell: StandardObserver(2, ell, model=hgo.InputGain(1.0), method="zoh"),
+                (DT, np.arange(999.0) % 7),
+            ),
+            "^u is missing",
+        ),
         (lambda: tune(standard, (DT, np.zeros(99)), skip=1.0), "skip = 1.0"),
         (lambda: tune(standard, (DT, np.zeros(99)), model_error=1.0), "left out with a log"),
         (
@@ -201,6 +242,152 @@ def test_the_figure_and_the_table(tmp_path: Path) -> None:
 def test_refusals(call: Any, match: str) -> None:
     with pytest.raises(hgo.HgoError, match=match):
         call()
+
+
+# --- what it cannot know ----------------------------------------------------------------------
+
+
+def placed(ell: float) -> StandardObserver:
+    return StandardObserver(2, ell, method="zoh", timing="current")
+
+
+def error_of(build: Any, t: Any, y: Any, v: Any, ell: float) -> float:
+    start = [y[np.isfinite(y)][0], 0.0]
+    return float(np.std((build(ell).run(t, y, x_hat0=start).x_hat[:, 1] - v)[t >= 0.05 * t[-1]]))
+
+
+@pytest.mark.parametrize(
+    "law", [placed, standard, lambda ell: LowPowerObserver(2, ell, method="zoh")]
+)
+def test_the_innovations_covariance_is_that_of_white_noise_and_model_error(law: Any) -> None:
+    t, y, _ = record(1e-4, 1.0, seed=6)
+    innovation = law(300.0).run(t, y).innovation[1000:, 0]
+    computed = np.array([1e-8, 1.0]) @ innovation_covariance(law(300.0).spec, DT, 5)
+    measured = [np.mean(innovation[j:] * innovation[: innovation.size - j]) for j in range(6)]
+    assert measured == pytest.approx(computed, abs=0.04 * computed[0])
+
+
+def test_white_records_raise_no_alarm() -> None:
+    """Rounded to no more than the noise, and with samples missing: 36 records, 3 laws."""
+    laws = [placed, standard, lambda ell: LowPowerObserver(2, ell, method="zoh")]
+    low = 0
+    for seed in range(36):
+        t, y, _ = record(1e-4, 1.0, seed, count=3000)
+        y = np.round(y / 1e-4) * 1e-4 if seed % 3 == 1 else y
+        y[np.random.default_rng(seed).random(y.size) < (0.1 if seed % 3 == 2 else 0.0)] = np.nan
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            result = tune(laws[seed // 3 % 3], (t, y), ells=np.geomspace(50.0, 1200.0, 12))
+        assert result.warnings == () and "warning" not in str(result)
+        low += result.whiteness < 0.05
+    assert low <= 6  # 1.8 expected; beyond 6 with probability 0.003
+
+
+def test_a_model_error_that_lasts_is_seen_but_costs_little() -> None:
+    t = np.arange(8000) * DT
+    y = np.sin(3.0 * t) + 1e-4 * np.random.default_rng(1).normal(size=t.size)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = tune(placed, (t, y))
+    assert result.whiteness < 1e-3 and "whiteness" in str(result)
+    errors = [error_of(placed, t, y, 3.0 * np.cos(3.0 * t), g) for g in result.curves[""].ell]
+    assert error_of(placed, t, y, 3.0 * np.cos(3.0 * t), result.ell) < 1.05 * min(errors)
+
+
+@pytest.mark.parametrize("counts", [400, 100, 40])
+def test_a_coarse_encoder_is_told(counts: int) -> None:
+    t = np.arange(8000) * DT
+    v = 1.0 + 0.2 * np.sin(1.5 * t)
+    step = 2.0 * np.pi / counts
+    y = step * np.floor(np.cumsum(v) * DT / step)
+    with pytest.warns(TuningWarning, match=f"steps of {step:.4g}.*not white") as caught:
+        result = tune(placed, (t, y))
+    assert tuple(str(one.message) for one in caught) == result.warnings
+    assert all(f"warning: {text}" in str(result) for text in result.warnings)
+    least = min(error_of(placed, t, y, v, g) for g in np.geomspace(1.0, 500.0, 40))
+    assert error_of(placed, t, y, v, result.ell) > 2.0 * least  # as long as it does, it must say so
+    with pytest.warns(TuningWarning, match="the gain does not rest on them"):
+        assert tune(placed, (t, y), cutoff=60.0).observer.bandwidth(DT)[1] == pytest.approx(60.0)
+
+
+def coloured(kind: str, t: Any) -> Any:
+    from scipy.signal import lfilter
+
+    white = 1e-2 * np.random.default_rng(0).normal(size=t.size)
+    if kind == "filtered":
+        return lfilter([0.6], [1.0, -0.8], white)
+    if kind == "hum":
+        return 0.1 * white + 1e-2 * np.sin(2.0 * np.pi * 150.0 * t)
+    return white
+
+
+@pytest.mark.parametrize("kind", ["filtered", "hum", "held"])
+def test_noise_that_is_not_white_is_told(kind: str) -> None:
+    t = np.arange(10_000) * DT
+    y = np.sin(3.0 * t) + coloured(kind, t)
+    y = np.repeat(y[::20], 20) if kind == "held" else y
+    with pytest.warns(TuningWarning, match="do not explain the innovation if they are white"):
+        result = tune(placed, (t, y))
+    assert result.whiteness < 1e-3
+
+
+def test_an_optimum_at_an_end_of_the_range_is_told() -> None:
+    with pytest.warns(
+        TuningWarning, match="at the lowest gain tried, 1 /s: give ells= that begin low"
+    ):
+        assert tune(placed, 1e-3, DT, model_error=0.0).ell == pytest.approx(1.0, rel=1e-3)
+    with pytest.warns(TuningWarning, match="at the highest gain tried, 5000 /s"):
+        assert tune(placed, 1e-9, DT, model_error=1.0).ell == pytest.approx(5000.0, rel=1e-3)
+    t, y, _ = record(1e-4, 1.0, seed=3)  # where 480 is best
+    with pytest.warns(TuningWarning, match="highest gain tried, 200 /s"):
+        tune(placed, (t, y), ells=np.geomspace(20.0, 200.0, 9))
+
+
+def test_a_gain_that_is_refused_is_left_out_and_told() -> None:
+    t, y, _ = record(1e-4, 1.0, seed=3)
+    gains = [300.0, 100.0, 700.0, 300.0, 500.0, 900.0]
+    sound = tune(placed, (t, y), ells=gains)
+    assert sound.warnings == ()
+    with pytest.warns(
+        TuningWarning, match=r"1 of the gains left out \(1e\+200 /s\): ell = 1e200"
+    ) as told:
+        overflows = tune(placed, [t, y], ells=np.array([*gains, 1e200]))
+    assert len(told) == 1 and overflows.ell == sound.ell
+
+    def careful(ell: float) -> StandardObserver:
+        if ell > 800.0:
+            raise KeyError("no such gain")
+        return placed(ell)
+
+    with pytest.warns(TuningWarning, match=r"\(900 /s\): build\(900\) raised KeyError: 'no such"):
+        assert tune(careful, (t, y), ells=gains).ell == pytest.approx(sound.ell, rel=0.01)
+    euler = [*gains, 2500.0]
+    with pytest.warns(TuningWarning, match=r"\(2500 /s\): .*must be < 0.0004 s"):
+        tune(lambda ell: StandardObserver(2, ell, method="euler"), (t, y), ells=euler)
+    laws = {"placed": placed, "fails": lambda ell: 1 / 0}
+    with pytest.warns(TuningWarning, match="structure 'fails' was left out: .*ZeroDivisionError"):
+        assert tune(laws, (t, y), ells=gains).structure == "placed"
+    with pytest.warns(
+        TuningWarning, match="gains tried of which the innovation is near the least: 1"
+    ):
+        tune(placed, (t, y), ells=[4.0, 40.0, 400.0])
+
+
+def test_long_gaps_and_a_log_of_two_rates() -> None:
+    t = np.arange(10_000) * DT
+    y = np.sin(3.0 * t) + 1e-3 * np.random.default_rng(2).normal(size=t.size)
+    v = 3.0 * np.cos(3.0 * t)
+    whole = tune(placed, (t, y))
+    y[4000:5500] = np.nan  # of which the innovation after it would be the largest
+    gap = tune(placed, (t, y))
+    assert gap.warnings == () and gap.ell == pytest.approx(whole.ell, rel=0.1)
+    slow = np.full(t.size, np.nan)
+    slow[::5] = y[::5]
+    result = tune(placed, (t, slow))
+    assert result.warnings == ()
+    assert result.noise == pytest.approx(1e-3, rel=0.1)
+    errors = [error_of(placed, t, slow, v, g) for g in np.geomspace(20.0, 800.0, 25)]
+    assert error_of(placed, t, slow, v, result.ell) < 1.05 * min(errors)
 
 
 # --- a real axis ------------------------------------------------------------------------------
@@ -216,6 +403,7 @@ def test_tune_sees_the_record_and_picks_a_gain_near_the_best() -> None:
     for setting, target in zip(emps.settings(LOG), (3.4e-5, 7.0e-4, 2.2e-4), strict=True):
         build = emps.observer(2, True, emps.DAMPING_HALF)
         chosen = tune(build, (setting.t, setting.y, setting.u), skip=emps.SKIP)
+        assert all("gain tried" in text for text in chosen.warnings), setting.name
         velocity = emps.run(build, setting)
         error = setting.error(velocity(chosen.ell))
         least = min(setting.error(velocity(g)) for g in chosen.ell * np.geomspace(0.2, 5.0, 17))

@@ -33,6 +33,7 @@ def ours(size: Size, threads: int) -> Call:
         beta=astolfi.BETA,
         model=Crackle(R),
         method="bogacki-shampine",
+        timing="predictor",
     )
 
     def call() -> Array:

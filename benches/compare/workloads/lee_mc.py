@@ -41,7 +41,10 @@ def window(size: Size) -> tuple[int, int]:
 
 
 def ours(size: Size, threads: int) -> Call:
-    observer, noise = StandardObserver(2, epsilon=lee.EPSILON, k=lee.H), UniformNoise(LOW, HIGH)
+    observer, noise = (
+        StandardObserver(2, epsilon=lee.EPSILON, k=lee.H, method="euler", timing="predictor"),
+        UniformNoise(LOW, HIGH),
+    )
     seconds = in_seconds(window(size), T)
 
     def call() -> Array:

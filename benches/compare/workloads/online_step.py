@@ -25,7 +25,7 @@ from compare.harness import (
 from hgo_rs import StandardObserver, reference
 
 T, ELL = 1e-3, 50.0
-OBSERVER = StandardObserver(2, ELL)
+OBSERVER = StandardObserver(2, ELL, method="euler", timing="predictor")
 K1, K2 = (k * ELL**i for i, k in enumerate(OBSERVER.spec["k"], 1))
 F = np.array([[1.0, T], [0.0, 1.0]])
 
@@ -38,7 +38,7 @@ def samples(size: Size) -> list[float]:
 
 
 def ours(size: Size, threads: int) -> Call:
-    ys, observer = samples(size), StandardObserver(2, ELL)
+    ys, observer = samples(size), StandardObserver(2, ELL, method="euler", timing="predictor")
 
     def call() -> Array:
         observer.reset()
@@ -51,7 +51,11 @@ def ours(size: Size, threads: int) -> Call:
 
 def ours_in_place(size: Size, threads: int) -> Call:
     """The same, written into a given array."""
-    ys, observer, x_hat = samples(size), StandardObserver(2, ELL), np.empty(2)
+    ys, observer, x_hat = (
+        samples(size),
+        StandardObserver(2, ELL, method="euler", timing="predictor"),
+        np.empty(2),
+    )
 
     def call() -> Array:
         observer.reset()

@@ -29,7 +29,10 @@ from hgo_rs import LowPowerObserver, StandardObserver, reference
 from hgo_rs.observers import Observer
 
 T, ELL = 1e-3, 50.0
-STANDARD, LOW_POWER = StandardObserver(2, ELL), LowPowerObserver(5, ELL)
+STANDARD, LOW_POWER = (
+    StandardObserver(2, ELL, method="euler", timing="predictor"),
+    LowPowerObserver(5, ELL, method="euler", timing="predictor"),
+)
 K1, K2 = (k * ELL**i for i, k in enumerate(STANDARD.spec["k"], 1))
 A1, A2, A3, A4, A5 = (alpha * ELL for alpha in LOW_POWER.spec["alpha"])
 B1, B2, B3, B4 = (beta * ELL * ELL for beta in LOW_POWER.spec["beta"])

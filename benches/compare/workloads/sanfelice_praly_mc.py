@@ -54,7 +54,9 @@ def window(size: Size) -> tuple[int, int]:
 
 def ours(size: Size, threads: int) -> Call:
     plant = SanfelicePraly(NU1, paper.NU2)
-    observer = StandardObserver(2, AdaptiveGain(P1, P2, B), k=(K1, K2), model=plant, method="rk4")
+    observer = StandardObserver(
+        2, AdaptiveGain(P1, P2, B), k=(K1, K2), model=plant, method="rk4", timing="predictor"
+    )
     seconds = in_seconds(window(size), H)
 
     def call() -> Array:

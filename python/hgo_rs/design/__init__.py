@@ -40,7 +40,15 @@ from .low_power import (
     low_power_strong_stability,
 )
 from .lyapunov import crackle_gradient, ell_frozen, ell_star, lipschitz_constant, lyapunov
-from .response import bandwidth, innovation_gain, model_gain, noise_gain, peaking, settling
+from .response import (
+    bandwidth,
+    innovation_covariance,
+    innovation_gain,
+    model_gain,
+    noise_gain,
+    peaking,
+    settling,
+)
 from .stochastic_approximation import (
     StationaryError,
     StepCertificate,
@@ -83,6 +91,7 @@ __all__ = [
     "error_bound",
     "error_bound_vanishing",
     "h_infinity_norm",
+    "innovation_covariance",
     "innovation_gain",
     "largest_noise",
     "largest_real_part",

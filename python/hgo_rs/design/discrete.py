@@ -59,6 +59,11 @@ correction gives the error the eigenvalues exp(dt lambda), or those of the bilin
 TIMINGS = ("predictor", "current")
 """Whether the estimate at sample k uses samples up to k - 1, or up to k."""
 
+DEFAULT_METHOD = "zoh"
+"""The method of a class where it is left open and the law can be placed."""
+DEFAULT_TIMING = "current"
+"""The timing of a class where it is left open."""
+
 CORRECTING = ("zoh", "bilinear")
 """Methods that correct by the sample, then move: stable for any step."""
 ORDERS = {"euler": 1, "rk4": 4, "rk4-innovation-held": 4, "bogacki-shampine": 3}

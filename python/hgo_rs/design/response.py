@@ -20,7 +20,15 @@ from . import _checks
 from ._checks import Array
 from .discrete import Continuous, Discrete, continuous, discrete
 
-__all__ = ["bandwidth", "innovation_gain", "model_gain", "noise_gain", "peaking", "settling"]
+__all__ = [
+    "bandwidth",
+    "innovation_covariance",
+    "innovation_gain",
+    "model_gain",
+    "noise_gain",
+    "peaking",
+    "settling",
+]
 
 _POINTS = 300  # frequencies looked at before a crossing is refined
 _LONGEST = 2**20  # samples of a decay
@@ -132,30 +140,54 @@ def innovation_gain(
     """Variance of the innovation y - x_hat_1 (before the sample is used) per unit variance of the
     measurement noise, and per unit spectral density of white noise in x_n'.
     """
+    of_noise, of_model = innovation_covariance(observer, dt, 0, gain=gain)[:, 0].tolist()
+    return of_noise, of_model
+
+
+def innovation_covariance(
+    observer: Mapping[str, Any], dt: float, lags: int, *, gain: float | None = None
+) -> Array:
+    """Autocovariance of the innovation at the lags 0, 1, ..., `lags` samples, (2, lags + 1): per
+    unit variance of white measurement noise; per unit spectral density of white noise in x_n'.
+
+    With the error z+ = a z + b v - w and the innovation v - z_1: the first entry of
+    a^(j-1) (a P C' - b R) at lag j > 0 (Mehra, IEEE TAC 15, 1970).  Zero at all of them for the
+    Kalman filter alone.
+    """
     from scipy.linalg import solve_discrete_lyapunov
 
     system = _system(observer, dt, gain)
     assert isinstance(system, Discrete)
     a, b, _, _ = system.scaled
     p = solve_discrete_lyapunov(a, b @ b.T)
-    return 1.0 + float(p[0, 0]), _covariance_of_model(observer, dt, gain)[0]
+    out = np.empty((2, lags + 1))
+    model = _covariance_of_model(observer, dt, gain)[0]
+    out[:, 0] = 1.0 + p[0, 0], model[0]
+    moved = np.stack([a @ p[:, 0] - b[:, 0], a @ model])
+    for j in range(1, lags + 1):
+        out[:, j] = moved[:, 0]
+        moved = moved @ a.T
+    return out
 
 
 def _covariance_of_model(
     observer: Mapping[str, Any], dt: float | None, gain: float | None
-) -> tuple[float, Array]:
-    """Variance of x_1 - x_hat_1 before the sample is used, and of the shown errors."""
+) -> tuple[Array, Array]:
+    """Covariances of x_1 - x_hat_1 with the errors of all states before the sample is used (scaled
+    by powers of the gain), and variances of the shown errors.
+    """
     from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
 
     law = continuous(observer, gain=gain)
     system = _system(observer, dt, gain)
     n, size = law.n, law.g.size
+    factor = law.ell ** (1.0 - 2.0 * n)
     if isinstance(system, Continuous):
         end = (law.power == n - 1).astype(float)  # x_n and, in low-power laws, eta_{n-1}
         p = solve_continuous_lyapunov(law.closed, -np.outer(end, end))
         # in time of 1/ell and scaled by ell^(n-1) the noise has the density ell^(1-2n)
-        errors = law.scale**2 * np.diag(p) * law.ell ** (1.0 - 2.0 * n)
-        return float(errors[0]), errors[:n]
+        errors = law.scale**2 * np.diag(p) * factor
+        return p[:, 0] * factor, errors[:n]
     a, _, c, _ = system.scaled
     step = law.ell * system.dt
     # The plant in the same scaled coordinates moves by int exp(A s) B dw.
@@ -167,10 +199,8 @@ def _covariance_of_model(
     lift[np.arange(size), law.power.astype(int)] = 1.0
     spread = lift @ covariance @ lift.T
     p = solve_discrete_lyapunov(a, spread)
-    first = float(p[0, 0])
     shown = np.diag(c @ p @ c.T)
-    factor = law.ell ** (1.0 - 2.0 * n)
-    return first * factor, np.asarray(system.scale[:n] ** 2 * shown * factor)
+    return p[:, 0] * factor, np.asarray(system.scale[:n] ** 2 * shown * factor)
 
 
 def peaking(

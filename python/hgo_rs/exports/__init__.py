@@ -7,14 +7,14 @@ and a program that runs it.
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy.typing as npt
 
-from hgo_rs.errors import HgoError, check, check_choice, check_number
-from hgo_rs.exports.expressions import KEYWORDS
+from hgo_rs.errors import HgoError, check_choice, check_number
+from hgo_rs.exports.names import check_name
 from hgo_rs.exports.program import program
+from hgo_rs.files import write_text
 from hgo_rs.observers import Observer
 
 __all__ = ["LANGUAGES", "export", "sources"]
@@ -65,10 +65,13 @@ def export(
         for file, text in texts.items():
             path = folder / file
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
+            write_text(path, text)
             written.append(path)
     except OSError as error:
-        raise HgoError(f"out = {str(out)!r}: cannot be written ({error}); give a folder") from None
+        told = f" (written before: {', '.join(file.name for file in written)})" if written else ""
+        raise HgoError(
+            f"out = {str(out)!r}: cannot be written ({error}){told}; give a folder"
+        ) from None
     return written
 
 
@@ -84,11 +87,7 @@ def sources(
     """The files of `export` as texts, by their names."""
     check_choice("to", to, LANGUAGES)
     check_choice("precision", precision, ("double", "single"))
-    word = isinstance(name, str) and re.fullmatch(r"[a-z][a-z0-9_]*", name)
-    free = word and name not in {*KEYWORDS, "core", "std", "alloc", "vector", "test"}
-    check(
-        free, "name", name, "a lower-case identifier that C and Rust leave free", "for example axis"
-    )
+    check_name(name)
     if dt is not None:
         check_number(dt, "dt", above=0.0)
     described = program(observer, name=name, precision=precision, dt=dt, log=log)

@@ -6,14 +6,18 @@ import textwrap
 from typing import Any
 
 from hgo_rs.errors import HgoError
-from hgo_rs.exports.elementary import Const, Elementary, Function, Node
-from hgo_rs.exports.expressions import C_WORDS, C, Written
-from hgo_rs.exports.program import STATUS, Program, order, wrapped
+from hgo_rs.exports.elementary import PRECISIONS, Const, Elementary, Function, Node
+from hgo_rs.exports.expressions import C, Written
+from hgo_rs.exports.names import C_WORDS
+from hgo_rs.exports.program import STATUS, Move, Program, wrapped
 
 __all__ = ["files"]
 
 GUARD = """\
-#if defined(__FAST_MATH__)
+#if {mantissa}
+#error "{real} is not of {width} bits here: export in the precision that this compiler has"
+#endif
+#if defined(__FAST_MATH__) || defined(_M_FP_FAST) || (__FINITE_MATH_ONLY__ + 0)
 #error "compile without -ffast-math: every operation is meant as it stands"
 #endif
 #if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16
@@ -49,10 +53,9 @@ clean:
 def files(program: Program) -> dict[str, str]:
     """The files of an export, by name."""
     name = program.name
-    text = program.written(C)
     return {
         f"{name}.h": _header(program),
-        f"{name}.c": _source(program, text),
+        f"{name}.c": _source(program),
         f"{name}_vector.h": _vector(program),
         "main.c": _main(program),
         "Makefile": MAKEFILE.format(name=name),
@@ -77,32 +80,40 @@ def _comment(text: str, indent: str = "") -> str:
     )
 
 
-def _signature(program: Program) -> str:
+def _signature(program: Program, verb: str, moves: tuple[Move, ...]) -> str:
     name, real = program.name, _real(program)
-    given = [f"{real} {word}" for word in (*program.samples, *program.controls, "t", "dt")]
-    return wrapped(f"int {name}_step(", f"{name}_state *state, {', '.join(given)})")
+    # a time of hours in steps of milliseconds needs more digits than a float has
+    types = {"t": "double"}
+    given = [f"{types.get(word, real)}\0{word}" for word in program.arguments(*moves)]
+    line = wrapped(f"int {name}_{verb}(", f"{name}_state\0*state, {', '.join(given)})")
+    return line.replace("\0", " ")
 
 
 def _header(program: Program) -> str:
     name, real = program.name, _real(program)
     fields = [f"    {real} {f.name}; {_comment(f.meaning)}" for f in program.memory]
     fields += [f"    {real} {f.name}; {_comment(f.meaning)}" for f in program.parameters]
-    taken = _list("the sample", program.samples)
-    if program.controls:
-        taken += " and " + _list("the input", program.controls)
+    if program.is_current:
+        fields.append(f"    int {program.words.started}; {_comment('0 until the first sample')}")
     codes = ",\n".join(f"    {name.upper()}_{code} = {i}" for i, code in enumerate(STATUS))
+    functions = "\n\n".join(
+        f"{_comment(told)}\n{_signature(program, verb, moves)};"
+        for verb, moves, told in _functions(program)
+    )
+    if program.is_current:
+        functions += f"\n\n{_comment(_loop(program))}"
     return f"""\
 {_comment(program.description)}
 
-#ifndef {name.upper()}_H
-#define {name.upper()}_H
+#ifndef HGO_{name.upper()}_H
+#define HGO_{name.upper()}_H
 
 #ifdef __cplusplus
 extern "C" {{
 #endif
 
-/* What a step made of its sample: used it; predicted over a missing one (NaN or infinite); or the
- * model has no finite value there, and the memory was kept. */
+/* What a call made of its sample: used it; predicted over a missing one (NaN or infinite); or the
+ * model has no finite value there, and the estimate was kept. */
 enum {{
 {codes}
 }};
@@ -114,8 +125,7 @@ typedef struct {{
 /* The initial memory{" and the parameters' values" if program.parameters else ""}. */
 void {name}_init({name}_state *state);
 
-{_comment(f"Take {taken} at time t [s]; advance by dt [s].")}
-{_signature(program)};
+{functions}
 
 #ifdef __cplusplus
 }}
@@ -125,20 +135,47 @@ void {name}_init({name}_state *state);
 """
 
 
-def _list(what: str, words: tuple[str, ...]) -> str:
-    return f"{what}{'s' if len(words) > 1 else ''} {', '.join(words)}"
+def _loop(program: Program) -> str:
+    """An interrupt, in a comment."""
+    correct, predict = program.moves
+    name, controls = program.name, program.words.controls
+    calls = [", ".join(["&state", *program.arguments(move)]) for move in (correct, predict)]
+    them = "it" if len(controls) == 1 else "them"
+    first = f"state.{program.memory[0].name}"
+    computed = [f"compute {', '.join(controls)} from {first}, ...; apply {them};"] * bool(controls)
+    lines = [f"{name}_correct({calls[0]});", *computed, f"{name}_predict({calls[1]});"]
+    return "In an interrupt, at every sample:\n" + "\n".join(f"    {line}" for line in lines)
 
 
-def _source(program: Program, text: Written) -> str:
-    name, helpers = program.name, _helpers(program, text)
+def _functions(program: Program) -> list[tuple[str, tuple[Move, ...], str]]:
+    """Verbs, the moves that they are made of, and what they do."""
+    parts = {move.verb: (move,) for move in program.moves}
+    whole = {"step": program.moves} if program.is_current else {}
+    return [(verb, moves, program.told(verb)) for verb, moves in {**parts, **whole}.items()]
+
+
+def _source(program: Program) -> str:
+    name = program.name
+    texts = [program.written(move, C) for move in program.moves]
+    helpers = _helpers(program, list(dict.fromkeys(f for text in texts for f in text.functions)))
+    double = _real(program) == "double"
+    guard = (
+        GUARD.replace("{mantissa}", "DBL_MANT_DIG != 53" if double else "FLT_MANT_DIG != 24")
+        .replace("{real}", _real(program))
+        .replace("{width}", str(program.precision.width))
+    )
     parts = [_comment(f"{name}: see {name}.h."), f'#include "{name}.h"\n', _includes(helpers)]
-    parts += [GUARD, *helpers]
+    parts += [guard, *helpers]
     values = [
         f"    state->{f.name} = {C.literal(f.value, program.precision)};"
         for f in (*program.memory, *program.parameters)
     ]
+    if program.is_current:
+        values.append(f"    state->{program.words.started} = 0;")
     parts.append(f"void {name}_init({name}_state *state)\n{{\n" + "\n".join(values) + "\n}\n")
-    parts.append(_step(program, text))
+    parts += [_move(program, move, text) for move, text in zip(program.moves, texts, strict=True)]
+    if program.is_current:
+        parts.append(_both(program))
     return "\n".join(parts)
 
 
@@ -149,32 +186,65 @@ def _includes(helpers: list[str]) -> str:
     return "".join(f"#include <{word}.h>\n" for word in words)
 
 
-def _step(program: Program, text: Written) -> str:
-    real = _real(program)
-    lines = [_signature(program), "{"]
+def _move(program: Program, move: Move, text: Written) -> str:
+    """A function that is one table."""
+    real, up, places = _real(program), program.name.upper(), program.places
+    used = {places[name] for name in move.used}
+    arguments = program.arguments(move)
     stored = (*program.memory, *program.parameters)
-    places = dict(zip(program.inputs[2:], order(program), strict=True))
-    used = {places[key] for key in text.inputs if key in places}
+    lines = [_signature(program, move.verb, (move,)), "{"]
     lines += [f"    const {real} {f.name} = state->{f.name};" for f in stored if f.name in used]
+    if text.inputs["t"] != "t" and "t" in used:
+        lines.append(f"    const {real} {text.inputs['t']} = ({real})t;")
     lines += [wrapped(f"    const {real} {name} = ", f"{value};") for name, value in text.steps]
-    arguments = dict(zip(program.inputs[:2], ("t", "dt"), strict=True))
-    arguments |= {key: word for key, word in places.items() if word in program.controls}
-    lines += [f"    (void){word};" for key, word in arguments.items() if key not in text.inputs]
+    idle = [word for word in arguments if word not in used and word not in program.words.samples]
+    lines += [f"    (void){word};" for word in idle]
     alone = len(set(text.outputs)) == 1
     finite = " && ".join(f"isfinite({value})" for value in dict.fromkeys(text.outputs))
-    lines += [
-        wrapped("    if (!", f"{finite if alone else f'({finite})'}) {{"),
-        f"        return {program.name.upper()}_UNDEFINED;",
-        "    }",
-    ]
+    lines.append(wrapped("    if (!", f"{finite if alone else f'({finite})'}) {{"))
+    for i in program.elapsed if move.verb == "predict" else ():
+        value = text.outputs[i]
+        lines += [
+            f"        if (isfinite({value})) {{",
+            f"            state->{program.memory[i].name} = {value};",
+            "        }",
+        ]
+    lines += [f"        return {up}_UNDEFINED;", "    }"]
     lines += [
         f"    state->{field.name} = {value};"
         for field, value in zip(program.memory, text.outputs, strict=True)
+        if field.name != value
     ]
-    present = " && ".join(f"isfinite({word})" for word in program.samples)
-    up = program.name.upper()
-    lines += [wrapped("    return ", f"{present} ? {up}_UPDATED : {up}_PREDICTED;"), "}", ""]
-    return "\n".join(lines)
+    if move.verb == "correct":
+        lines.append(f"    state->{program.words.started} = 1;")
+    if move.takes("y"):
+        present = " && ".join(f"isfinite({word})" for word in program.words.samples)
+        lines.append(wrapped("    return ", f"{present} ? {up}_UPDATED : {up}_PREDICTED;"))
+    else:
+        lines.append(f"    return {up}_PREDICTED;")
+    return "\n".join([*lines, "}", ""])
+
+
+def _both(program: Program) -> str:
+    """The step of current timing: over the period that is over, then the sample."""
+    name, up = program.name, program.name.upper()
+    correct, predict = program.moves
+    end = "t + dt" if program.precision.name == "double" else "t + (double)dt"
+    sample = [end if word == "t" else word for word in program.arguments(correct)]
+    call = f"{name}_predict(state, {', '.join(program.arguments(predict))})"
+    return "\n".join(
+        [
+            _signature(program, "step", program.moves),
+            "{",
+            *["    (void)t;"] * (not any("t" in move.used for move in program.moves)),
+            wrapped("    if (", f"state->{program.words.started} && {call} == {up}_UNDEFINED) {{"),
+            f"        return {up}_UNDEFINED;",
+            "    }",
+            f"    return {name}_correct(state, {', '.join(sample)});",
+            "}",
+            "",
+        ]
+    )
 
 
 # --- functions that the step calls ------------------------------------------------------------
@@ -186,14 +256,14 @@ _PLAIN = {
 }
 
 
-def _helpers(program: Program, text: Written) -> list[str]:
+def _helpers(program: Program, functions: list[str]) -> list[str]:
     name, real = program.name, _real(program)
     out = [
         f"static {real} {name}_{kind}" + _PLAIN[kind].replace("real", real)
-        for kind in text.functions
+        for kind in functions
         if kind in _PLAIN
     ]
-    wanted = [kind for kind in text.functions if kind not in _PLAIN]
+    wanted = [kind for kind in functions if kind not in _PLAIN]
     return out + (_Translation(program).functions(wanted) if wanted else [])
 
 
@@ -213,12 +283,10 @@ class _Translation:
         consts, functions = self.elementary.needed(wanted)
         out = [_comment("Elementary functions, bit for bit those of hgo_rs.") + "\n"]
         bodies = [self.function(function) for function in functions]
-        if any(
-            f"{self.prefix}_to_bits" in body or f"{self.prefix}_from_bits" in body
-            for body in bodies
-        ):
-            out += [self.copier("to_bits", self.real, self.bits)]
-            out += [self.copier("from_bits", self.bits, self.real)]
+        copiers = {"to_bits": (self.real, self.bits), "from_bits": (self.bits, self.real)}
+        for copier, types in copiers.items():
+            if any(f"{self.prefix}_{copier}(" in body for body in bodies):
+                out.append(self.copier(copier, *types))
         out += [self.const(const, {}, "static const ") for const in consts]
         return [*out, *bodies]
 
@@ -255,7 +323,7 @@ class _Translation:
                 lines.append(_comment(statement.comment, "    "))
             value, names = statement.value, statement.names
             if statement.kind == "result":
-                lines.append(wrapped("    return ", self.result(value, function, scope) + ";"))
+                lines += self.result(value, function, scope)
             elif len(names) == 1:
                 lines.append(self.let(names[0], *self.text(value, scope), scope))
             elif value.kind in ("tuple", "if"):
@@ -295,11 +363,12 @@ class _Translation:
         scope[name] = kind
         return wrapped(f"    {head}{_word(name)} = ", f"{text};")
 
-    def result(self, node: Node, function: Function, scope: dict[str, str]) -> str:
+    def result(self, node: Node, function: Function, scope: dict[str, str]) -> list[str]:
         if node.kind != "tuple":
-            return self.text(node, scope)[0]
+            return [wrapped("    return ", self.text(node, scope)[0] + ";")]
         values = ", ".join(self.text(part, scope)[0] for part in node.parts)
-        return f"({self.prefix}_{function.name}_result){{{values}}}"
+        made = f"    const {self.prefix}_{function.name}_result result = "
+        return [wrapped(made, f"{{{values}}};"), "    return result;"]
 
     def text(self, node: Node, scope: dict[str, str]) -> tuple[str, int, str]:
         """The text of an expression, how tightly it holds (9 most), and its kind."""
@@ -407,22 +476,27 @@ def _entry(node: Node, index: int) -> Node:
 
 def _vector(program: Program) -> str:
     name, real = program.name, _real(program)
-    columns = ["t", "dt", *program.samples, *program.controls]
+    words = [*program.words.samples, *program.words.controls]
 
     def line(values: tuple[float, ...]) -> str:
         return ", ".join(C.literal(value, program.precision) for value in values)
 
     rows = [
-        f"    {{{line((row.t, row.dt, *row.y, *row.u))}, {row.status}, {{{line(row.memory)}}}}},"
+        f"    {{{{{line((*row.y, *row.u))}}}, {C.literal(row.t, PRECISIONS['double'])}, "
+        f"{line((row.dt,))}, {row.status}, {{{line(row.memory)}}}}},"
         for row in program.vector
     ]
+    given = ", ".join(words)
+    told = f"What each step is given ({given}; t, dt), its status, and the memory after it."
     return f"""\
-{_comment("A test vector: what each step is given, its status, and the memory after it.")}
+{_comment(told)}
 
 #include <math.h>
 
 struct {name}_row {{
-    {real} {", ".join(f"{word}_" for word in columns)};
+    {real} given[{len(words)}];
+    double t;
+    {real} dt;
     int status;
     {real} memory[{len(program.memory)}];
 }};
@@ -435,7 +509,11 @@ static const struct {name}_row {name}_vector[] = {{
 
 def _main(program: Program) -> str:
     name, real = program.name, _real(program)
-    given = ", ".join(f"row.{word}_" for word in (*program.samples, *program.controls, "t", "dt"))
+    places = [*program.words.samples, *program.words.controls]
+    given = ", ".join(
+        f"row.given[{places.index(word)}]" if word in places else f"row.{word}"
+        for word in program.arguments(*program.moves)
+    )
     memory = ", ".join(f"state.{field.name}" for field in program.memory)
     words = ", ".join(f'"{field.name}"' for field in program.memory)
     digits = 17 if real == "double" else 9

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from hgo_rs.errors import MissingExtraError, check_number
-from hgo_rs.exports.program import field_names
+from hgo_rs.errors import HgoError, MissingExtraError, check_number, explain
+from hgo_rs.exports.program import UNDEFINED, words_of
 from hgo_rs.observers import Observer
 
 __all__ = ["to_control"]
@@ -17,8 +17,10 @@ def to_control(observer: Observer, dt: float, *, name: str = "observer") -> Any:
     """A discrete-time `control.NonlinearIOSystem` with the observer's memory as its state.
 
     Inputs are the samples and the known inputs, outputs the estimates; a sample that is NaN is
-    missing. A law with predictor timing gives the estimate for the instant of the sample from the
-    samples before it, a law with current timing uses the sample itself.
+    missing. The state at an instant is the memory before the use of its sample. A law with
+    predictor timing gives the estimate for the instant of the sample from the samples before it. A
+    law with current timing corrects by the sample itself, and the state moves on under the input of
+    the same instant: the input may be computed from the estimate.
 
     Parameters
     ----------
@@ -46,23 +48,30 @@ def to_control(observer: Observer, dt: float, *, name: str = "observer") -> Any:
     observer._check_dt(period, observer.allow_unstable)
     core, n, n_y = observer._core, observer.n, observer.n_y
 
-    def moved(t: float, memory: Any, given: Any) -> Any:
-        values = np.atleast_1d(np.asarray(given, dtype=float))
-        return core.step(np.asarray(memory, dtype=float), values[:n_y], values[n_y:], t, period)[0]
+    def corrected(t: float, memory: Any, values: Any) -> Any:
+        return core.correct(np.asarray(memory, dtype=float), values[:n_y], t)
 
     def update(t: float, memory: Any, given: Any, params: Any) -> Any:
-        return moved(t, memory, given)
+        values = np.atleast_1d(np.asarray(given, dtype=float))
+        memory, status = corrected(t, memory, values)
+        if status != UNDEFINED:
+            memory, status = core.advance(memory, values[:n_y], values[n_y:], t, period)
+        if status == UNDEFINED:
+            told = explain("x_hat", memory[:n], "where the model has a value", "start nearer")
+            raise HgoError(f"t = {t:g} s: {told}")
+        return memory
 
     def output(t: float, memory: Any, given: Any, params: Any) -> Any:
-        return (moved(t, memory, given) if core.is_current else np.asarray(memory))[:n]
+        values = np.atleast_1d(np.asarray(given, dtype=float))
+        return corrected(t, memory, values)[0][:n]
 
-    memory, samples, controls, _ = field_names(observer)
+    words = words_of(observer)
     return control.NonlinearIOSystem(
         update,
         output,
-        inputs=[*samples, *controls],
-        outputs=[f"{word}_hat" for word in memory[:n]],
-        states=list(memory),
+        inputs=[*words.samples, *words.controls],
+        outputs=[f"{word}_hat" for word in words.memory[:n]],
+        states=list(words.memory),
         dt=period,
         name=name,
     )

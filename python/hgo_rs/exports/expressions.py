@@ -13,16 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from hgo_rs.exports.elementary import PRECISIONS, Precision
+from hgo_rs.exports.names import Names
 from hgo_rs.exports.table import FUNCTIONS, Graph, Term
 
 __all__ = [
-    "C_WORDS",
-    "KEYWORDS",
+    "LENGTH",
     "PLAIN",
     "RUST",
     "C",
     "Dialect",
-    "Names",
     "Written",
     "number",
     "written",
@@ -33,6 +32,9 @@ SUM, PRODUCT, SIGN, ATOM = 1, 2, 3, 4
 
 WIDEST = 60
 """A longer expression gets a name of its own."""
+
+LENGTH = "dt"
+"""The input of a table that is the length of a step."""
 
 _INFIX = {"add": ("+", SUM), "sub": ("-", SUM), "mul": ("*", PRODUCT), "div": ("/", PRODUCT)}
 _COMPARED = {"lt": "<", "le": "<=", "eq": "=="}
@@ -55,17 +57,17 @@ class Dialect:
     """condition, yes, no."""
     finite: str
     both: str
-    infinity: str
-    nan: str
+    infinity: Mapping[str, str]
+    nan: Mapping[str, str]
     absolute: Mapping[str, str]
     root: Mapping[str, str]
     suffix: Mapping[str, str]
 
     def literal(self, value: float, precision: Precision) -> str:
         if value != value:
-            return self.nan.format(precision.rust)
+            return self.nan[precision.name]
         if np.isinf(value):
-            return ("-" if value < 0.0 else "") + self.infinity.format(precision.rust)
+            return ("-" if value < 0.0 else "") + self.infinity[precision.name]
         return number(value, precision) + self.suffix[precision.name]
 
 
@@ -75,8 +77,9 @@ C = Dialect(
     choice="{} ? {} : {}",
     finite="isfinite({0})",
     both="&&",
-    infinity="INFINITY",
-    nan="NAN",
+    # of the header's, which are of type float
+    infinity={"double": "(double)INFINITY", "single": "INFINITY"},
+    nan={"double": "(double)NAN", "single": "NAN"},
     absolute={"double": "fabs", "single": "fabsf"},
     root={"double": "sqrt", "single": "sqrtf"},
     suffix={"double": "", "single": "f"},
@@ -87,8 +90,8 @@ RUST = Dialect(
     choice="if {} {{ {} }} else {{ {} }}",
     finite="{1}::is_finite({0})",
     both="&&",
-    infinity="{}::INFINITY",
-    nan="{}::NAN",
+    infinity={"double": "f64::INFINITY", "single": "f32::INFINITY"},
+    nan={"double": "f64::NAN", "single": "f32::NAN"},
     absolute={"double": "f64::abs", "single": "f32::abs"},
     root={"double": "sqrt", "single": "sqrt"},
     suffix={"double": "", "single": ""},
@@ -99,51 +102,13 @@ PLAIN = Dialect(
     choice="{1} if {0} else {2}",
     finite="finite({0})",
     both="and",
-    infinity="inf",
-    nan="nan",
+    infinity={"double": "inf", "single": "inf"},
+    nan={"double": "nan", "single": "nan"},
     absolute={"double": "abs", "single": "abs"},
     root={"double": "sqrt", "single": "sqrt"},
     suffix={"double": "", "single": ""},
 )
 """Equations in a comment."""
-
-_C = """
-auto break case char const continue default do double else enum extern float for goto if inline int
-long register restrict return short signed sizeof static struct switch typedef union unsigned void
-volatile while asm bool true false main
-"""
-C_WORDS = frozenset(_C.split())
-"""Words of C."""
-
-_WORDS = """
-as async await crate dyn fn impl in let loop match mod move mut pub ref self super trait type unsafe
-use where yield abstract become box final macro override priv try typeof unsized virtual gen str
-f32 f64 i32 u8 u32 u64 u128 usize
-
-state next t dt real status min max sign sqrt sqrtf abs fabs fabsf isfinite sin cos tan atan atan2
-exp ln powf pow tanh log copysign copysignf memcpy errno assert NAN INFINITY
-"""
-KEYWORDS = C_WORDS | frozenset(_WORDS.split())
-"""What no name may be: words of C, of Rust, and of the programs themselves."""
-
-
-class Names:
-    """Identifiers: the user's words where they are ones, and never the same twice."""
-
-    def __init__(self) -> None:
-        self.taken: set[str] = set()
-
-    def new(self, wish: str) -> str:
-        """An identifier like `wish`."""
-        word = re.sub(r"\W", "_", wish, flags=re.ASCII).strip("_") or "value"
-        if word[0].isdigit() or word in KEYWORDS:
-            word = f"v_{word}"
-        found, count = word, 1
-        while found in self.taken:
-            count += 1
-            found = f"{word}_{count}"
-        self.taken.add(found)
-        return found
 
 
 @dataclass(frozen=True)
@@ -154,8 +119,8 @@ class Written:
     outputs: list[str]
     functions: list[str]
     """Elementary functions that are used, as the core calls them, and "min", "max", "sign"."""
-    inputs: set[str]
-    """Inputs that are used, by their names in the table."""
+    inputs: Mapping[str, str]
+    """How the table's inputs are written."""
 
 
 def written(
@@ -197,13 +162,12 @@ class _Writer:
             leaf = term.kind in ("input", "constant", "present")
             folded = uses == 1 and len(text) <= WIDEST and term.kind != "innovation"
             if not leaf and (index in self.ends or not folded):
-                name = self.names.new(self.wishes.get(index) or self.wish(term))
+                name = self.names.local(self.wishes.get(index) or self.wish(term))
                 steps.append((name, text))
                 text, holds = name, ATOM
             self.text.append((text, holds))
         outputs = [self.text[index][0] for index in self.graph.outputs]
-        used = {term.name for term in self.graph.terms if term.kind == "input"}
-        return Written(steps, outputs, self.functions, used)
+        return Written(steps, outputs, self.functions, self.inputs)
 
     def rates(self) -> dict[int, str]:
         """Names for h, the rate and x + h rate, of which the stages of a scheme are made."""
@@ -212,7 +176,7 @@ class _Writer:
         terms = self.graph.terms
         for index, term in enumerate(terms):
             whole = [part for part in term.parts if terms[part].kind != "constant"]
-            if term.kind == "input" and self.inputs[term.name] == "dt":
+            if term.kind == "input" and term.name == LENGTH:
                 lengths.add(index)
             elif term.kind in _INFIX and whole and lengths.issuperset(whole):
                 lengths.add(index)

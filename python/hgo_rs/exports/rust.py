@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 import textwrap
 
-from hgo_rs.exports.elementary import Elementary
+from hgo_rs.exports.elementary import PRECISIONS, Elementary
 from hgo_rs.exports.expressions import RUST, Written
-from hgo_rs.exports.program import Program, order, wrapped
+from hgo_rs.exports.program import Move, Program, wrapped
 
 __all__ = ["files"]
 
@@ -35,6 +35,13 @@ pub enum Status {
     /// The model has no finite value there; the memory was kept.
     Undefined = 2,
 }
+"""
+
+ALLOWED = """\
+// Names and numbers are the model's; operations stand as they were traced.
+#![allow(non_snake_case)]
+#![allow(clippy::approx_constant, clippy::disallowed_names, clippy::eq_op)]
+#![allow(clippy::excessive_precision, clippy::too_many_arguments, clippy::unnecessary_cast)]
 """
 
 HELPERS = {
@@ -89,7 +96,7 @@ def files(program: Program) -> dict[str, str]:
     """The files of an export, by name."""
     return {
         "Cargo.toml": CARGO.format(name=program.name),
-        "src/lib.rs": _library(program, program.written(RUST)),
+        "src/lib.rs": _library(program),
         "src/vector.rs": _vector(program),
         "src/main.rs": _main(program),
     }
@@ -100,30 +107,46 @@ def _doc(text: str, mark: str) -> str:
     return "\n".join(f"{mark} {line}".rstrip() for line in lines)
 
 
-def _library(program: Program, text: Written) -> str:
+def _fenced(description: str) -> str:
+    """Equations and settings as they stand: a sign at a line's beginning makes no list."""
+    first, _, rest = description.partition("\n")
+    return f"{first}\n\n```text\n{rest.strip()}\n```"
+
+
+def _library(program: Program) -> str:
     real = program.precision.rust
-    fields = "\n".join(
-        f"    /// {field.meaning[0].upper()}{field.meaning[1:]}.\n    pub {field.name}: {real},"
+    texts = [program.written(move, RUST) for move in program.moves]
+    fields = [
+        f"{_doc(_sentence(field.meaning), '    ///')}\n    pub {field.name}: {real},"
         for field in (*program.memory, *program.parameters)
-    )
-    values = "\n".join(
+    ]
+    values = [
         f"            {field.name}: {RUST.literal(field.value, program.precision)},"
         for field in (*program.memory, *program.parameters)
-    )
+    ]
+    if program.is_current:
+        fields.append(
+            f"    /// Whether a sample was taken.\n    pub {program.words.started}: bool,"
+        )
+        values.append(f"            {program.words.started}: false,")
+    moves = zip(program.moves, texts, strict=True)
+    functions = [_move(program, move, text) for move, text in moves]
+    if program.is_current:
+        functions.append(_both(program))
     kind = _type(program)
     what = "The memory" + (", and the parameters' values" if program.parameters else "")
     parts = [
         f"""\
-{_doc(program.description, "//!")}
+{_doc(_fenced(program.description), "//!")}
 
 #![no_std]
 #![forbid(unsafe_code)]
-{_allowed(program)}
+{ALLOWED}
 {STATUS}
 /// {what}.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct {kind} {{
-{fields}
+{chr(10).join(fields)}
 }}
 
 impl {kind} {{
@@ -131,10 +154,10 @@ impl {kind} {{
     #[must_use]
     pub const fn new() -> Self {{
         Self {{
-{values}
+{chr(10).join(values)}
         }}
     }}
-{_step(program, text)}}}
+{"".join(functions)}}}
 
 impl Default for {kind} {{
     fn default() -> Self {{
@@ -142,66 +165,95 @@ impl Default for {kind} {{
     }}
 }}
 """,
-        *_helpers(program, text),
+        *_helpers(program, list(dict.fromkeys(f for text in texts for f in text.functions))),
     ]
     return "\n".join(parts)
 
 
-def _allowed(program: Program) -> str:
-    """The user's names stay as they are."""
-    return "#![allow(non_snake_case)]\n" if any(w != w.lower() for w in order(program)) else ""
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def _type(program: Program) -> str:
     return "".join(word.capitalize() for word in program.name.split("_"))
 
 
-def _step(program: Program, text: Written) -> str:
-    real = program.precision.rust
-    places = dict(zip(program.inputs, ["t", "dt", *order(program)], strict=True))
-    used = {places[key] for key in text.inputs}
+def _head(program: Program, verb: str, moves: tuple[Move, ...]) -> str:
+    """Documentation and signature of a function."""
+    # a time of hours in steps of milliseconds needs more digits than f32 has
+    real, types = program.precision.rust, {"t": "f64"}
+    given = [f"{word}: {types.get(word, real)}" for word in program.arguments(*moves)]
+    told = _doc(program.told(verb), "    ///")
+    signature = wrapped(f"    pub fn {verb}(&mut self, ", f"{', '.join(given)}) -> Status {{")
+    return f"\n{told}\n{signature}"
+
+
+def _move(program: Program, move: Move, text: Written) -> str:
+    """A function that is one table."""
+    real, places = program.precision.rust, program.places
+    used = {places[name] for name in move.used}
     stored = [f.name for f in (*program.memory, *program.parameters) if f.name in used]
-    idle = [word for word in ("t", "dt", *program.controls) if word not in used]
-    given = [f"{word}: {real}" for word in (*program.samples, *program.controls, "t", "dt")]
-    lines = [
-        "",
-        wrapped(
-            "    /// ",
-            f"Take {'the sample and the input' if program.controls else 'the sample'} "
-            "at time t [s]; advance by dt [s].",
-        ),
-        f"    pub fn step(&mut self, {', '.join(given)}) -> Status {{",
-    ]
+    lines = [_head(program, move.verb, (move,))]
     if stored:
         lines.append(wrapped("        let Self { ", f"{', '.join(stored)}, .. }} = *self;"))
+    arguments = program.arguments(move)
+    idle = [word for word in arguments if word not in used and word not in program.words.samples]
     lines += [f"        let _ = {word};" for word in idle]
+    if text.inputs["t"] != "t" and "t" in used:
+        lines.append(f"        let {text.inputs['t']} = t as {real};")
     lines += [wrapped(f"        let {name} = ", f"{value};") for name, value in text.steps]
     alone = len(set(text.outputs)) == 1
     finite = " && ".join(f"{real}::is_finite({value})" for value in dict.fromkeys(text.outputs))
-    lines += [
-        wrapped("        if !", f"{finite if alone else f'({finite})'} {{"),
-        "            return Status::Undefined;",
-        "        }",
-    ]
+    lines.append(wrapped("        if !", f"{finite if alone else f'({finite})'} {{"))
+    for i in program.elapsed if move.verb == "predict" else ():
+        value = text.outputs[i]
+        lines += [
+            f"            if {real}::is_finite({value}) {{",
+            f"                self.{program.memory[i].name} = {value};",
+            "            }",
+        ]
+    lines += ["            return Status::Undefined;", "        }"]
     lines += [
         f"        self.{field.name} = {value};"
         for field, value in zip(program.memory, text.outputs, strict=True)
+        if field.name != value
     ]
-    present = " && ".join(f"{word}.is_finite()" for word in program.samples)
-    lines += [
-        wrapped("        ", f"if {present} {{ Status::Updated }} else {{ Status::Predicted }}"),
-        "    }",
-        "",
-    ]
-    return "\n".join(lines)
+    if move.verb == "correct":
+        lines.append(f"        self.{program.words.started} = true;")
+    if move.takes("y"):
+        present = " && ".join(f"{word}.is_finite()" for word in program.words.samples)
+        made = f"if {present} {{ Status::Updated }} else {{ Status::Predicted }}"
+        lines.append(wrapped("        ", made))
+    else:
+        lines.append("        Status::Predicted")
+    return "\n".join([*lines, "    }", ""])
 
 
-def _helpers(program: Program, text: Written) -> list[str]:
+def _both(program: Program) -> str:
+    """The step of current timing: over the period that is over, then the sample."""
+    correct, predict = program.moves
+    end = "t + dt" if program.precision.name == "double" else "t + f64::from(dt)"
+    sample = [end if word == "t" else word for word in program.arguments(correct)]
+    call = f"self.predict({', '.join(program.arguments(predict))})"
+    started = f"self.{program.words.started}"
+    return "\n".join(
+        [
+            _head(program, "step", program.moves),
+            *["        let _ = t;"] * (not any("t" in move.used for move in program.moves)),
+            wrapped("        if ", f"{started} && {call} == Status::Undefined {{"),
+            "            return Status::Undefined;",
+            "        }",
+            f"        self.correct({', '.join(sample)})",
+            "    }",
+            "",
+        ]
+    )
+
+
+def _helpers(program: Program, functions: list[str]) -> list[str]:
     precision = program.precision
-    out = [
-        HELPERS[kind].replace("real", precision.rust) for kind in text.functions if kind in HELPERS
-    ]
-    if "sqrt" in text.functions:
+    out = [HELPERS[kind].replace("real", precision.rust) for kind in functions if kind in HELPERS]
+    if "sqrt" in functions:
         double = precision.name == "double"
         root = ROOT.replace("real", precision.rust)
         for mark, wide, narrow in (
@@ -214,7 +266,7 @@ def _helpers(program: Program, text: Written) -> list[str]:
         ):
             root = root.replace(mark, wide if double else narrow)
         out.append(root)
-    wanted = [kind for kind in text.functions if kind not in HELPERS and kind != "sqrt"]
+    wanted = [kind for kind in functions if kind not in HELPERS and kind != "sqrt"]
     return out + (_elementary(program, wanted) if wanted else [])
 
 
@@ -249,18 +301,24 @@ def _vector(program: Program) -> str:
     def line(values: tuple[float, ...]) -> str:
         return ", ".join(RUST.literal(value, program.precision) for value in values)
 
-    words = ", ".join((*program.samples, *program.controls, "t", "dt"))
-    told = f"A test vector: what each step is given ({words}), its status, and the memory after it."
-    given = len(program.vector[0].y) + len(program.vector[0].u) if program.vector else 1
+    words = ", ".join((*program.words.samples, *program.words.controls))
+    told = f"What each step is given ({words}; t, dt), its status, and the memory after it."
+    given = len(program.words.samples) + len(program.words.controls)
     rows = [
-        f"    ([{line((*row.y, *row.u, row.t, row.dt))}], {row.status}, [{line(row.memory)}]),"
+        f"    ([{line((*row.y, *row.u))}], {RUST.literal(row.t, PRECISIONS['double'])}, "
+        f"{line((row.dt,))}, {row.status}, [{line(row.memory)}]),"
         for row in program.vector
     ]
     return f"""\
 {_doc(told, "//!")}
 
+#![allow(clippy::approx_constant, clippy::excessive_precision)]
+
+/// Samples and inputs, t, dt, the status, the memory.
+pub type Row = ([{real}; {given}], f64, {real}, u8, [{real}; {len(program.memory)}]);
+
 #[rustfmt::skip]
-pub const VECTOR: &[([{real}; {given + 2}], u8, [{real}; {len(program.memory)}])] = &[
+pub static VECTOR: &[Row] = &[
 {chr(10).join(rows)}
 ];
 """
@@ -268,7 +326,10 @@ pub const VECTOR: &[([{real}; {given + 2}], u8, [{real}; {len(program.memory)}])
 
 def _main(program: Program) -> str:
     name = program.name
-    given = ", ".join((*program.samples, *program.controls, "t", "dt"))
+    places = [*program.words.samples, *program.words.controls]
+    arguments = program.arguments(*program.moves)
+    given = ", ".join(f"given[{places.index(w)}]" if w in places else w for w in arguments)
+    row = f"given, {'t' if 't' in arguments else '_'}, dt, status, expected"
     memory = ", ".join(f"state.{field.name}" for field in program.memory)
     words = ", ".join(f'"{field.name}"' for field in program.memory)
     return f"""\
@@ -283,7 +344,7 @@ const NAMES: [&str; {len(program.memory)}] = [{words}];
 
 fn main() -> ExitCode {{
     let mut state = {_type(program)}::new();
-    for (k, ([{given}], status, expected)) in vector::VECTOR.iter().copied().enumerate() {{
+    for (k, ({row})) in vector::VECTOR.iter().copied().enumerate() {{
         let made = state.step({given});
         if made as u8 != status {{
             println!("step {{k}}: {{made:?}}, expected status {{status}}");

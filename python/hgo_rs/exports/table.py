@@ -72,8 +72,8 @@ def graph(
 ) -> Graph:
     """A table without what is not used, what is there twice, and what changes no bit.
 
-    x * 1, x / 1, x + (-0) and x - 0 are x, bit for bit. With `missing`, the outputs are that
-    table's where one of the inputs number `samples` is not finite.
+    x * 1, x / 1, x + (-0), x - 0 and a choice between x and x are x, bit for bit. With `missing`,
+    the outputs are that table's where one of the inputs number `samples` is not finite.
 
     Raises
     ------
@@ -132,6 +132,8 @@ class _Pool:
         a, b = parts[0], parts[-1]
         if op in ("mul", "div") and self.is_constant(b, 1.0):
             return a
+        if op == "select" and parts[1] == b:
+            return b
         if op == "sub" and self.is_constant(b, 0.0):
             return a
         if op == "add" and self.is_constant(b, -0.0):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hgo_rs.errors import HgoError
+from hgo_rs.errors import HgoError, printable
 
 __all__ = ["ExpressionError", "UntraceableError"]
 
@@ -20,6 +20,9 @@ class ExpressionError(HgoError):
         self.position = position
         self.name = name
         super().__init__(self._shown())
+
+    def __str__(self) -> str:
+        return "\n".join(map(printable, ValueError.__str__(self).split("\n")))
 
     def _shown(self) -> str:
         head = f"{self.name}: {self.reason}" if self.name else self.reason

@@ -19,6 +19,7 @@ from hgo_rs.own import analysis, show
 from hgo_rs.own.analysis import Jacobian
 from hgo_rs.own.names import Names
 from hgo_rs.own.sources import Group
+from hgo_rs.read_only import ReadOnlyDict
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -34,6 +35,7 @@ class OwnSystem(System):
     _names: Names
     _groups: dict[str, Group]
     _table: dict[str, Any] | None
+    _of_table: tuple[str, ...]
 
     def _compile(self, inputs: Mapping[str, str], groups: Sequence[Group]) -> None:
         """Make the table of the groups, if all of them are expressions.
@@ -41,16 +43,18 @@ class OwnSystem(System):
         ``inputs``: symbol -> name of the table's input; the parameters are added.
         """
         self._groups = {group.name: group for group in groups}
+        self._of_table = tuple(inputs)
         self._table = None
         if not self.compiled:
             return
         parameters = self._names.parameters
-        self._table = compile_table(
+        table = compile_table(
             [node for group in groups for node in group.nodes or ()],
             {**inputs, **{name: name for name in parameters}},
             [label for group in groups for label in group.labels(group.name)],
             fixed=tuple(parameters),
         )
+        self._table = ReadOnlyDict(table)
 
     @property
     def n(self) -> int:
@@ -81,6 +85,16 @@ class OwnSystem(System):
     def compiled(self) -> bool:
         """Whether all of it are expressions, so that it runs at native speed."""
         return all(group.nodes is not None for group in self._groups.values())
+
+    @property
+    def groups(self) -> Mapping[str, Group]:
+        """The right-hand sides by name."""
+        return self._groups
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """What the right-hand sides depend on: the inputs of the table but the parameters."""
+        return self._of_table
 
     @property
     def why_not_compiled(self) -> str:
@@ -114,6 +128,30 @@ class OwnSystem(System):
                 f"{type(self).__name__} is not compiled ({'; '.join(reasons)}): must be made of "
                 "expressions for this; write it with np.where, np.maximum, np.sin and the like"
             )
+
+    def not_finite(self, values: Mapping[str, float]) -> list[tuple[str, str]]:
+        """Label and text of each right-hand side that is no finite number for these values by name.
+
+        What depends on a value that is not given, or is NaN, is left out.
+        """
+        known = {name: value for name, value in values.items() if not np.isnan(value)}
+        known |= self._names.parameters
+        found = []
+        for name, group in self._groups.items():
+            for label, shown, call in group.entries(name, self._names.parameters):
+                value = call(known)
+                if value is not None and not np.isfinite(value):
+                    found.append((label, shown))
+        return found
+
+    def shown_sides(self) -> list[tuple[str, str]]:
+        """Label and text of each right-hand side."""
+        groups, parameters = self._groups.items(), self._names.parameters
+        return [
+            (label, shown)
+            for name, group in groups
+            for label, shown, _ in group.entries(name, parameters)
+        ]
 
     def with_parameters(self, values: Mapping[str, float] | None = None, /, **named: float) -> Self:
         """The same system with other values of some parameters; the table is shared.
@@ -242,16 +280,18 @@ class OwnSystem(System):
 
     def _spec(self, **own: Any) -> dict[str, Any]:
         """The spec: what is the class's own, then the table, values and names."""
-        return {
-            **own,
-            "table": self._table,
-            "parameters": list(self._names.parameters.values()),
-            "names": {
-                "states": list(self.states),
-                "inputs": list(self.inputs),
-                "parameters": list(self._names.parameters),
-            },
-        }
+        return ReadOnlyDict(
+            {
+                **own,
+                "table": self._table,
+                "parameters": list(self._names.parameters.values()),
+                "names": {
+                    "states": list(self.states),
+                    "inputs": list(self.inputs),
+                    "parameters": list(self._names.parameters),
+                },
+            }
+        )
 
     def _same(self) -> tuple[Any, ...]:
         """What two equal systems have in common."""

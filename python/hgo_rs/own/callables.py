@@ -1,5 +1,5 @@
-"""Models of Python callables that could not be compiled: they run in the NumPy reference, call by
-call.
+"""Systems of Python callables that could not be compiled: the core calls them where its laws and
+schemes ask for the system.
 """
 
 from __future__ import annotations
@@ -10,85 +10,65 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from hgo_rs.own.base import OwnSystem
+from hgo_rs.own.sources import Group
 
-__all__ = ["SlowModelWarning", "interpreted_spec", "is_interpreted", "stand_in", "warn_slow"]
-
-Array = npt.NDArray[np.float64]
+__all__ = ["SlowModelWarning", "runnable", "stand_in", "warn_slow"]
 
 
 class SlowModelWarning(UserWarning):
     """A model runs as Python, call by call."""
 
 
-def is_interpreted(system: object) -> bool:
-    """Whether a system is made of callables that are not compiled."""
-    return isinstance(system, OwnSystem) and not system.compiled
+class _Side:
+    """A right-hand side as a function of one list of numbers."""
 
+    def __init__(self, group: Group, parameters: Mapping[str, float]) -> None:
+        self.group, self.parameters = group, dict(parameters)
+        self._call = group.call(parameters)
 
-class _Called:
-    """Callables in the place of a table: `inputs`, `outputs`, a call with one value an input."""
+    def __reduce__(self) -> Any:
+        return _Side, (self.group, self.parameters)
 
-    def __init__(self, system: OwnSystem) -> None:
-        spec = system.spec
-        self.callables = system.callables
-        n, n_u = spec["n"], spec["n_u"]
-        sizes = [n, n_u]
-        if spec.get("form") == "sampled":
-            sizes += [None, None]  # y and T are numbers
-        if spec.get("form") == "strict-feedback":
-            sizes = [n, spec["n_z"], n_u]
-        if spec["kind"] == "own-plant":
-            sizes = [n]
-        self.sizes: list[int | None] = sizes
-        self.parameters = len(spec["parameters"])
-        self.inputs = 1 + sum(1 if size is None else size for size in sizes) + self.parameters
-        self.outputs = range(len(self._one([0.0] * self.inputs)))
-
-    def _one(self, values: list[float]) -> list[float]:
-        arguments: list[Any] = [values[0]]
-        first = 1
-        for size in self.sizes:
-            if size is None:
-                arguments.append(values[first])
-                first += 1
-            else:
-                arguments.append(np.array(values[first : first + size]))
-                first += size
-        made: list[float] = []
-        for name, call in self.callables.items():
-            needed = len(arguments) if name == "K_T" or None not in self.sizes else 3
-            made.extend(np.asarray(call(*arguments[:needed]), dtype=float).ravel().tolist())
+    def __call__(self, values: list[float]) -> list[float]:
+        arguments = self.group.arguments
+        given = dict(zip(arguments.symbols, values, strict=True))
+        with np.errstate(all="ignore"):  # a value that is not finite is told by the observer
+            made: list[float] = self._call(*arguments.given(given)).tolist()
         return made
 
-    def __call__(self, values: list[Any]) -> list[Array]:
-        rows = np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in values))
-        columns = np.stack([row.ravel() for row in rows], axis=1)
-        made = np.array([self._one(column.tolist()) for column in columns])
-        return list(made.T.reshape(made.shape[1], *rows[0].shape))
+
+def _table(system: OwnSystem) -> dict[str, Any]:
+    """A table that calls the right-hand sides of a system."""
+    symbols = list(system.arguments)
+    inputs = [*symbols, *system.parameters]
+    calls, results = [], 0
+    for group in system.groups.values():
+        places = [symbols.index(symbol) for symbol in group.arguments.symbols]
+        calls.append((_Side(group, system.parameters), places, group.size))
+        results += group.size
+    outputs = list(range(len(inputs), len(inputs) + results))
+    return {"inputs": inputs, "calls": calls, "outputs": outputs}
 
 
-def interpreted_spec(spec: Mapping[str, Any], system: object) -> dict[str, Any]:
-    """The spec of an observer ("model" in it) or of a plant, as the reference runs it."""
-    if not is_interpreted(system):
+def runnable(spec: Mapping[str, Any], system: object) -> dict[str, Any]:
+    """The spec of an observer (with its model) or of a plant as it is run: where the system
+    is not compiled, its table calls it.
+    """
+    if not isinstance(system, OwnSystem) or system.compiled:
         return dict(spec)
-    assert isinstance(system, OwnSystem)
+    table = _table(system)
     if "model" in spec:
-        return {**spec, "model": {**spec["model"], "table": _Called(system)}}
-    return {**spec, "table": _Called(system)}
+        return {**spec, "model": {**spec["model"], "table": table}}
+    return {**spec, "table": table}
 
 
-def stand_in(spec: Mapping[str, Any], system: OwnSystem) -> dict[str, Any]:
-    """The spec of an observer with a model of the same size that is 0: for the sizes of things."""
-    called = _Called(system)
-    table = {
-        "inputs": [f"input[{i}]" for i in range(called.inputs)],
-        "constants": [0.0],
-        "ops": [],
-        "outputs": [called.inputs] * len(called.outputs),
-    }
+def stand_in(spec: Mapping[str, Any], model: OwnSystem) -> dict[str, Any]:
+    """The spec of an observer with a model of the same size that is 0, for comparison."""
+    called = _table(model)
+    inputs, outputs = called["inputs"], called["outputs"]
+    table = {"inputs": inputs, "constants": [0.0], "outputs": [len(inputs)] * len(outputs)}
     return {**spec, "model": {**spec["model"], "table": table}}
 
 

@@ -175,7 +175,7 @@ class Model(OwnSystem):
 
     @property
     def spec(self) -> dict[str, Any]:
-        """The plain dict that the core reads; "table" is None where it is not compiled."""
+        """What the core reads, read-only; "table" is None where it is not compiled."""
         return self._spec(kind="own", **self._form.own, n_u=self.n_u)
 
     @property

@@ -119,5 +119,5 @@ class Plant(OwnSystem):
 
     @property
     def spec(self) -> dict[str, Any]:
-        """The plain dict that the core reads; "table" is None where it is not compiled."""
+        """What the core reads, read-only; "table" is None where it is not compiled."""
         return self._spec(kind="own-plant", n=self.n, n_u=0, noisy=self.noisy)

@@ -10,6 +10,7 @@ import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from hgo_rs.expressions.from_sympy import from_sympy, is_sympy
 from hgo_rs.expressions.grammar import parse, unknown
 from hgo_rs.expressions.nodes import Node
 from hgo_rs.expressions.numeric import evaluate
+from hgo_rs.expressions.printing import text
 from hgo_rs.expressions.tracing import Symbolic, as_node, symbolic_vector
 from hgo_rs.own.names import Names, Parameters
 
@@ -72,6 +74,13 @@ class Arguments:
                 found |= dict(zip(members, value, strict=True))
         return found
 
+    def given(self, values: Mapping[str, float]) -> list[Any]:
+        """Numeric arguments, of values by name."""
+        return [
+            values[name] if members is None else np.array([values[member] for member in members])
+            for name, members in self.groups
+        ]
+
     def probe(self, rng: np.random.Generator) -> list[Any]:
         """Numeric arguments at random."""
         return [
@@ -106,6 +115,28 @@ class Group:
         """What to call each entry: the name itself where there is no index."""
         return tuple(f"{name}[{i}]" for i in range(self.size)) if self.shape else (name,)
 
+    def entries(
+        self, name: str, parameters: Mapping[str, float]
+    ) -> list[tuple[str, str, Callable[[Mapping[str, float]], float | None]]]:
+        """For each entry its label, its text and its value for values by name, None where one is
+        not given.
+        """
+        labels = self.labels(name)
+        if self.nodes is not None:
+            return [
+                (label, text(node), partial(_value, node))
+                for label, node in zip(labels, self.nodes, strict=True)
+            ]
+        called = self.call(parameters)
+
+        def entry(i: int, known: Mapping[str, float]) -> float | None:
+            if any(symbol not in known for symbol in self.arguments.symbols):
+                return None
+            with np.errstate(all="ignore"):
+                return float(called(*self.arguments.given(known))[i])
+
+        return [(label, "a Python function", partial(entry, i)) for i, label in enumerate(labels)]
+
     def call(self, parameters: Mapping[str, float]) -> Callable[..., Array]:
         """A Python function of the arguments that gives the (size,) array."""
         if self.nodes is not None:
@@ -134,6 +165,13 @@ class Group:
             return values
 
         return called
+
+
+def _value(node: Node, known: Mapping[str, float]) -> float | None:
+    used = nodes.symbols([node])
+    if any(name not in known for name in used):
+        return None
+    return float(evaluate([node], {name: known[name] for name in used})[0])
 
 
 def read_group(

@@ -1,8 +1,8 @@
 """The papers' plants, and what an observer knows of them.
 
 A state is an array of columns, shape (n, runs).  ``drift`` is dx/dt of the plant; ``known`` is the
-triangular part f_hat(x_hat) that an observer adds to its chain of integrators.  Both may depend on
-the time t [s]; the papers' do not.
+triangular part f_hat(x_hat) that an observer adds to its chain of integrators.  All of them are
+told the input u, (n_u, runs) or None, and the time t [s]; the papers' use neither but for the ship.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ import numpy as np
 
 from .error import Array, Spec, choice, fail, integer, known, member, number, vector
 from .table import Table
+
+Time = float | Array  # one for all runs, or (runs,)
 
 
 class Plant:
@@ -34,24 +36,24 @@ class Plant:
         """Whether there is process noise."""
         return False
 
-    def diffusion(self, x: Array, t: float = 0.0) -> Array:
+    def diffusion(self, x: Array, u: Array | None, t: float) -> Array:
         """b(x) of the process noise, shape of ``x``."""
         return np.zeros_like(x)
 
-    def drift(self, x: Array, u: Array | None = None, t: float = 0.0) -> Array:
+    def drift(self, x: Array, u: Array | None, t: float) -> Array:
         """dx/dt, shape of ``x``."""
         raise NotImplementedError
 
-    def output(self, x: Array, t: float = 0.0) -> Array:
+    def output(self, x: Array, u: Array | None, t: float) -> Array:
         """y without noise: shape (runs,) for one output, else (n_y, runs)."""
         y: Array = x[0]
         return y
 
-    def control(self, x: Array, dt: float) -> Array | None:
-        """u held over the sampling period ``dt`` that begins at state ``x``."""
+    def control(self, x: Array, dt: float, t: float) -> Array | None:
+        """u held over the sampling period ``dt`` that begins at state ``x`` and time ``t``."""
         return None
 
-    def known(self, x_hat: Array, u: Array | None = None, t: float = 0.0) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None, t: float) -> Array | None:
         """f_hat(x_hat, u), shape of ``x_hat``; None where it vanishes."""
         return None
 
@@ -69,7 +71,7 @@ class InputGain(Plant):
     def __init__(self, b0: float) -> None:
         self.b0 = b0
 
-    def known(self, x_hat: Array, u: Array | None = None, t: float = 0.0) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None, t: float) -> Array | None:
         """(0, ..., 0, b0 u); ``u``: (1, runs), None is zero."""
         if u is None:
             return None
@@ -90,14 +92,14 @@ class Lee(Plant):
         x1: Array = x[0]
         return -x1 / (1.0 + x1 * x1) - x[1]
 
-    def drift(self, x: Array, u: Array | None = None, t: float = 0.0) -> Array:
+    def drift(self, x: Array, u: Array | None, t: float) -> Array:
         """x1' = x2, x2' = phi(x): (38)."""
         rate = np.empty_like(x)
         rate[0] = x[1]
         rate[1] = self.phi(x)
         return rate
 
-    def known(self, x_hat: Array, u: Array | None = None, t: float = 0.0) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None, t: float) -> Array | None:
         """(0, phi(x_hat))."""
         f = np.zeros_like(x_hat)
         f[1] = self.phi(x_hat)
@@ -114,14 +116,14 @@ class SanfelicePraly(Plant):
         self.nu1 = nu1
         self.nu2 = nu2
 
-    def drift(self, x: Array, u: Array | None = None, t: float = 0.0) -> Array:
+    def drift(self, x: Array, u: Array | None, t: float) -> Array:
         """x1' = x2 + nu1 x1 + nu2, x2' = 0: (19)."""
         rate = np.empty_like(x)
         rate[0] = x[1] + self.nu1 * x[0] + self.nu2
         rate[1] = 0.0
         return rate
 
-    def known(self, x_hat: Array, u: Array | None = None, t: float = 0.0) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None, t: float) -> Array | None:
         """(nu1 x1_hat, 0)."""
         f = np.zeros_like(x_hat)
         f[0] = self.nu1 * x_hat[0]
@@ -149,14 +151,14 @@ class VanDerPol(Plant):
         x1: Array = x[0]
         return -x1 + self.epsilon * (1.0 - x1 * x1) * x[1]
 
-    def drift(self, x: Array, u: Array | None = None, t: float = 0.0) -> Array:
+    def drift(self, x: Array, u: Array | None, t: float) -> Array:
         """a(x): x1' = x2, x2' = phi(x): (18)."""
         rate = np.empty_like(x)
         rate[0] = x[1]
         rate[1] = self.phi(x)
         return rate
 
-    def diffusion(self, x: Array, t: float = 0.0) -> Array:
+    def diffusion(self, x: Array, u: Array | None, t: float) -> Array:
         """b(x), shape of ``x``."""
         b = np.zeros_like(x)
         b[1] = self.sigma * x[1] if self.multiplicative else self.sigma
@@ -183,7 +185,7 @@ class VanDerPol(Plant):
         """1/2 sum b_i b_j d2a/dx_i dx_j: zero, for a is linear in x2 and b1 = 0."""
         return np.zeros_like(x)
 
-    def known(self, x_hat: Array, u: Array | None = None, t: float = 0.0) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None, t: float) -> Array | None:
         """(0, phi(x_hat))."""
         f = np.zeros_like(x_hat)
         f[1] = self.phi(x_hat)
@@ -205,14 +207,14 @@ class Crackle(Plant):
         x1: Array = x[0]
         return 0.2 * (x1 * x1 - 1.0) - x[1] - x[2] - 4.0 * x[3] - x[4]
 
-    def drift(self, x: Array, u: Array | None = None, t: float = 0.0) -> Array:
+    def drift(self, x: Array, u: Array | None, t: float) -> Array:
         """(1) with (20): the plant's phi is not saturated."""
         rate = np.empty_like(x)
         rate[:4] = x[1:]
         rate[4] = self.phi(x)
         return rate
 
-    def known(self, x_hat: Array, u: Array | None = None, t: float = 0.0) -> Array | None:
+    def known(self, x_hat: Array, u: Array | None, t: float) -> Array | None:
         """(0, 0, 0, 0, phi_s), phi_s = phi clipped at +-phi_max."""
         f = np.zeros_like(x_hat)
         f[4] = np.minimum(np.maximum(self.phi(x_hat), -self.phi_max), self.phi_max)
@@ -260,12 +262,17 @@ class Ship(Plant):
 
     @staticmethod
     def rudder(z: Array) -> tuple[Array, Array, Array, Array]:
-        """lambda21, lambda22, lambda31, lambda32: appendix.  Undefined (0/0) at z1 = s = 0."""
+        """lambda21, lambda22, lambda31, lambda32: appendix.  Undefined (0/0) at z1 = s = 0.
+
+        lambda22 jumps where z1 changes its sign; a z1 of nothing but rounding, and 0 of either
+        sign, is +0.
+        """
         z1 = z[0]
         s = z[1] - 1.18 * z[2]
         z1_2, s_2 = z1 * z1, s * s
+        ahead = np.where(np.abs(z1) > 1e-12 * np.abs(s), z1, 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            lambda22 = -0.0232 * (z1_2 + s_2) * np.arctan(s / z1)
+            lambda22 = -0.0232 * (z1_2 + s_2) * np.arctan(s / ahead)
         return (
             0.102 * z1_2 - 0.0232 * s_2,
             lambda22,
@@ -273,7 +280,7 @@ class Ship(Plant):
             -13.23 * lambda22,
         )
 
-    def f2(self, z: Array, u: Array) -> Array:
+    def f2(self, x: Array, z: Array, u: Array, t: Time) -> Array:
         """f2(x, z, u) + delta = (1 + delta_bar) (-M^-1 [C + D] z + q(z, u)) + w."""
         d1, d2, d3 = self.damping(z)
         lambda21, lambda22, lambda31, lambda32 = self.rudder(z)
@@ -283,24 +290,33 @@ class Ship(Plant):
         rate[2] = d3 + lambda31 * u[1] + lambda32
         return (1.0 + self.delta) * rate + self.w[:, None]
 
-    def drift(self, x: Array, u: Array | None = None, t: float = 0.0) -> Array:
+    def drift(self, x: Array, u: Array | None, t: float) -> Array:
         """x' = R(x3) z, z' = f2 + delta: (20)."""
         if u is None:
             raise fail("u", None, "of shape (2, runs)", "give the control held over the step")
         z = x[3:]
-        sine, cosine = np.sin(x[2]), np.cos(x[2])
         rate = np.empty_like(x)
-        rate[0] = cosine * z[0] - sine * z[1]
-        rate[1] = sine * z[0] + cosine * z[1]
-        rate[2] = z[2]
-        rate[3:] = self.f2(z, u)
+        rate[:3] = self.x_rate(x[:3], z, u, t)
+        rate[3:] = self.f2(x[:3], z, u, t)
         return rate
 
-    def output(self, x: Array, t: float = 0.0) -> Array:
+    def x_rate(self, x: Array, z: Array, u: Array, t: Time) -> Array:
+        """R(x3) z: (20)."""
+        sine, cosine = np.sin(x[2]), np.cos(x[2])
+        return np.stack((cosine * z[0] - sine * z[1], sine * z[0] + cosine * z[1], z[2]))
+
+    def explain(self, x: Array, rate: Array, u: Array, t: Time) -> Array:
+        """R'(x3) x': the z of this rate."""
+        sine, cosine = np.sin(x[2]), np.cos(x[2])
+        return np.stack(
+            (cosine * rate[0] + sine * rate[1], cosine * rate[1] - sine * rate[0], rate[2])
+        )
+
+    def output(self, x: Array, u: Array | None, t: float) -> Array:
         """(x1, x2, x3)."""
         return x[:3]
 
-    def control(self, x: Array, dt: float) -> Array | None:
+    def control(self, x: Array, dt: float, t: float) -> Array | None:
         """Controller (21) with T = dt, in the one reading that cancels exactly.
 
         (21) ends in -k z3_tilde (printed: z3_bar), and kappa begins with -k (z3 + Gamma v)
@@ -329,48 +345,108 @@ class Ship(Plant):
 
 
 class Own(Plant):
-    """A model of the user's own: its table, in one of four forms.
+    """A model of the user's own: its table, of (t, x, u, parameters), in one of five forms.
 
-    ``form``: "phase" (one output, phi), "triangular" (f_1 ... f_n), "sampled" (f, K_T, h; inputs y
-    and T beside x and u).
+    ``form``: "phase" (phi), "triangular" (f_1 ... f_n), "chains" (phi_1, phi_2, ..., one for each
+    of ``orders``), "sampled" (f, K_T, h; y and T are inputs after u), "strict-feedback" (f1, g row
+    by row, f2; of ``n`` measured states x, and of ``n_z`` others after them).
     """
 
     kind = "own"
 
     def __init__(self, spec: Spec, where: str) -> None:
-        forms = ("phase", "triangular", "sampled")
-        self.form = choice(member(spec, "form", where), f"{where}.form", forms)
-        self.n = integer(member(spec, "n", where), f"{where}.n", least=1)
+        self.form = choice(member(spec, "form", where), f"{where}.form", FORMS)
+        self.n = n = integer(member(spec, "n", where), f"{where}.n", least=1)
         self.n_u = integer(spec.get("n_u", 0), f"{where}.n_u", least=0)
         self.table, self.parameters = _table(spec, where)
-        _fits(
-            self.table,
-            1 + self.n + self.n_u + 2 * (self.form == "sampled") + len(self.parameters),
-            {"phase": 1, "triangular": self.n, "sampled": 2 * self.n + 1}[self.form],
-            where,
-        )
+        self.orders, self.n_z = [n], 0
+        if self.form == "chains":
+            self.orders = [
+                integer(order, f"{where}.orders[{i}]", least=1)
+                for i, order in enumerate(member(spec, "orders", where))
+            ]
+            if sum(self.orders) != n:
+                raise fail(f"{where}.orders", self.orders, f"of sum n = {n}", "list every chain")
+        if self.form == "strict-feedback":
+            self.n_z = integer(member(spec, "n_z", where), f"{where}.n_z", least=1)
+        outputs = {
+            "phase": 1,
+            "triangular": n,
+            "chains": len(self.orders),
+            "sampled": 2 * n + 1,
+            "strict-feedback": n + (n + 1) * self.n_z,
+        }
+        told = 1 + n + self.n_z + self.n_u + 2 * (self.form == "sampled")
+        _fits(self.table, told + len(self.parameters), outputs[self.form], where)
 
-    def _evaluate(self, x: Array, u: Array | None, t: float, *more: Array) -> list[Array]:
-        told = np.zeros((self.n_u, x.shape[1])) if u is None else u
-        return self.table([t, *x, *told, *more, *self.parameters])
+    def values(self, x: Array, u: Array | None, t: Time, *more: Any) -> Array:
+        """All outputs of the table at (``t``, ``x``, ``u``, ``more``): (outputs, runs)."""
+        told = np.zeros((self.n_u, *x.shape[1:])) if u is None else u
+        made = self.table([t, *x, *told, *more, *self.parameters])
+        return np.stack([np.broadcast_to(value, x.shape[1:]) for value in made])
 
-    def known(self, x_hat: Array, u: Array | None = None, t: float = 0.0) -> Array | None:
-        """(0, ..., 0, phi) or (f_1, ..., f_n)."""
-        values = self._evaluate(x_hat, u, t)
+    def known(self, x_hat: Array, u: Array | None, t: float) -> Array | None:
+        """(0, ..., 0, phi), or (f_1, ..., f_n)."""
+        values = self.values(x_hat, u, t)
         f = np.zeros_like(x_hat)
-        for row, value in zip(f[-len(values) :], values, strict=True):
-            row[:] = value
+        f[-len(values) :] = values
         return f
 
-    def sampled(self, x: Array, u: Array | None, y: Array, t: float, dt: float) -> list[Array]:
-        """f, K_T and h, each of the shape of ``x``, but h: (runs,)."""
-        values = self._evaluate(x, u, t, y, np.float64(dt))
-        rows = np.stack([np.broadcast_to(value, y.shape) for value in values])
-        return [rows[: self.n], rows[self.n : 2 * self.n], rows[2 * self.n]]
+    def sampled(
+        self, x: Array, u: Array | None, y: Array, t: float, dt: float
+    ) -> tuple[Array, Array, Array]:
+        """f and K_T, of the shape of ``x``, and h, (runs,)."""
+        n, values = self.n, self.values(x, u, t, y, np.float64(dt))
+        return values[:n], values[n : 2 * n], values[2 * n]
+
+    def _f1_and_g(self, x: Array, u: Array, t: Time) -> tuple[Array, Array]:
+        """f1, (n, runs), and g, (n, n_z, runs): functions of what is measured."""
+        unknown = np.zeros((self.n_z, x.shape[1]))
+        values = self.values(np.concatenate((x, unknown)), u, t)
+        return values[: self.n], values[self.n : -self.n_z].reshape(self.n, self.n_z, -1)
+
+    def x_rate(self, x: Array, z: Array, u: Array, t: Time) -> Array:
+        """f1 + g z: Katayama, (1)."""
+        f1, g = self._f1_and_g(x, u, t)
+        return np.asarray(f1 + np.einsum("ijr,jr->ir", g, z))
+
+    def explain(self, x: Array, rate: Array, u: Array, t: Time) -> Array:
+        """Phi^-1 g' (x' - f1), Phi = g' g: the z of this rate, NaN where g loses rank."""
+        f1, g = self._f1_and_g(x, u, t)
+        phi = np.einsum("kir,kjr->rij", g, g)
+        phi[np.linalg.det(phi) == 0.0] = np.nan
+        right = np.einsum("kir,kr->ri", g, rate - f1)
+        return np.asarray(np.linalg.solve(phi, right[..., None])[..., 0].T)
+
+    def f2(self, x: Array, z: Array, u: Array, t: Time) -> Array:
+        """f2, (n_z, runs)."""
+        return self.values(np.concatenate((x, z)), u, t)[-self.n_z :]
+
+
+class Chain(Plant):
+    """One chain of a model of several: of the other chains' states it is told where they stand."""
+
+    kind = "own"
+
+    def __init__(self, model: Own, number: int) -> None:
+        self.model, self.number = model, number
+        self.n, self.n_u = model.orders[number], model.n_u
+        first = sum(model.orders[:number])
+        self.place = slice(first, first + self.n)
+        self.stands: Array | None = None  # x_hat of all chains at the beginning of a step
+
+    def known(self, x_hat: Array, u: Array | None, t: float) -> Array | None:
+        """(0, ..., 0, phi_i), the states of the other chains held."""
+        assert self.stands is not None
+        x = self.stands.copy()
+        x[self.place] = x_hat
+        f = np.zeros_like(x_hat)
+        f[-1] = self.model.values(x, u, t)[self.number]
+        return f
 
 
 class OwnPlant(Plant):
-    """A plant of the user's own: dx = drift dt + diffusion dW, y = h(x), from a table."""
+    """A plant of the user's own: dx = drift dt + diffusion dW, y = h, from a table of (t, x)."""
 
     kind = "own-plant"
 
@@ -391,15 +467,15 @@ class OwnPlant(Plant):
         values = self.table([t, *x, *self.parameters])[first : first + count]
         return np.stack([np.broadcast_to(value, x.shape[1:]) for value in values])
 
-    def drift(self, x: Array, u: Array | None = None, t: float = 0.0) -> Array:
+    def drift(self, x: Array, u: Array | None, t: float) -> Array:
         """Outputs 0 to n - 1."""
         return self._rows(x, t, 0, self.n)
 
-    def diffusion(self, x: Array, t: float = 0.0) -> Array:
+    def diffusion(self, x: Array, u: Array | None, t: float) -> Array:
         """The next n outputs."""
         return self._rows(x, t, self.n, self.n) if self.noisy else np.zeros_like(x)
 
-    def output(self, x: Array, t: float = 0.0) -> Array:
+    def output(self, x: Array, u: Array | None, t: float) -> Array:
         """The last output."""
         y: Array = self._rows(x, t, len(self.table.outputs) - 1, 1)[0]
         return y
@@ -422,6 +498,7 @@ def _fits(table: Any, inputs: int, outputs: int, where: str) -> None:
         raise fail(f"{where}.table inputs and outputs", sizes, allowed, "correct the table")
 
 
+FORMS = ("phase", "triangular", "chains", "sampled", "strict-feedback")
 KINDS = ("lee", "sanfelice-praly", "van-der-pol", "crackle", "ship", "own-plant")
 MODELS = (*KINDS[:-1], "none", "input", "own")
 KEYS: dict[str, tuple[str, ...]] = {
@@ -432,7 +509,7 @@ KEYS: dict[str, tuple[str, ...]] = {
     "ship": ("delta", "w"),
     "none": (),
     "input": ("b0",),
-    "own": ("form", "n", "n_u", "table", "parameters", "names"),
+    "own": ("form", "n", "n_u", "orders", "n_z", "table", "parameters", "names"),
     "own-plant": ("n", "n_u", "noisy", "table", "parameters", "names"),
 }
 

@@ -134,11 +134,6 @@ class MeasurementNoise:
             self.values = _samples(member(spec, "values", "noise"), steps, runs)
         self._streams = Streams(seed, runs, MEASUREMENT, first_run)
 
-    @property
-    def may_miss(self) -> bool:
-        """Whether a sample may be missing (NaN or inf among given samples)."""
-        return self.kind == "samples" and not bool(np.all(np.isfinite(self.values)))
-
     def _draw(self, count: int) -> Array:
         total = count * self.outputs
         if self.kind == "uniform":

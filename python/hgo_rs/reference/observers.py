@@ -1,12 +1,13 @@
 """The papers' observers, one class a law, the equation number at the line.
 
 A memory is an array of columns, shape (memory_len, runs): its first n entries are x_hat, then come
-the extras (eta, r, ...).  ``e`` is the innovation y - x_hat_1.  A missing sample (mask ``missing``,
-one entry a run) makes the innovation zero: the observer predicts.
+the extras (eta, r, ...).  ``e`` is the innovation y - x_hat_1.  A missing sample (NaN or infinite)
+makes the innovation zero: the observer predicts.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from . import integrate
 from .error import Array, Spec, choice, fail, integer, known, member, number, vector
 from .gain import AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw, gain_from
-from .models import Own, Plant, Ship, VanDerPol, plant_from
-from .placement import PLACED, ahead, chain_gains, low_power_gains
+from .models import Chain, Own, Plant, Ship, VanDerPol, plant_from
+from .placement import BILINEAR_LIMIT, PLACED, ahead, chain_gains, low_power_gains
 from .polynomial import is_hurwitz, low_power_polynomial
-
-Missing = NDArray[np.bool_] | None
 
 METHODS = (
     "euler",
@@ -34,42 +33,53 @@ MAX_ORDER = 12
 
 
 class Law:
-    """What all laws share: sizes, and one step."""
+    """What all laws share: sizes, and one step.
+
+    A law with predictor timing has ``step``; one with current timing ``correct`` and ``predict``.
+    Memories (memory_len, runs) are never changed in place; ``y``: (runs,), or (n_y, runs) where a
+    law takes several outputs, NaN or infinite where it is missing; ``u``: (n_u, runs) or None.
+    """
 
     n: int
     n_y = 1
     n_u = 0
     memory_len: int
-    filters = False  # predictor: the estimate at k uses samples up to k-1
+    is_current = False  # predictor: the estimate at k uses samples up to k-1
+    may_be_undefined = False  # whether its model may have no value somewhere
 
     @property
     def signals(self) -> int:
         """How many entries of the memory, the first ones, are worth a metric."""
         return self.memory_len
 
-    def step(
-        self,
-        memory: Array,
-        y: Array,
-        u: Array | None,
-        t: float,
-        dt: float,
-        missing: Missing = None,
-    ) -> Array:
-        """The memory after the sample ``y`` at time ``t``, and after the step ``dt`` that follows.
-
-        ``memory``: (memory_len, runs); ``y``: (runs,), or (n_y, runs) if n_y > 1; ``u``: (n_u,
-        runs) or None.  ``memory`` is not changed.
-        """
+    def step(self, memory: Array, y: Array, u: Array | None, t: float, dt: float) -> Array:
+        """The memory after the sample ``y`` at ``t``, and after the step ``dt`` that follows."""
         raise NotImplementedError
 
-    def residual(self, memory: Array, y: Array, t: float) -> Array:
+    def correct(self, memory: Array, y: Array, t: float) -> Array:
+        """The memory after the use of the sample ``y`` at time ``t``."""
+        raise NotImplementedError
+
+    def predict(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
+        """The memory a time ``dt`` after ``t``, under the input that is applied meanwhile."""
+        raise NotImplementedError
+
+    def residual(self, memory: Array, y: Array, u: Array | None, t: float) -> Array:
         """The innovation of a record: y - (predicted y), shape of ``y``."""
         return y - memory[0]
 
-    def undefined(self, memory: Array, y: Array, missing: Missing = None) -> NDArray[np.bool_]:
-        """Where the model has no value at this sample, one entry a run: never, but for a ship."""
-        return np.zeros(memory.shape[1], dtype=np.bool_)
+    def target(self, plant: Plant) -> slice:
+        """Which entries of a plant's state are estimated."""
+        return plant.target
+
+    def settle(self, old: Array, new: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """``new``, but ``old`` where the model had no value; and where that is, one entry a run."""
+        undefined: NDArray[np.bool_] = np.zeros(new.shape[1], dtype=np.bool_)
+        if self.may_be_undefined:
+            undefined = np.logical_not(np.isfinite(new).all(axis=0))
+            if undefined.any():
+                new = np.where(undefined, old, new)
+        return new, undefined
 
     def initial(self) -> Array:
         """Memory to start from when nothing is known, (memory_len,)."""
@@ -79,19 +89,29 @@ class Law:
         """Refuse a memory from which the law cannot start."""
 
 
+def innovation(y: Array, predicted: Array) -> Array:
+    """y - (predicted y), 0 where y is missing."""
+    present = np.isfinite(y)
+    e = y - predicted
+    return e if present.all() else np.where(present, e, 0.0)
+
+
 class ContinuousLaw(Law):
-    """A law given by a rate d(memory)/dt, discretised by a scheme."""
+    """A law given by a rate d(memory)/dt, discretised by a scheme: with predictor timing."""
 
     method: str
     gain_rows: tuple[int, ...] = ()  # where in the memory gains r >= 1 stand
 
-    def innovation(self, memory: Array, y: Array, missing: Missing = None) -> Array:
+    def innovation(self, memory: Array, y: Array) -> Array:
         """e = y - x_hat_1, shape (runs,)."""
-        e = y - memory[0]
-        return e if missing is None else np.where(missing, 0.0, e)
+        return innovation(y, memory[0])
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
         """d(memory)/dt at ``t`` for the innovation(s) ``e``."""
+        raise NotImplementedError
+
+    def injection(self, memory: Array, e: Array) -> Array:
+        """What of the rate is due to ``e``: the rate less that at e = 0."""
         raise NotImplementedError
 
     def lift(self, old: Array, new: Array, dt: float) -> None:
@@ -109,57 +129,44 @@ class ContinuousLaw(Law):
         for row in self.gain_rows:
             np.maximum(memory[row], 1.0, out=memory[row])
 
-    def step(
-        self,
-        memory: Array,
-        y: Array,
-        u: Array | None,
-        t: float,
-        dt: float,
-        missing: Missing = None,
-    ) -> Array:
-        """One step of the scheme with y held; or correct, then predict."""
+    def step(self, memory: Array, y: Array, u: Array | None, t: float, dt: float) -> Array:
+        """One step of the scheme with y held; of a placed method, correct over dt, then predict."""
         method = self.method
         if method in PLACED:
-            corrected = self.correct(memory, y, u, dt, missing)
-            return self.predict(corrected, u, t, dt)
+            return self.moved(self.corrected(memory, y, dt), u, t, dt)
         if method == "euler" or method == "staggered-euler":
-            new = memory + dt * self.rate(memory, self.innovation(memory, y, missing), u, t)
+            new = memory + dt * self.rate(memory, self.innovation(memory, y), u, t)
             if method == "staggered-euler":
                 self.lift(memory, new, dt)
         elif method == "rk4-innovation-held":
-            held = self.innovation(memory, y, missing)
+            held = self.innovation(memory, y)
             new = integrate.rk4(lambda s, m: self.rate(m, held, u, s), t, memory, dt)
         else:
             new = integrate.DETERMINISTIC[method](
-                lambda s, m: self.rate(m, self.innovation(m, y, missing), u, s), t, memory, dt
+                lambda s, m: self.rate(m, self.innovation(m, y), u, s), t, memory, dt
             )
-        if self.gain_rows:
-            self.clamp(new)
-        return new
-
-    def predict(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
-        """A step without a sample."""
-        none = np.ones(memory.shape[1], dtype=np.bool_)
-        if self.method in PLACED:
-            new = self.flow(memory, u, dt)
-            self.clamp(new)
-            return new
-        return self.step(memory, memory[0], u, t, dt, none)
-
-    def correct(
-        self, memory: Array, y: Array, u: Array | None, dt: float, missing: Missing = None
-    ) -> Array:
-        """What the sample injects over the period ``dt`` that it ends: by Euler, or placed."""
-        e = self.innovation(memory, y, missing)
-        if self.method in PLACED:
-            new = self.place(memory, e, dt)
-        else:
-            new = memory + dt * (self.rate(memory, e, u) - self.rate(memory, 0.0 * e, u))
         self.clamp(new)
         return new
 
-    def flow(self, memory: Array, u: Array | None, dt: float) -> Array:
+    def moved(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
+        """A step without a sample."""
+        if self.method not in PLACED:
+            return self.step(memory, np.full(memory.shape[1], np.nan), u, t, dt)
+        new = self.flow(memory, u, t, dt)
+        self.clamp(new)
+        return new
+
+    def corrected(self, memory: Array, y: Array, dt: float) -> Array:
+        """What the sample injects for the time ``dt`` > 0 that it ends: by Euler, or placed."""
+        e = self.innovation(memory, y)
+        if self.method in PLACED:
+            new = self.place(memory, e, dt)
+        else:
+            new = memory + dt * self.injection(memory, e)
+        self.clamp(new)
+        return new
+
+    def flow(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
         """A step along the chain, exact, what is known held."""
         raise NotImplementedError
 
@@ -195,13 +202,19 @@ def _method(spec: Spec) -> str:
     return choice(spec.get("method", "euler"), "observer.method", METHODS)
 
 
-def _model(spec: Spec, n: int) -> Plant:
-    model = plant_from(spec.get("model", {"kind": "none"}), "model")
+def _model(spec: Spec, n: int, chain: Chain | None) -> Plant:
+    if chain is not None:
+        if "model" in spec:
+            raise fail("observer.model", spec["model"], "left out", "the chains share one model")
+        model: Plant = chain
+    else:
+        model = plant_from(spec.get("model", {"kind": "none"}), "model")
     if model.n not in (0, n) or model.n_y != 1:
         raise fail("observer.model", model.kind, f"a model of order {n}", "use kind 'none'")
-    if isinstance(model, Own) and model.form == "sampled":
+    if isinstance(model, Own) and model.form not in ("phase", "triangular"):
         allowed = "of phase-variable or triangular form"
-        raise fail("observer.model.form", model.form, allowed, "use kind 'sampled-data'")
+        remedy = "use kind 'chains', 'sampled-data' or 'reduced-order'"
+        raise fail("observer.model.form", model.form, allowed, remedy)
     return model
 
 
@@ -213,11 +226,12 @@ class StandardObserver(ContinuousLaw):
     Memory: x_hat (n), and r if the gain moves.
     """
 
-    def __init__(self, spec: Spec) -> None:
+    def __init__(self, spec: Spec, chain: Chain | None = None) -> None:
         self.n = _order(spec)
         self.k = _coefficients(spec, self.n)
         self.gain: GainLaw = gain_from(member(spec, "gain", "observer"))
-        self.model = _model(spec, self.n)
+        self.model = _model(spec, self.n, chain)
+        self.may_be_undefined = self.model.kind == "own"
         self.n_u = self.model.n_u
         self.method = _method(spec)
         self.memory_len = self.n + self.gain.moves
@@ -226,23 +240,27 @@ class StandardObserver(ContinuousLaw):
             powers = self.gain.ell ** np.arange(1, self.n + 1)
             self._injection = (self.k * powers)[:, None]  # k_i ell^i
 
+    def injected(self, e: Array, g: Array | None) -> Array:
+        """k_i g^i e, (n, runs)."""
+        if g is None:
+            return np.asarray(self._injection * e)
+        rate = np.empty((self.n, *e.shape))
+        power = g
+        for i in range(self.n):
+            rate[i] = self.k[i] * power * e
+            power = power * g
+        return rate
+
     def chain(self, x_hat: Array, e: Array, g: Array | None, u: Array | None, t: float) -> Array:
         """x_hat_i' = x_hat_{i+1} + f_i(x_hat) + k_i g^i e."""
-        rate = np.empty_like(x_hat)
-        if g is None:
-            np.multiply(self._injection, e, out=rate)
-        else:
-            power = g
-            for i in range(self.n):
-                rate[i] = self.k[i] * power * e
-                power = power * g
+        rate = self.injected(e, g)
         rate[:-1] += x_hat[1:]
         f = self.model.known(x_hat, u, t)
         if f is not None:
             rate += f
         return rate
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
         """Astolfi (2); Sanfelice, Praly (5), (6)."""
         if not self.gain.moves:
             return self.chain(memory, e, None, u, t)
@@ -253,12 +271,19 @@ class StandardObserver(ContinuousLaw):
         rate[n] = self.gain.rate(r, e, n)
         return rate
 
-    def flow(self, memory: Array, u: Array | None, dt: float) -> Array:
+    def injection(self, memory: Array, e: Array) -> Array:
+        """Of x_hat k_i g^i e; of r what (6) has of e."""
+        if not self.gain.moves:
+            return self.injected(e, None)
+        r = memory[self.n]
+        return np.vstack([self.injected(e, r), driven(self.gain, r, e, self.n)])
+
+    def flow(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
         """x_hat along the chain; r without a sample."""
         n, new = self.n, memory.copy()
         x_hat = memory[:n]
         rates = np.vstack([x_hat[1:], np.zeros_like(x_hat[:1])])
-        f = self.model.known(x_hat, u)
+        f = self.model.known(x_hat, u, t)
         if f is not None:
             rates = rates + f
         new[:n] += ahead(rates, dt)
@@ -276,12 +301,17 @@ class StandardObserver(ContinuousLaw):
             return new
         for j, r in enumerate(memory[n]):
             new[:n, j] += chain_gains(self.k * r**powers, dt, self.method) * e[j]
-        new[n] += dt * (self.gain.rate(memory[n], e, n) - self.gain.rate(memory[n], 0.0 * e, n))
+        new[n] += dt * driven(self.gain, memory[n], e, n)
         return new
 
     def lift(self, old: Array, new: Array, dt: float) -> None:
         """x_hat_i uses the new x_hat_{i+1}."""
         lift_chain(old, new, dt, 0, self.n)
+
+
+def driven(gain: GainLaw, r: Array, e: Array, n: int) -> Array:
+    """What of a gain's rate is due to the innovation."""
+    return gain.rate(r, e, n) - gain.rate(r, np.zeros_like(e), n)
 
 
 def lift_chain(old: Array, new: Array, dt: float, first: int, n: int) -> None:
@@ -297,7 +327,7 @@ class LowPowerObserver(ContinuousLaw):
     of x_hat as f_i and row i of eta, which estimates x_{i+1}, as f_{i+1}.
     """
 
-    def __init__(self, spec: Spec) -> None:
+    def __init__(self, spec: Spec, chain: Chain | None = None) -> None:
         n = self.n = _order(spec)
         if n < 2:
             raise fail("observer.n", n, ">= 2 for a low-power law", "use the standard observer")
@@ -311,7 +341,8 @@ class LowPowerObserver(ContinuousLaw):
                 "take low_power_coefficients_from_poles",
             )
         self.gain: GainLaw = gain_from(member(spec, "gain", "observer"))
-        self.model = _model(spec, n)
+        self.model = _model(spec, n, chain)
+        self.may_be_undefined = self.model.kind == "own"
         self.n_u = self.model.n_u
         self.method = _method(spec)
         self.memory_len = 2 * n - 1 + self.gain.moves
@@ -328,7 +359,7 @@ class LowPowerObserver(ContinuousLaw):
         """What of eta is passed on: all of it; eq. (11) saturates here."""
         return eta
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
+    def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
         """(5a), (5b); with ``limit`` (11a), (11b)."""
         n = self.n
         x_hat, eta = memory[:n], memory[n : 2 * n - 1]
@@ -352,12 +383,22 @@ class LowPowerObserver(ContinuousLaw):
             rate[2 * n - 1] = self.gain.rate(r, e, n)
         return rate
 
-    def flow(self, memory: Array, u: Array | None, dt: float) -> Array:
+    def injection(self, memory: Array, e: Array) -> Array:
+        """The first block's alpha_1 ell e and beta_1 ell^2 e; of r what its law has of e."""
+        n, rate = self.n, np.zeros_like(memory)
+        alpha_ell, beta_ell2 = self._injections or self._scaled(memory[2 * n - 1])
+        rate[0] = alpha_ell[0] * e
+        rate[n] = beta_ell2[0] * e
+        if self.gain.moves:
+            rate[2 * n - 1] = driven(self.gain, memory[2 * n - 1], e, n)
+        return rate
+
+    def flow(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
         """Every block along the chain, by its own eta and by what those above pass on."""
         n, new = self.n, memory.copy()
         x_hat, eta = memory[:n], memory[n : 2 * n - 1]
         passed = self.limit(eta)
-        phi = self.model.known(x_hat, u)
+        phi = self.model.known(x_hat, u, t)
         last = np.zeros_like(x_hat[:1]) if phi is None else phi[-1:]
         moved = ahead(np.vstack([passed, last]), dt)
         new[:n] += moved
@@ -386,8 +427,7 @@ class LowPowerObserver(ContinuousLaw):
         new[n - 1] += a[-1] * e_all[-1]
         new[n : 2 * n - 1] += b * within + b_alone * beyond
         if self.gain.moves:
-            r = memory[2 * n - 1]
-            new[2 * n - 1] += dt * (self.gain.rate(r, e, n) - self.gain.rate(r, 0.0 * e, n))
+            new[2 * n - 1] += dt * driven(self.gain, memory[2 * n - 1], e, n)
         return new
 
     def lift(self, old: Array, new: Array, dt: float) -> None:
@@ -408,8 +448,8 @@ class PeakingFreeObserver(LowPowerObserver):
     ``saturation`` = [r_2, ..., r_n]: eta_i passes through sat at level r_{i+1}.
     """
 
-    def __init__(self, spec: Spec) -> None:
-        super().__init__(spec)
+    def __init__(self, spec: Spec, chain: Chain | None = None) -> None:
+        super().__init__(spec, chain)
         self.levels = vector(
             member(spec, "saturation", "observer"), "observer.saturation", self.n - 1
         )
@@ -456,7 +496,8 @@ class CollectionObserver(ContinuousLaw):
                 "observer.gain.law", spec["gain"]["law"], "'adaptive'", "copies adapt by (6)"
             )
         self.gain = gain
-        self.model = _model(spec, self.n)
+        self.model = _model(spec, self.n, None)
+        self.may_be_undefined = self.model.kind == "own"
         self.n_u = self.model.n_u
         self.method = _method(spec)
         self.memory_len = self.copies * (self.n + 1)
@@ -466,29 +507,42 @@ class CollectionObserver(ContinuousLaw):
         """View of shape (copies, n + 1, runs)."""
         return memory.reshape(self.copies, self.n + 1, -1)
 
-    def innovation(self, memory: Array, y: Array, missing: Missing = None) -> Array:
+    def innovation(self, memory: Array, y: Array) -> Array:
         """e_i = y - x_hat_{i,1}, shape (copies, runs)."""
-        e = y - self.by_copy(memory)[:, 0]
-        return e if missing is None else np.where(missing, 0.0, e)
+        return innovation(y, self.by_copy(memory)[:, 0])
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
-        """(23), with e_i = -(y_hat_i - y)."""
-        n, b = self.n, self.gain.b
-        copies = self.by_copy(memory)
-        r = copies[:, n]
-        scale = r**b
+    def injected(self, copies: Array, e: Array) -> Array:
+        """k_j r_i^j e_i and the repulsion of (23), with e_i = -(y_hat_i - y): (copies, n, runs)."""
+        r = copies[:, self.n]
+        scale = r**self.gain.b
         scaled = e / scale
         repulsion = (scaled[:, None] - scaled[None, :]).sum(axis=1)  # sum_l (e_i/r_i^b - e_l/r_l^b)
-        rate = np.empty_like(copies)
+        rate = np.empty_like(copies[:, : self.n])
         power = r
-        for j in range(n):
+        for j in range(self.n):
             rate[:, j] = self.k[j] * power * e - self.k_bar[j] * power * scale * repulsion
             power = power * r
+        return rate
+
+    def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
+        """(23)."""
+        n = self.n
+        copies = self.by_copy(memory)
+        rate = np.empty_like(copies)
+        rate[:, :n] = self.injected(copies, e)
         rate[:, : n - 1] += copies[:, 1:n]
         f = self.model.known(np.moveaxis(copies[:, :n], 1, 0), u, t)
         if f is not None:
             rate[:, :n] += np.moveaxis(f, 0, 1)
-        rate[:, n] = self.gain.rate(r, e, n)
+        rate[:, n] = self.gain.rate(copies[:, n], e, n)
+        return rate.reshape(memory.shape)
+
+    def injection(self, memory: Array, e: Array) -> Array:
+        """The copies' injection and repulsion; of r_i what (6) has of e_i."""
+        copies = self.by_copy(memory)
+        rate = np.empty_like(copies)
+        rate[:, : self.n] = self.injected(copies, e)
+        rate[:, self.n] = driven(self.gain, copies[:, self.n], e, self.n)
         return rate.reshape(memory.shape)
 
     def nominal_gain(self, memory: Array) -> Array:
@@ -527,30 +581,39 @@ class ModifiedObserver(CollectionObserver):
         self.memory_len = self.n + 1 + self.collection.memory_len
         self.gain_rows = tuple(range(self.n, self.memory_len, self.n + 1))
 
-    def innovation(self, memory: Array, y: Array, missing: Missing = None) -> Array:
+    def innovation(self, memory: Array, y: Array) -> Array:
         """e of the observer, then of the copies, shape (1 + copies, runs)."""
-        e = y - memory[:: self.n + 1]
-        return e if missing is None else np.where(missing, 0.0, e)
+        return innovation(y, memory[:: self.n + 1])
 
-    def rate(self, memory: Array, e: Array, u: Array | None = None, t: float = 0.0) -> Array:
+    def main(self, memory: Array, e: Array) -> Array:
+        """k_j (r r_bar)^j e, (n, runs): the injection of (25)."""
+        g = memory[self.n] * self.nominal_gain(memory)
+        rate = np.empty((self.n, *e.shape))
+        power = g
+        for j in range(self.n):
+            rate[j] = self.k[j] * power * e
+            power = power * g
+        return rate
+
+    def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
         """(25) over (23) and (24)."""
         n = self.n
-        own = memory[: n + 1]
-        x_hat, r = own[:n], own[n]
-        others = memory[n + 1 :]
-        g = r * self.collection.nominal_gain(others)
+        x_hat = memory[:n]
         rate = np.empty_like(memory)
-        power = g
-        for j in range(n):
-            rate[j] = self.k[j] * power * e[0]  # k_j (r r_bar)^j e
-            power = power * g
+        rate[:n] = self.main(memory, e[0])
         rate[: n - 1] += x_hat[1:]
         f = self.model.known(x_hat, u, t)
         if f is not None:
             rate[:n] += f
-        rate[n] = self.gain.rate(r, e[0], n)
-        rate[n + 1 :] = self.collection.rate(others, e[1:], u, t)
+        rate[n] = self.gain.rate(memory[n], e[0], n)
+        rate[n + 1 :] = self.collection.rate(memory[n + 1 :], e[1:], u, t)
         return rate
+
+    def injection(self, memory: Array, e: Array) -> Array:
+        """That of (25), and the collection's."""
+        n = self.n
+        own = [self.main(memory, e[0]), driven(self.gain, memory[n], e[0], n)]
+        return np.vstack([*own, self.collection.injection(memory[n + 1 :], e[1:])])
 
     def nominal_gain(self, memory: Array) -> Array:
         """r_bar of the collection: (24)."""
@@ -584,32 +647,25 @@ class SampledDataObserver(Law):
         self.model = model
         self.gain = choice(spec.get("gain", "derived"), "observer.gain", ("derived", "printed"))
 
-    def step(
-        self,
-        memory: Array,
-        y: Array,
-        u: Array | None,
-        t: float,
-        dt: float,
-        missing: Missing = None,
-    ) -> Array:
+    def step(self, memory: Array, y: Array, u: Array | None, t: float, dt: float) -> Array:
         """(5)."""
-        if missing is not None:
-            y = np.where(missing, memory[0], y)  # innovation 0
+        y = np.where(np.isfinite(y), y, memory[0])  # innovation 0
         epsilon = self.model.epsilon
         x1_hat, x2_hat = memory[0], memory[1]
         mu = epsilon * (1.0 - y * y)
         l1 = (5.0 + mu if self.gain == "derived" else 5.0 - mu) * dt
         l2 = (5.0 - epsilon * (x1_hat + y) * x2_hat + (5.0 + mu) * mu) * dt
         e = y - x1_hat
-        new = memory + self.model.drift(memory) * dt
+        new = memory + self.model.drift(memory, u, t) * dt
         new[0] += l1 * e
         new[1] += l2 * e
         return new
 
 
 class OwnSampledDataObserver(Law):
-    """x_hat+ = x_hat + T f(x_hat, u) + K_T(x_hat, y): Fu, Kang, Li, eq. (5), for any f and K_T."""
+    """x_hat+ = x_hat + T f(t, x_hat, u) + K_T(t, x_hat, u, y): Fu, Kang, Li, (5), any f and K_T."""
+
+    may_be_undefined = True
 
     def __init__(self, spec: Spec) -> None:
         model = plant_from(member(spec, "model", "observer"), "model")
@@ -619,131 +675,131 @@ class OwnSampledDataObserver(Law):
         self.n = self.memory_len = model.n
         self.n_u = model.n_u
 
-    def residual(self, memory: Array, y: Array, t: float) -> Array:
-        """y - h(x_hat)."""
-        return y - self.model.sampled(memory, None, y, 0.0, 1.0)[2]
+    def residual(self, memory: Array, y: Array, u: Array | None, t: float) -> Array:
+        """y - h(t, x_hat, u)."""
+        return y - self.model.sampled(memory, u, y, t, 1.0)[2]
 
-    def step(
-        self,
-        memory: Array,
-        y: Array,
-        u: Array | None,
-        t: float,
-        dt: float,
-        missing: Missing = None,
-    ) -> Array:
+    def step(self, memory: Array, y: Array, u: Array | None, t: float, dt: float) -> Array:
         """(5); without a sample x_hat + T f."""
         f, correction, _ = self.model.sampled(memory, u, y, t, dt)
-        if missing is not None:
-            correction = np.where(missing, 0.0, correction)
-        return memory + f * dt + correction
+        return memory + f * dt + np.where(np.isfinite(y), correction, 0.0)
+
+
+SLOTS = 8  # of an own model's memory for its inputs, as the core has them
 
 
 class ReducedOrderObserver(Law):
     """The high-gain reduced-order observer: Katayama, eq. (8) and (22), H = diag(h_bar) / epsilon.
 
-    z_hat(k+1) = (I - T H) z_hat(k) + T [H Psi(k) + f2(Psi(k), u(k))],
-    Psi(k) = R'(y3(k)) (y(k+1) - y(k)) / T: y(k+1) closes the step k -> k+1, so the law filters.
-    Memory: z_hat (3), y_last (3), u_held (2), time elapsed since y_last (0: no sample yet), and
-    the period of the step that the next sample closes; the two differ after missing samples.
+    z_hat(k+1) = (I - T H) z_hat(k) + T [H Psi(k) + f2(y(k), Psi(k), u(k))],
+    Psi(k) = Phi^-1 g' ((y(k+1) - y(k)) / T - f1(y(k))): y(k+1) closes the step k -> k+1.
+    ``predict`` opens a step, ``correct`` closes it: with a sample by (8), without one by
+    z_hat += T f2(y, z_hat, u).  Psi spans all the time since the last sample.
+
+    Memory: z_hat, the last sample y, the input u held over the open step, the time elapsed since y
+    (-1 before the first sample), and the length of the open step (0 after a ``correct``).
     """
 
-    n = 3
-    n_y = 3
-    n_u = 2
-    memory_len = 10
-    filters = True
+    is_current = True
+    may_be_undefined = True
 
     def __init__(self, spec: Spec) -> None:
         model = plant_from(member(spec, "model", "observer"), "model")
-        if not isinstance(model, Ship):
-            raise fail("observer.model.kind", model.kind, "'ship'", "change the model")
-        self.model = Ship()  # the observer knows neither delta_bar nor w
-        self.h_bar = vector(member(spec, "h_bar", "observer"), "observer.h_bar", 3)
+        if isinstance(model, Ship):
+            self.model: Ship | Own = Ship()  # the observer knows neither delta_bar nor w
+            self.n, self.n_y, self._slots = 3, 3, model.n_u
+        elif isinstance(model, Own) and model.form == "strict-feedback":
+            self.model = model
+            self.n, self.n_y, self._slots = model.n_z, model.n, SLOTS
+        else:
+            allowed = "'ship', or 'own' of form 'strict-feedback'"
+            raise fail("observer.model.kind", model.kind, allowed, "change the model")
+        self.n_u = model.n_u
+        self.memory_len = self.n + self.n_y + self._slots + 2
+        self.h_bar = vector(member(spec, "h_bar", "observer"), "observer.h_bar", self.n)
         if not np.all((self.h_bar > 0.0) & (self.h_bar < 1.0)):
             raise fail("observer.h_bar", self.h_bar.tolist(), "in (0, 1)", "see assumption A5")
         self.epsilon = number(member(spec, "epsilon", "observer"), "observer.epsilon", above=0.0)
         self._h = (self.h_bar / self.epsilon)[:, None]
 
-    def velocity(self, memory: Array, y: Array) -> Array:
-        """Psi = R'(y3_last) (y - y_last) / elapsed, shape (3, runs)."""
-        y_last, elapsed = memory[3:6], memory[8]
-        slope = (y - y_last) / elapsed
-        sine, cosine = np.sin(y_last[2]), np.cos(y_last[2])
-        return np.stack(
-            (cosine * slope[0] + sine * slope[1], cosine * slope[1] - sine * slope[0], slope[2])
-        )
+    def initial(self) -> Array:
+        memory = np.zeros(self.memory_len)
+        memory[-2] = -1.0  # no sample yet
+        return memory
 
     @property
     def signals(self) -> int:
         """The estimates."""
         return self.n
 
-    def residual(self, memory: Array, y: Array, t: float) -> Array:
-        """y - (y_last + elapsed R(y3_last) z_hat)."""
-        z1, z2, z3 = memory[:3]
-        y_last, elapsed = memory[3:6], memory[8]
-        sine, cosine = np.sin(y_last[2]), np.cos(y_last[2])
-        moved = np.stack((cosine * z1 - sine * z2, sine * z1 + cosine * z2, z3))
-        return y - y_last - elapsed * moved
+    def target(self, plant: Plant) -> slice:
+        """z, which stands after what is measured."""
+        return slice(self.n_y, min(self.n_y + self.n, plant.n))
 
-    def step(
-        self,
-        memory: Array,
-        y: Array,
-        u: Array | None,
-        t: float,
-        dt: float,
-        missing: Missing = None,
-    ) -> Array:
-        """(22); over a missing sample z_hat += T f2(z_hat, u_held).
+    def parts(self, memory: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """z_hat, y, the slots of u, elapsed, period."""
+        ends = np.cumsum([self.n, self.n_y, self._slots])
+        z_hat, y, u, (elapsed, period) = np.split(memory, ends)
+        return z_hat, y, u, elapsed, period
 
-        Where f2 has no value (z1 = 0 = z2 - 1.18 z3: A1 fails) z_hat is held.
-        """
-        if u is None:
-            raise fail("u", None, "of shape (2, runs)", "give the control held from this sample on")
-        started = memory[8] > 0.0
-        z_new = self.estimate(memory, y, missing)
-        new = np.empty_like(memory)
-        new[:3] = np.where(started & np.isfinite(z_new).all(axis=0), z_new, memory[:3])
-        new[3:6] = y
-        new[6:8] = u
-        new[8:] = dt
-        if missing is not None and missing.any():
-            new[3:6] = np.where(missing, memory[3:6], new[3:6])
-            new[8] = np.where(missing, np.where(started, memory[8] + dt, 0.0), dt)
+    def residual(self, memory: Array, y: Array, u: Array | None, t: float) -> Array:
+        """y - (y_last + elapsed (f1 + g z_hat))."""
+        z_hat, y_last, slots, elapsed, _ = self.parts(memory)
+        y, held = np.reshape(y, y_last.shape), slots[: self.n_u]
+        return y - y_last - elapsed * self.model.x_rate(y_last, z_hat, held, t - elapsed)
+
+    def correct(self, memory: Array, y: Array, t: float) -> Array:
+        """Close the open step: by (8), or over a missing sample by the model."""
+        z_hat, y_last, slots, elapsed, period = self.parts(memory)
+        y, u = np.reshape(y, y_last.shape), slots[: self.n_u]
+        present = np.isfinite(y).all(axis=0)
+        opened = (elapsed > 0.0) & (period > 0.0)
+        psi = self.model.explain(y_last, (y - y_last) / elapsed, u, t - elapsed)
+        psi = np.where(present, psi, z_hat)
+        # (I - T H) z_hat + T [H Psi + f2(y, Psi, u)] = z_hat + T [H (Psi - z_hat) + f2(y, Psi, u)]
+        rate = self._h * (psi - z_hat) + self.model.f2(y_last, psi, u, t - period)
+        return np.vstack(
+            [
+                np.where(opened, z_hat + period * rate, z_hat),  # (8), (22)
+                np.where(present, y, y_last),
+                slots,
+                np.where(present, 0.0, elapsed),
+                np.zeros_like(period),
+            ]
+        )
+
+    def predict(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
+        """Open a step under ``u``, after one that was left open."""
+        if u is None and self.n_u:
+            allowed = f"of shape ({self.n_u}, runs)"
+            raise fail("u", None, allowed, "give the input held from this sample on")
+        new = self.correct(memory, np.full((self.n_y, memory.shape[1]), np.nan), t)
+        if u is not None:
+            new[self.n + self.n_y :][: self.n_u] = u
+        new[-2] += np.where(new[-2] >= 0.0, dt, 0.0)
+        new[-1] = dt
         return new
 
-    def estimate(self, memory: Array, y: Array, missing: Missing = None) -> Array:
-        """z_hat at the sample ``y``; not finite where f2 has no value."""
-        z_hat, u_held, period = memory[:3], memory[6:8], memory[9]
-        psi = self.velocity(memory, y)
-        # (I - T H) z_hat + T [H Psi + f2(Psi, u)] = z_hat + T [H (Psi - z_hat) + f2(Psi, u)]
-        z_new = z_hat + period * (self._h * (psi - z_hat) + self.model.f2(psi, u_held))  # (22)
-        if missing is not None and missing.any():
-            z_new = np.where(missing, z_hat + period * self.model.f2(z_hat, u_held), z_new)
-        return z_new
-
-    def undefined(self, memory: Array, y: Array, missing: Missing = None) -> NDArray[np.bool_]:
-        """Where f2 has no value, so that z_hat is held."""
-        return (memory[8] > 0.0) & ~np.isfinite(self.estimate(memory, y, missing)).all(axis=0)
+    def settle(self, old: Array, new: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Where f2 has no value z_hat is held; the sample and the input are kept for the next."""
+        z_hat, undefined = super().settle(old[: self.n], new[: self.n])
+        return np.vstack([z_hat, new[self.n :]]), undefined
 
 
 class CurrentLaw(Law):
-    """A continuous law with current timing: predict over the past period, then correct.
+    """A continuous law with current timing: correct, then predict over the period that begins.
 
-    Memory: the law's, the time from the last sample used (or the start) to the next one, the period
-    before that one (0: none yet), the inputs held over it.  Euler's correction is for the period, a
-    placed one for the whole time.  The first sample corrects as if a period as long as the next one
-    had passed.
+    Memory: the law's, and the time that the next correction is for: of a placed method all that has
+    passed since the last sample used, of another the last period.
     """
 
-    filters = True
+    is_current = True
 
     def __init__(self, law: ContinuousLaw) -> None:
         self.law = law
         self.n, self.n_u = law.n, law.n_u
-        self.memory_len = law.memory_len + 2 + law.n_u
+        self.memory_len = law.memory_len + 1
+        self.may_be_undefined = law.may_be_undefined
 
     @property
     def signals(self) -> int:
@@ -751,52 +807,104 @@ class CurrentLaw(Law):
         return self.law.memory_len
 
     def initial(self) -> Array:
-        """The law's, and no sample yet."""
-        return np.concatenate([self.law.initial(), np.zeros(2 + self.n_u)])
+        """The law's, and no time."""
+        return np.append(self.law.initial(), 0.0)
 
     def check(self, memory: Array) -> None:
         """As the law's."""
-        self.law.check(memory[: self.law.memory_len])
+        self.law.check(memory[:-1])
 
-    def before(self, memory: Array, t: float) -> tuple[Array, float]:
-        """The law's memory predicted up to ``t``, and over which period (one for all runs)."""
-        m = self.law.memory_len
-        period = float(memory[m + 1, 0])
-        held = memory[m + 2 :] if self.n_u else None
-        if period == 0.0:
-            return memory[:m].copy(), period
-        return self.law.predict(memory[:m], held, t - period, period), period
-
-    def residual(self, memory: Array, y: Array, t: float) -> Array:
-        """y - predicted x_hat_1."""
-        return y - self.before(memory, t)[0][0]
-
-    def step(
-        self,
-        memory: Array,
-        y: Array,
-        u: Array | None,
-        t: float,
-        dt: float,
-        missing: Missing = None,
-    ) -> Array:
-        """Predict, correct, remember."""
-        before, period = self.before(memory, t)
-        new = np.empty_like(memory)
-        m = self.law.memory_len
-        elapsed = memory[m]
-        times = elapsed if self.law.method in PLACED else np.full_like(elapsed, period)
-        times = np.where(times == 0.0, dt, times)
-        for time in np.unique(times):  # gains are those of one time
-            some = times == time
-            told = None if u is None else u[:, some]
-            absent = None if missing is None else missing[some]
-            new[:m, some] = self.law.correct(before[:, some], y[some], told, float(time), absent)
-        new[m] = dt if missing is None else np.where(missing, elapsed + dt, dt)
-        new[m + 1] = dt
-        if u is not None:
-            new[m + 2 :] = u
+    def correct(self, memory: Array, y: Array, t: float) -> Array:
+        """What ``y`` injects for the time elapsed; nothing for no time, nor without a sample."""
+        new = memory.copy()
+        elapsed, present = memory[-1], np.isfinite(y)
+        for time in np.unique(elapsed[present]):  # gains are those of one time
+            if time > 0.0:
+                some = present & (elapsed == time)
+                new[:-1, some] = self.law.corrected(memory[:-1, some], y[some], float(time))
+        new[-1] = np.where(present, 0.0, elapsed)
         return new
+
+    def predict(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
+        """The law's step without a sample."""
+        moved = self.law.moved(memory[:-1], u, t, dt)
+        elapsed = memory[-1] + dt if self.law.method in PLACED else np.full_like(memory[-1], dt)
+        return np.vstack([moved, elapsed])
+
+
+class ChainsObserver(Law):
+    """An observer for each output of a model of several chains, which share their states.
+
+    Over a step, an observer takes the states of the other chains as they stand at its beginning.
+    Memory: the estimates of all chains, then what else each of the observers remembers.
+    """
+
+    may_be_undefined = True
+
+    def __init__(self, spec: Spec) -> None:
+        model = plant_from(member(spec, "model", "observer"), "model")
+        if not isinstance(model, Own) or model.form != "chains":
+            raise fail("observer.model.kind", model.kind, "'own' of form 'chains'", "change it")
+        self.chains = [Chain(model, i) for i in range(len(model.orders))]
+        specs = member(spec, "observers", "observer")
+        if len(specs) != len(self.chains):
+            allowed = f"{len(self.chains)} observers, one for each chain"
+            raise fail("observer.observers", len(specs), allowed, "list them in order")
+        self.laws = [_single(*both) for both in zip(specs, self.chains, strict=True)]
+        self.is_current = self.laws[0].is_current
+        if any(law.is_current != self.is_current for law in self.laws):
+            timings = [one.get("timing", "predictor") for one in specs]
+            raise fail("observer.observers timing", timings, "the same", "choose one for all")
+        self.n, self.n_y, self.n_u = model.n, len(self.laws), model.n_u
+        self.places, rest = [], self.n
+        for law, chain in zip(self.laws, self.chains, strict=True):
+            more = law.memory_len - law.n
+            self.places.append(np.r_[chain.place, rest : rest + more])
+            rest += more
+        self.memory_len = rest
+
+    @property
+    def signals(self) -> int:
+        """The estimates."""
+        return self.n
+
+    def initial(self) -> Array:
+        """Those of the observers."""
+        memory = np.zeros(self.memory_len)
+        for law, place in zip(self.laws, self.places, strict=True):
+            memory[place] = law.initial()
+        return memory
+
+    def check(self, memory: Array) -> None:
+        """As each observer's."""
+        for law, place in zip(self.laws, self.places, strict=True):
+            law.check(memory[place])
+
+    def residual(self, memory: Array, y: Array, u: Array | None, t: float) -> Array:
+        """y_i - x_hat_1 of chain i."""
+        return np.reshape(y, (self.n_y, -1)) - memory[[chain.place.start for chain in self.chains]]
+
+    def each(self, memory: Array, act: Callable[[int, Law, Array], Array]) -> Array:
+        """Every observer's memory after what ``act(i, observer, memory)`` makes of it."""
+        new = np.empty_like(memory)
+        for i, (law, place) in enumerate(zip(self.laws, self.places, strict=True)):
+            self.chains[i].stands = memory[: self.n]
+            new[place] = act(i, law, memory[place])
+        return new
+
+    def step(self, memory: Array, y: Array, u: Array | None, t: float, dt: float) -> Array:
+        """A step of every observer."""
+        y = np.reshape(y, (self.n_y, -1))
+        return self.each(memory, lambda i, law, own: law.step(own, y[i], u, t, dt))
+
+    def correct(self, memory: Array, y: Array, t: float) -> Array:
+        """Every observer by its own output, for the time since that one's last sample."""
+        y = np.reshape(y, (self.n_y, -1))
+        return self.each(memory, lambda i, law, own: law.correct(own, y[i], t))
+
+    def predict(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
+        """Every observer over the period."""
+        return self.each(memory, lambda i, law, own: law.predict(own, u, t, dt))
 
 
 LAWS: dict[str, type[Law]] = {
@@ -807,7 +915,9 @@ LAWS: dict[str, type[Law]] = {
     "modified": ModifiedObserver,
     "sampled-data": SampledDataObserver,
     "reduced-order": ReducedOrderObserver,
+    "chains": ChainsObserver,
 }
+SINGLE = ("standard", "low-power", "peaking-free")
 
 
 _CHAIN = ("n", "gain", "model", "method", "timing")
@@ -819,6 +929,7 @@ KEYS: dict[str, tuple[str, ...]] = {
     "modified": ("k", "k_bar", "copies", *_CHAIN),
     "sampled-data": ("model", "gain"),
     "reduced-order": ("model", "h_bar", "epsilon"),
+    "chains": ("observers", "model"),
 }
 
 
@@ -829,15 +940,31 @@ def law_from(spec: Spec) -> Law:
     law: Any = LAWS[kind]
     if kind == "sampled-data" and member(spec, "model", "observer").get("kind") == "own":
         law = OwnSampledDataObserver
-    built: Law = law(spec)
+    return _timed(law(spec), spec)
+
+
+def _single(spec: Spec, chain: Chain) -> Law:
+    """The law of one chain."""
+    kind = choice(member(spec, "kind", "observers"), "observers.kind", SINGLE)
+    known(spec, "observers", ("kind", *KEYS[kind]))
+    law: Any = LAWS[kind]
+    return _timed(law(spec, chain), spec)
+
+
+def _timed(law: Law, spec: Spec) -> Law:
+    """The law under its timing."""
     timing = choice(spec.get("timing", "predictor"), "observer.timing", TIMINGS)
     method = spec.get("method")
-    if method in PLACED and isinstance(built, CollectionObserver):
+    if method in PLACED and isinstance(law, CollectionObserver):
         placed = "a method of step-by-step rates"
         raise fail("observer.method", method, placed, "eigenvalues are placed for single laws")
-    if timing == "current" and isinstance(built, ContinuousLaw):
-        return CurrentLaw(built)
-    return built
+    if method == "bilinear" and law.n > BILINEAR_LIMIT[spec["kind"]]:
+        allowed = f"at most {BILINEAR_LIMIT[spec['kind']]} under method bilinear"
+        remedy = "choose method zoh: rounding moves eigenvalues gathered at -1"
+        raise fail("observer.n", law.n, allowed, remedy)
+    if timing == "current" and isinstance(law, ContinuousLaw):
+        return CurrentLaw(law)
+    return law
 
 
 USED, MISSED, UNDEFINED = 0, 1, 2  # what a step made of its sample
@@ -857,34 +984,83 @@ class Observer:
         self.n_y = self.law.n_y
         self.n_u = self.law.n_u
         self.memory_len = self.law.memory_len
-        self.is_current = self.law.filters
+        self.is_current = self.law.is_current
 
     def initial(self) -> Array:
         """Memory to start from when nothing is known, (memory_len,)."""
         return self.law.initial()
 
+    def correct(self, memory: ArrayLike, y: ArrayLike, t: float) -> tuple[Array, int]:
+        """Take the sample ``y`` at ``t`` [s]: (memory with x_hat(k|k), status as of ``step``).
+
+        Current timing only.  The gain is that for the time elapsed since the last sample.
+        """
+        self._need_current("correct")
+        column, (sample, missing) = self._memory(memory), self._sample(y)
+        return self._settled(
+            column, lambda: self.law.correct(column, sample, number(t, "t")), missing
+        )
+
+    def predict(
+        self, memory: ArrayLike, u: ArrayLike | None, t: float, dt: float
+    ) -> tuple[Array, int]:
+        """Move from ``t`` over ``dt`` [s] under the input now applied: (memory, status 0 or 2).
+
+        Current timing only.
+        """
+        self._need_current("predict")
+        column, told = self._memory(memory), self._input(u)
+        number(t, "t")
+        number(dt, "dt", above=0.0)
+        return self._settled(column, lambda: self.law.predict(column, told, t, dt), False)
+
     def step(
         self, memory: ArrayLike, y: ArrayLike, u: ArrayLike | None, t: float, dt: float
     ) -> tuple[Array, int]:
-        """One sample: (memory after the step, status).
+        """One sample ``y`` at time ``t``: (memory after the step, status).
+
+        Predictor timing: the step from ``t`` over the coming ``dt``, under ``u``.  Current timing:
+        ``predict`` over the period ``dt`` that ends at ``t``, under the ``u`` held over it, then
+        ``correct``; ``dt`` = 0 for the very first sample, which only corrects.
 
         ``memory``: (memory_len,); ``y``: scalar or (n_y,), NaN for a missing sample; ``u``: (n_u,)
         or None; ``t``, ``dt`` [s].  Status 0: sample used; 1: missing, the law predicted; 2: the
-        model has no value at this sample, the estimate was held.
+        model has no value here, the memory was kept (by the reduced-order law: z_hat).
         """
-        column = vector(memory, "memory", self.memory_len)[:, None]
+        if self.is_current:
+            number(dt, "dt", least=0.0)
+            before, status = np.asarray(memory), USED
+            if dt > 0.0:
+                before, status = self.predict(memory, u, t - dt, dt)
+                if status == UNDEFINED:
+                    return before, status
+            return self.correct(before, y, t)
+        column, (sample, missing), told = self._memory(memory), self._sample(y), self._input(u)
+        number(t, "t")
+        number(dt, "dt", above=0.0)
+        return self._settled(column, lambda: self.law.step(column, sample, told, t, dt), missing)
+
+    def _need_current(self, verb: str) -> None:
+        if not self.is_current:
+            raise fail(f"timing (of {verb})", "predictor", "'current'", "set timing='current'")
+
+    def _memory(self, memory: ArrayLike) -> Array:
+        return vector(memory, "memory", self.memory_len)[:, None]
+
+    def _sample(self, y: ArrayLike) -> tuple[Array, bool]:
         sample = np.asarray(y, dtype=np.float64).reshape(-1)
         if sample.shape != (self.n_y,):
             raise fail("y", np.shape(y), f"of {self.n_y} entries", "give one sample")
-        number(t, "t")
-        number(dt, "dt", above=0.0)
-        control = None if self.n_u == 0 else vector([] if u is None else u, "u", self.n_u)[:, None]
-        missing = np.array([not np.all(np.isfinite(sample))])
-        measured = sample if self.n_y == 1 else sample[:, None]
+        missing = not np.all(np.isfinite(sample))
+        return sample if self.n_y == 1 else sample[:, None], missing
+
+    def _input(self, u: ArrayLike | None) -> Array | None:
+        return None if self.n_u == 0 else vector([] if u is None else u, "u", self.n_u)[:, None]
+
+    def _settled(self, old: Array, move: Callable[[], Array], missing: bool) -> tuple[Array, int]:
         with np.errstate(all="ignore"):
-            new = self.law.step(column, measured, control, t, dt, missing)[:, 0]
-            undefined = self.law.undefined(column, measured, missing)
-        return new, UNDEFINED if undefined[0] else MISSED if missing[0] else USED
+            new, undefined = self.law.settle(old, move())
+        return new[:, 0], UNDEFINED if undefined[0] else MISSED if missing else USED
 
     def run(
         self,
@@ -897,9 +1073,9 @@ class Observer:
         """Over a record: ``t`` (N,) increasing, ``y`` (N, n_y), ``u`` (N, n_u), ``memory0``.
 
         ``dt``: length of every step [s], where it is not what lies between the times.
-        Returns "memory" (N, memory_len), before the use of y(k), or after it for the reduced-order
-        law, which filters; "innovation" (N, n_y) = y - y_hat, not finite where y(k) is not;
-        "status" (N,) as of ``step``; "missing" (N,).
+        Returns "memory" (N, memory_len): predictor timing, before the use of y(k); current timing,
+        after ``correct`` with y(k), whereupon ``predict`` moves on under u(k).  "innovation"
+        (N, n_y) = y - y_hat, not finite where y(k) is not; "status" (N,) as of ``step``; "missing".
         """
         time = np.asarray(t, dtype=np.float64)
         if time.ndim != 1 or time.size < 1:
@@ -922,25 +1098,30 @@ class Observer:
                 raise fail("u", control.shape, f"of shape ({time.size}, {self.n_u})", "match t")
             if not np.all(np.isfinite(control)):
                 raise fail("u", "an array with NaN or inf", "finite", "inputs must be known")
-        memory = vector(memory0, "memory0", self.memory_len)[:, None]
-        self.law.check(memory)
+        law, memory = self.law, vector(memory0, "memory0", self.memory_len)[:, None]
+        law.check(memory)
         steps = np.diff(time) if dt is None else np.full(time.size - 1, dt)
         steps = np.append(steps, steps[-1] if steps.size else 0.0)
         missing = ~np.all(np.isfinite(samples), axis=1)
         memories = np.empty((time.size, self.memory_len))
-        innovation = np.empty((time.size, self.n_y))
+        innovations = np.empty((time.size, self.n_y))
         status = np.where(missing, MISSED, USED).astype(np.uint8)
         with np.errstate(all="ignore"):
             for k in range(time.size):
+                t_k, dt_k = float(time[k]), float(steps[k])
                 y_k = samples[k] if self.n_y == 1 else samples[k][:, None]
                 u_k = None if control is None else control[k][:, None]
-                mask = missing[k : k + 1]
-                innovation[k] = self.law.residual(memory, y_k, float(time[k])).reshape(-1)
-                if self.law.undefined(memory, y_k, mask)[0]:
+                innovations[k] = law.residual(memory, y_k, u_k, t_k).reshape(-1)
+                undefined = np.zeros(1, dtype=np.bool_)
+                if law.is_current:
+                    memory, undefined = law.settle(memory, law.correct(memory, y_k, t_k))
+                memories[k] = memory[:, 0]
+                new = memory
+                if not law.is_current:
+                    new = law.step(memory, y_k, u_k, t_k, dt_k)
+                elif k + 1 < time.size:
+                    new = law.predict(memory, u_k, t_k, dt_k)
+                memory, refused = law.settle(memory, new)
+                if (undefined | refused)[0]:
                     status[k] = UNDEFINED
-                if not self.law.filters:
-                    memories[k] = memory[:, 0]
-                memory = self.law.step(memory, y_k, u_k, float(time[k]), float(steps[k]), mask)
-                if self.law.filters:
-                    memories[k] = memory[:, 0]
-        return {"memory": memories, "innovation": innovation, "status": status, "missing": missing}
+        return {"memory": memories, "innovation": innovations, "status": status, "missing": missing}

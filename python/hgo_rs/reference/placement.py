@@ -7,8 +7,11 @@ error then moves by (I - K C) Phi, whose eigenvalues are to be z_i = exp(T lambd
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from decimal import Decimal, localcontext
 from functools import lru_cache
 from math import comb, factorial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from .error import Array
 
 PLACED = ("zoh", "bilinear")
+BILINEAR_LIMIT = {"standard": 6, "low-power": 4, "peaking-free": 4}
+"""Orders up to which one rounding of the gains, at ell T = 100, changes the response of the error
+by less than 5e-5 of its largest value.  Under "zoh" it is 1e-9 up to order 12."""
 
 
 def steps(poles: ArrayLike, dt: float, method: str) -> NDArray[np.complex128]:
@@ -59,7 +65,8 @@ def low_power_gains(
         1 + a_1 S_0 + sum_k b_1 ... b_k S_k / ((z - 1 + a_2) ... (z - 1 + a_k)) = 0
 
     (and a_n stands alone).  Written over z - 1, S_k = N_k / (z - 1)^(k+1); the terms are taken off
-    from the last one on: what is left has a factor (z - 1)(z - 1 + a_k).
+    from the last one on: what is left has a factor (z - 1)(z - 1 + a_k), a_k being the root to
+    which Newton's method leads from the eigenvalue of a block without company.
     """
     return _low_power_gains(tuple(alpha.tolist()), tuple(beta.tolist()), dt, method)
 
@@ -69,26 +76,173 @@ def _low_power_gains(
     alpha: tuple[float, ...], beta: tuple[float, ...], dt: float, method: str
 ) -> tuple[Array, Array, Array, Array]:
     n = len(alpha)
-    inner, product = np.array([1.0]), 1.0
-    for a_i, b_i in zip(alpha[:-1], beta, strict=True):
-        product *= b_i
-        inner = np.convolve(inner, [1.0, a_i, 0.0])
-        inner[-1] += product
-    p = np.poly(steps(np.roots(inner), dt, method)).real if n > 1 else np.array([1.0])
-    a, b, c = -steps(-np.array(alpha), dt, method).real, np.zeros(n - 1), np.ones(n)
+    with localcontext() as context:
+        context.prec = DIGITS
+        images = _precise if n > PLAIN else _plain
+        polynomial, near = images(alpha, beta, dt, method)
+        a, b = _low_power_steps(polynomial, near, dt)
     alone = np.array([chain_gains(k, dt, method) for k in zip(alpha, beta, strict=False)])
-    for k in range(n - 1, 0, -1):
-        spread = dt**k / factorial(k) * _numerator(k)
-        c[k] = p[-1] / spread[-1]
-        left = np.polysub(p, c[k] * spread)[:-1]
-        roots = np.roots(left)
-        real = roots[np.abs(roots.imag) <= 1e-9 * np.abs(roots)].real
-        root = real[np.argmin(np.abs(real + a[k - 1]))]
-        p = np.polydiv(left, [1.0, -root])[0]
-        a[k - 1] = -root
-    b = c[1:] / c[:-1]
     a_alone = np.append(alone[:, 0], a[-1]) if n > 1 else a
     return a, b, a_alone, alone[:, 1] if n > 1 else b
+
+
+# Polynomials are of floats up to the order PLAIN, of Decimals above: the way from alpha and beta to
+# a and b leads through a polynomial whose roots lie close together, and loses digits.
+PLAIN = 5
+DIGITS = 60
+
+
+def _inner(alpha: Sequence[Any], beta: Sequence[Any]) -> list[Any]:
+    """P_(n-1), by descending powers: the characteristic polynomial of all blocks but the last."""
+    one = type(alpha[0])(1)
+    inner, product = [one], one
+    for a, b in zip(alpha[:-1], beta, strict=True):
+        product = product * b
+        shifted = [*inner, 0 * one, 0 * one]  # s (s + a) P + product
+        inner = [c + a * d for c, d in zip(shifted, [0 * one, *shifted[:-1]], strict=True)]
+        inner[-1] += product
+    return inner
+
+
+def _plain(
+    alpha: tuple[float, ...], beta: tuple[float, ...], dt: float, method: str
+) -> tuple[list[Any], list[Any]]:
+    """prod (w - (z_i - 1)), by descending powers, and for each block -(z - 1) of its alpha_i."""
+    polynomial = np.poly(steps(np.roots(_inner(alpha, beta)), dt, method)).real
+    near = -steps(-np.array(alpha), dt, method).real
+    return np.atleast_1d(polynomial).tolist(), near.tolist()
+
+
+def _precise(
+    alpha: tuple[float, ...], beta: tuple[float, ...], dt: float, method: str
+) -> tuple[list[Any], list[Any]]:
+    """The same in Decimals."""
+    h, product = Decimal(dt), [(Decimal(1), Decimal(0))]
+    for re, im in _precise_roots(alpha, beta):
+        root = _image((re * h, im * h), method)
+        pairs = zip([*product, ZERO], [ZERO, *product], strict=True)
+        product = [_minus(c, _times(root, d)) for c, d in pairs]
+    near = [-_image((-Decimal(a) * h, Decimal(0)), method)[0] for a in alpha]
+    return [re for re, _ in product], near
+
+
+Pair = tuple[Decimal, Decimal]  # a complex number
+ZERO: Pair = (Decimal(0), Decimal(0))
+
+
+def _minus(a: Pair, b: Pair) -> Pair:
+    return a[0] - b[0], a[1] - b[1]
+
+
+def _times(a: Pair, b: Pair) -> Pair:
+    return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
+
+
+def _over(a: Pair, b: Pair) -> Pair:
+    square = b[0] * b[0] + b[1] * b[1]
+    re, im = _times(a, (b[0], -b[1]))
+    return re / square, im / square
+
+
+@lru_cache(maxsize=64)
+def _precise_roots(alpha: tuple[float, ...], beta: tuple[float, ...]) -> list[Pair]:
+    """The roots of P_(n-1) by Aberth's iteration, from those that double precision finds."""
+    inner = _inner([Decimal(a) for a in alpha], [Decimal(b) for b in beta])
+    starts = np.roots([float(c) for c in inner])
+    starts = starts * (1.0 + 1e-4 * np.exp(1j * np.arange(starts.size)))  # no two the same
+    found = [(Decimal(z.real), Decimal(z.imag)) for z in starts.tolist()]
+    for _ in range(200):
+        largest = Decimal(0)
+        for i, z in enumerate(found):
+            value, slope = ZERO, ZERO
+            for c in inner:
+                re, im = _times(slope, z)
+                slope = (re + value[0], im + value[1])
+                re, im = _times(value, z)
+                value = (re + c, im)
+            if value == ZERO:
+                continue
+            step = _over(slope, value)
+            for j, other in enumerate(found):
+                if j != i:
+                    step = _minus(step, _over((Decimal(1), Decimal(0)), _minus(z, other)))
+            step = _over((Decimal(1), Decimal(0)), step)
+            found[i] = _minus(z, step)
+            largest = max(largest, max(map(abs, step)) / max(map(abs, z)))
+        if largest < Decimal(10) ** (10 - DIGITS):
+            break
+    return found
+
+
+def _image(z: Pair, method: str) -> Pair:
+    """exp(z) - 1, or 2 z / (2 - z)."""
+    if method == "bilinear":
+        return _over((2 * z[0], 2 * z[1]), (2 - z[0], -z[1]))
+    halvings = 0
+    while max(map(abs, z)) > Decimal("0.25"):
+        z, halvings = (z[0] / 2, z[1] / 2), halvings + 1
+    series: Pair = (Decimal(1), Decimal(0))
+    for i in range(40, 1, -1):
+        re, im = _times(series, z)
+        series = (1 + re / i, im / i)
+    grown = _times(series, z)
+    for _ in range(halvings):  # exp(2 z) - 1 = (exp(z) - 1) (2 + (exp(z) - 1))
+        grown = _times(grown, (2 + grown[0], grown[1]))
+    return grown
+
+
+def _low_power_steps(p: list[Any], near: list[Any], dt: float) -> tuple[Array, Array]:
+    """a and b from the polynomial of the eigenvalues in w, term by term from the last one on."""
+    n, number = len(near), type(p[0])
+    h, a, c = number(dt), list(near), [number(1)] * len(near)
+    for k in range(n - 1, 0, -1):
+        spread = [h**k / number(factorial(k)) * number(x) for x in _numerator(k).tolist()]
+        c[k] = p[-1] / spread[-1]
+        padded = [number(0)] * (len(p) - len(spread)) + spread
+        left = [x - c[k] * y for x, y in zip(p, padded, strict=True)][:-1]
+        root = _real_root_near(left, -near[k - 1])
+        a[k - 1] = -root
+        p = _divided(left, root)
+    b = [float(c[k] / c[k - 1]) for k in range(1, n)]
+    return np.array([float(x) for x in a]), np.array(b)
+
+
+def _real_root_near(p: list[Any], start: Any) -> Any:
+    """A real root of a polynomial of odd degree: Newton's of ``start``, or one by bisection."""
+    number = type(start)
+    tiny = number(4) * number(10) ** (-16 if number is float else 10 - DIGITS)
+    s, step = start, number(1)
+    for _ in range(40):
+        value = slope = number(0)
+        for c in p:
+            slope = slope * s + value
+            value = value * s + c
+        step = value / slope
+        s -= step
+        if abs(step) <= tiny * abs(s):
+            break
+    if abs(step) <= number(1) / number(10**6) * abs(s):
+        return s
+    high = 1 + max(abs(c) for c in p[1:])  # Cauchy's bound
+    low = -high
+    for _ in range(2200):
+        middle = (low + high) / 2
+        if not low < middle < high:
+            break
+        value = number(0)
+        for c in p:
+            value = value * middle + c
+        low, high = (middle, high) if value < 0 else (low, middle)
+    return (low + high) / 2
+
+
+def _divided(p: list[Any], root: Any) -> list[Any]:
+    """p / (w - root), the remainder dropped."""
+    quotient, carry = [], 0 * root
+    for c in p[:-1]:
+        carry = c + root * carry
+        quotient.append(carry)
+    return quotient
 
 
 def _numerator(k: int) -> Array:

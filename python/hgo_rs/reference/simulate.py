@@ -46,6 +46,7 @@ KEYS = (
     "settle",
     "histogram",
     "every",
+    "truth",
 )
 METRICS = ("mean", "rms", "max", "peak")
 PLANT_METHODS = (*integrate.DETERMINISTIC, *integrate.STOCHASTIC, "held")
@@ -261,7 +262,7 @@ def simulate(spec: Spec) -> dict[str, Any]:
 
     ``spec`` needs "plant", "observer", "steps", "schedule", "x0" and "memory0"; optional are
     "mode", "plant_schedule", "plant_method", "substeps", "noise", "runs", "seed", "first_run",
-    "windows", "metrics", "settle", "histogram" and "every".
+    "windows", "metrics", "settle", "histogram", "every" and "truth".
 
     Returns "mean", "rms", "max" (runs, windows, signals), signals = error (n) then extras;
     "peak" (runs, memory_len), "settling_time" (runs,) [s], "histogram" (if asked for), "final_x",
@@ -286,7 +287,7 @@ def simulate(spec: Spec) -> dict[str, Any]:
     plant_schedule = schedule
     if spec.get("plant_schedule") is not None:
         plant_schedule = schedule_from(spec["plant_schedule"], "plant_schedule")
-    target = plant.target
+    target = law.target(plant)
     if (
         law.n != target.stop - target.start
         or law.n_y != plant.n_y
@@ -306,6 +307,8 @@ def simulate(spec: Spec) -> dict[str, Any]:
     x = columns(member(spec, "x0", "spec"), "x0", plant.n, runs)
     memory = columns(member(spec, "memory0", "spec"), "memory0", law.memory_len, runs)
     law.check(memory)
+    # which entries of x are estimated, where they are not the plant's own choice
+    truth: Any = spec.get("truth") or target
 
     advance: _Sampled | _Joint
     if mode == "joint":
@@ -340,18 +343,17 @@ def simulate(spec: Spec) -> dict[str, Any]:
                 held=held,
                 v=held + np.reshape(noise.wave(t), (-1, 1, 1)) if noise.sines else held,
                 xs=np.empty((stop - start, plant.n, runs)),
+                ys=np.empty((stop - start, plant.n_y, runs)),
                 memories=np.empty((stop - start, law.memory_len, runs)),
             )
-            if noise.may_miss:
-                part.missing = np.logical_not(np.isfinite(held).all(axis=1))
             x, memory = advance.through(part, x, memory)
             xs, memories = part.xs, part.memories
             length = _find_divergence(
                 start, xs, memories, diverged_at, final_x, final_memory, stop - start
             )
-            metrics.update(start, t, memories[:, : law.n] - xs[:, target], memories, length)
+            metrics.update(start, t, memories[:, : law.n] - xs[:, truth], memories, length)
             if frames is not None:
-                frames.update(start, t, [xs, memories, xs[:, : plant.n_y] + part.v], length)
+                frames.update(start, t, [xs, memories, part.ys], length)
             if np.all(diverged_at >= 0):
                 break
     running = diverged_at < 0
@@ -409,8 +411,8 @@ class _Block:
     held: Array  # drawn noise (steps, n_y, runs)
     v: Array  # with the sines at t(k)
     xs: Array  # to fill: (steps, n, runs)
+    ys: Array  # to fill: (steps, n_y, runs)
     memories: Array  # to fill: (steps, memory_len, runs)
-    missing: NDArray[np.bool_] | None = None  # (steps, runs)
 
 
 class _Sampled:
@@ -423,37 +425,32 @@ class _Sampled:
 
     def through(self, part: _Block, x: Array, memory: Array) -> tuple[Array, Array]:
         """Steps through a block; the study's last sample is measured only."""
-        plant, law, drive = self.plant, self.law, self.drive
-        count, last, xs, memories = len(part.t), part.last, part.xs, part.memories
-        normals = drive.draw(count - last)
+        plant, law = self.plant, self.law
+        count, last = len(part.t), part.last
+        normals = self.drive.draw(count - last)
         times, steps, plant_steps = part.t.tolist(), part.dt.tolist(), part.plant_dt.tolist()
-        output, advance, observe, filters = plant.output, drive.advance, law.step, law.filters
-        controlled = plant.n_u > 0
-        u: Array | None = None
-        missing: NDArray[np.bool_] | None = None
         v = part.v[:, 0] if plant.n_y == 1 else part.v
         for j in range(count):
-            xs[j] = x
-            if not filters:
-                memories[j] = memory
-                if last and j == count - 1:
-                    break
-            y = output(x, times[j]) + v[j]
-            if part.missing is not None:
-                missing = part.missing[j]
-            if controlled:
-                u = plant.control(x, steps[j])
-            before = memory
-            memory = observe(memory, y, u, times[j], steps[j], missing)
-            if filters:
-                if np.all(memory[: law.n] == before[: law.n], axis=0).any():
-                    held_at = law.undefined(before, y, missing) & (self.undefined_at < 0)
-                    self.undefined_at[held_at] = part.start + j
-                memories[j] = memory
-                if last and j == count - 1:
-                    break
-            x = advance(x, u, times[j], plant_steps[j], normals, j)
+            t, dt = times[j], steps[j]
+            part.xs[j] = x
+            u = plant.control(x, dt, t) if plant.n_u else None
+            y = plant.output(x, u, t) + v[j]
+            part.ys[j] = y
+            if law.is_current:
+                memory = self._settled(j + part.start, memory, law.correct(memory, y, t))
+            part.memories[j] = memory
+            if last and j == count - 1:
+                break
+            new = law.predict(memory, u, t, dt) if law.is_current else law.step(memory, y, u, t, dt)
+            memory = self._settled(j + part.start, memory, new)
+            x = self.drive.advance(x, u, t, plant_steps[j], normals, j)
         return x, memory
+
+    def _settled(self, k: int, old: Array, new: Array) -> Array:
+        """The memory after sample k, and where the model had no value for the first time."""
+        memory, undefined = self.law.settle(old, new)
+        self.undefined_at[undefined & (self.undefined_at < 0)] = k
+        return memory
 
 
 class _Joint:
@@ -481,28 +478,26 @@ class _Joint:
         times, steps = part.t.tolist(), part.dt.tolist()
         held = part.held[:, 0]
         value = held[0]
-        missing: NDArray[np.bool_] | None = None
         state = np.concatenate((x, memory))
         with_sines, still = bool(noise.sines), self.still
 
         def rate(time: float, s: Array) -> Array:
             x, memory = s[:nx], s[nx:]
-            y = plant.output(x, time) + value
+            y = plant.output(x, None, time) + value
             if with_sines:
                 y = y + noise.wave(time)
             out = np.empty_like(s)
             out[:nx] = 0.0 if still else plant.drift(x, None, time)
-            out[nx:] = law.rate(memory, law.innovation(memory, y, missing), None, time)
+            out[nx:] = law.rate(memory, law.innovation(memory, y), None, time)
             return out
 
         for j in range(len(times)):
             part.xs[j] = state[:nx]
+            part.ys[j] = plant.output(state[:nx], None, times[j]) + part.v[j, 0]
             part.memories[j] = state[nx:]
             if part.last and j == len(times) - 1:
                 break
             value = held[j]
-            if part.missing is not None:
-                missing = part.missing[j]
             state = scheme(rate, times[j], state, steps[j])
             if law.gain_rows:
                 law.clamp(state[nx:])
@@ -543,17 +538,17 @@ def coupled_paths(spec: Spec) -> dict[str, Array]:
     process = ProcessNoise(runs=runs, seed=seed, first_run=first_run)
     block = int(np.clip(_BLOCK_FLOATS // (4 * runs), 1, fine_steps))
     with np.errstate(all="ignore"):
-        for _ in range(coarse_steps):
+        for k in range(coarse_steps):
             w = np.zeros(runs)
             z = np.zeros(runs)
             for start in range(0, fine_steps, block):
                 count = min(block, fine_steps - start)
                 dws, dzs = integrate.brownian(h, *process.pairs(count))
-                for dw, dz in zip(dws, dzs, strict=True):
-                    fine = fine_step(plant, fine, h, dw, dz)
+                for j, (dw, dz) in enumerate(zip(dws, dzs, strict=True), start):
+                    fine = fine_step(plant, fine, h, dw, dz, k * big + j * h)
                     z = z + (dz + h * w)  # int (w(s) - w(0)) ds, exactly
                     w = w + dw
-            coarse = coarse_step(plant, coarse, big, w, z)
+            coarse = coarse_step(plant, coarse, big, w, z, k * big)
     return {"coarse": np.ascontiguousarray(coarse.T), "fine": np.ascontiguousarray(fine.T)}
 
 

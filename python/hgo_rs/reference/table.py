@@ -1,6 +1,7 @@
 """A table: a straight-line program, read and run by NumPy.
 
-Registers are the inputs, then the constants, then the result of each operation, in order.
+Registers are the inputs, then the results of calls, then the constants, then the result of each
+operation, in order. A call is (function of a list of numbers, registers, number of results).
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 
 from .error import Array, Spec, fail, known, member
 
-KEYS = ("inputs", "constants", "ops", "outputs", "output_names")
+KEYS = ("inputs", "calls", "constants", "ops", "outputs", "output_names")
 
 
 def _sign(a: Array) -> Array:
@@ -58,11 +59,11 @@ class Table:
     def __init__(self, spec: Spec, where: str) -> None:
         known(spec, where, KEYS)
         self.inputs = len(member(spec, "inputs", where))
-        constants = member(spec, "constants", where)
-        self.constants = [np.float64(value) for value in constants]
+        self.calls = list(spec.get("calls", ()))
+        self.constants = [np.float64(value) for value in spec.get("constants", ())]
         self.rows: list[tuple[Callable[..., Any], Sequence[int]]] = []
-        registers = self.inputs + len(self.constants)
-        for i, (name, *operands) in enumerate(member(spec, "ops", where)):
+        registers = self.inputs + sum(results for *_, results in self.calls) + len(self.constants)
+        for i, (name, *operands) in enumerate(spec.get("ops", ())):
             if name not in OPERATIONS:
                 names = ", ".join(OPERATIONS)
                 raise fail(f"{where}.ops[{i}]", name, f"one of {names}", "correct the table")
@@ -78,7 +79,15 @@ class Table:
 
     def __call__(self, inputs: Sequence[Any]) -> list[Any]:
         """The outputs for the inputs: numbers, or arrays of equal shape (runs,)."""
-        registers: list[Any] = [*map(np.asarray, inputs), *self.constants]
+        registers: list[Any] = [*map(np.asarray, inputs)]
+        for function, arguments, results in self.calls:
+            given = np.broadcast_arrays(*(registers[r] for r in arguments))
+            rows = [
+                function([float(v) for v in row]) for row in zip(*map(np.ravel, given), strict=True)
+            ]
+            made = np.asarray(rows, dtype=float).T.reshape(results, *given[0].shape)
+            registers += list(made)
+        registers += self.constants
         for operation, operands in self.rows:
             registers.append(operation(*(registers[r] for r in operands)))
         return [registers[r] for r in self.outputs]

@@ -223,8 +223,8 @@ def _settled(ctx: Context, period: float, epsilon: float, delta: float) -> tuple
 class PrintedController(Ship):
     """The ship under (21) and kappa as printed: -k z3_bar and -k x3_tilde."""
 
-    def control(self, x: Array, dt: float) -> Array | None:
-        u = super().control(x, dt)
+    def control(self, x: Array, dt: float, t: float) -> Array | None:
+        u = super().control(x, dt, t)
         assert u is not None
         k = 0.3 / (dt + 0.3)
         gamma = 6.0 / (36.0 + x[1] * x[1])
@@ -244,15 +244,16 @@ def _closed_loop(ships: Sequence[Ship], period: float, t_end: float) -> Array:
     x = np.tile(np.array([*POSITION, *VELOCITY])[:, None], len(ships))
     substeps = round(period / PLANT_STEP)
     z = []
-    for _ in range(round(t_end / period)):
-        controls = [ship.control(x[:, i : i + 1], period) for i, ship in enumerate(ships)]
+    for k in range(round(t_end / period)):
+        start = k * period
+        controls = [ship.control(x[:, i : i + 1], period, start) for i, ship in enumerate(ships)]
         u = np.concatenate([control for control in controls if control is not None], axis=1)
 
-        def rate(_: float, state: Array, u: Array | None = u) -> Array:
-            return plant.drift(state, u)
+        def rate(t: float, state: Array, u: Array | None = u) -> Array:
+            return plant.drift(state, u, t)
 
-        for _ in range(substeps):
-            x = integrate.rk4(rate, 0.0, x, PLANT_STEP)
+        for i in range(substeps):
+            x = integrate.rk4(rate, start + i * PLANT_STEP, x, PLANT_STEP)
         z.append(x[3:])
     return np.array(z)
 

@@ -20,7 +20,7 @@ Parameters = dict[str, Any]
 
 RESERVED = frozenset(
     (
-        *("case", "run", "runs", "diverged", "finished", "time"),
+        *("case", "run", "runs", "diverged", "finished", "time", "checksum"),
         *("window", "signal", "entry", "state", "frame", "output"),
         *("mean", "rms", "max", "peak", "settling_time", "diverged_at", "undefined_at"),
         *("final_x", "final_memory", "x", "memory", "y"),

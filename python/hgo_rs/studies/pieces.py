@@ -18,6 +18,7 @@ from hgo_rs.errors import HgoError, check
 from hgo_rs.simulation import execute
 from hgo_rs.studies.cases import title
 from hgo_rs.studies.result import FRAMES, StudyError, StudyResult
+from hgo_rs.workers import end_with_parent
 
 __all__ = ["compute", "cost", "executor_of"]
 
@@ -55,11 +56,20 @@ def cost(result: StudyResult, piece: Piece) -> int:
     return piece.runs * int(result.experiments[piece.case].spec["steps"])
 
 
-def work(specs: list[dict[str, Any]], backend: str) -> tuple[list[dict[str, Any]], float]:
-    """What a worker does: the outputs of specs, and the seconds that they took."""
-    start = time.perf_counter()
-    # Arrays may have travelled to addresses that are no multiple of 8; copies are aligned.
-    return [execute(copy.deepcopy(spec), backend) for spec in specs], time.perf_counter() - start
+class Work(NamedTuple):
+    """What a worker does for the process `home`, with which it ends."""
+
+    home: int
+
+    def __call__(
+        self, specs: list[dict[str, Any]], backend: str
+    ) -> tuple[list[dict[str, Any]], float]:
+        """The outputs of specs, and the seconds that they took."""
+        end_with_parent(self.home)
+        start = time.perf_counter()
+        # Arrays may have travelled to addresses that are no multiple of 8; copies are aligned.
+        outs = [execute(copy.deepcopy(spec), backend) for spec in specs]
+        return outs, time.perf_counter() - start
 
 
 class Here:
@@ -138,7 +148,7 @@ def compute(
     StudyError
         The executor lost pieces that were submitted `1 + _AGAIN` times.
     """
-    here = isinstance(executor, Here)
+    here, work = isinstance(executor, Here), Work(os.getpid())
     todo = Todo(result, piece, _BLOCK * (os.cpu_count() or 1) if here else _BLOCK)
     wanted, done_tasks = float(_FIRST), 0
     again: list[Task] = []
@@ -214,8 +224,7 @@ def compute(
         cause = given_up[0][1]
         raise StudyError(
             f"the executor lost work {1 + _AGAIN} times ({type(cause).__name__}: {cause}): {named}"
-            f"{more}. {result.finished.sum()} of {result.finished.size} runs are finished and in "
-            "`.result` of this error; with save= the next call continues from them",
+            f"{more}",
             result,
         ) from cause
 

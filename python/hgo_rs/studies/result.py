@@ -42,7 +42,8 @@ class StudyError(RuntimeError):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StudyResult:
-    """A study with C cases of R runs each. `result[i]` is case i as a `SimulationResult`.
+    """A study with C cases of R runs each. `result[i]` is case i as a `SimulationResult`, whose
+    arrays are read-only.
 
     Runs that diverged are counted and named, and left out of every statistic of `table`; the
     metrics of their steps until then stay in `result[i]`. Of runs that are not finished (see
@@ -51,7 +52,7 @@ class StudyResult:
     Attributes
     ----------
     parameters : list of dict
-        The parameters of each case, as they were given.
+        The parameters of each case, as they were given; read-only.
     axes : dict or None
         Values of each parameter, if the cases are a full grid of them (the last varies fastest).
     finished : (C, R) bool

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.errors import HgoError, check, check_choice, check_integer, check_number
+from hgo_rs.read_only import read_only
 from hgo_rs.simulation import BACKENDS, Experiment
 from hgo_rs.studies.cases import Parameters, experiments, rows_of
 from hgo_rs.studies.pieces import compute, executor_of
@@ -111,26 +112,58 @@ def study(
                 saved.keep()
             tell.add(work)
 
+        stop: BaseException | None = None
         try:
-            try:
-                compute(result, executor, own, piece, finished)
-            finally:
-                if saved is not None:
-                    saved.keep(now=True)
-        except KeyboardInterrupt as error:
-            raise StudyInterrupted(_stopped("interrupted", result, save), result) from error
-        except (HgoError, StudyError):
-            raise
-        except Exception as error:
-            told = f"stopped by {type(error).__name__}: {error}"
-            raise StudyError(_stopped(told, result, save), result) from error
+            compute(result, executor, own, piece, finished)
+        except BaseException as error:
+            stop = error
+        unsaved = None if saved is None else _kept(saved)
+    for array in (array for out in result.outputs for array in out.values()):
+        array.flags.writeable = False  # from here on they are the user's to read
+    stop = unsaved if stop is None else stop
+    if stop is not None:
+        told = _stopped(stop, unsaved, result, saved)
+        if told is stop:
+            raise stop
+        raise told from stop
     return result
 
 
-def _stopped(how: str, result: StudyResult, save: Any) -> str:
-    count = f"{result.finished.sum()} of {result.finished.size} runs are finished"
-    where = "" if save is None else f" and saved; the next call with save={str(save)!r} continues"
-    return f"study {how}: {count}, in `.result` of this exception{where}"
+def _kept(saved: Saved) -> BaseException | None:
+    """Save what is finished; what went wrong, if anything did."""
+    try:
+        saved.keep(now=True)
+    except (Exception, KeyboardInterrupt) as error:
+        return error
+    return None
+
+
+def _stopped(
+    stop: BaseException, unsaved: BaseException | None, result: StudyResult, saved: Saved | None
+) -> BaseException:
+    """The exception that says what ended a study, what is finished and what of it is saved."""
+    if isinstance(stop, HgoError) or not isinstance(stop, (Exception, KeyboardInterrupt)):
+        return stop
+    kind = StudyInterrupted if isinstance(stop, KeyboardInterrupt) else StudyError
+    if isinstance(stop, KeyboardInterrupt):
+        how = "study interrupted"
+    else:
+        how = str(stop) if isinstance(stop, StudyError) else f"study stopped by {_named(stop)}"
+    told = [
+        f"{how}: {result.finished.sum()} of {result.finished.size} runs are finished, in `.result` "
+        "of this exception"
+    ]
+    if saved is not None:
+        told.append(saved.told())
+        if unsaved is not None:
+            if unsaved is not stop:
+                told.append(f"the file could not be written ({_named(unsaved)})")
+            told.append("make room for the file or choose another name, and keep `.result`")
+    return kind("; ".join(told), result)
+
+
+def _named(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
 
 
 def _empty(
@@ -149,7 +182,8 @@ def _empty(
             out["t"] = empty(out["x"].shape[1:2], "t")
         outputs.append(out)
     finished = np.zeros((len(rows), runs), dtype=bool)
-    return StudyResult(rows, axes, finished, seed, backend, planned, outputs)
+    shown = read_only(rows), read_only(axes)
+    return StudyResult(*shown, finished, seed, backend, planned, outputs)
 
 
 def _check_memory(planned: list[Experiment], runs: int, most: float | None, *, twice: bool) -> None:
