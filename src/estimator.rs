@@ -156,7 +156,8 @@ crate::error::through_constructor! {
 
 impl<T: Scalar, O: Observer<T>> Estimator<T, O> {
     /// From an observer and the longest step in s that it may take: its stability limit
-    /// ([`crate::polynomial::euler_limit`]; in Python `observer.step_limit().dt`) or less. For a
+    /// ([`crate::polynomial::euler_limit`], with current timing
+    /// [`crate::polynomial::euler_current_limit`]; in Python `observer.step_limit().dt`) or less. For a
     /// gain that moves the limit is that at r = 1; at r it is `dt_max`/r.
     ///
     /// # Errors
