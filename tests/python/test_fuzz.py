@@ -88,7 +88,7 @@ def test_a_crash_is_told(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
     child.write_text(f"#!{sys.executable}\nimport os\nprint({told!r}, flush=True)\nos.abort()\n")
     child.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(child))
-    fuzz = driver.Driver(Namespace(seconds=60.0, seed=1, first=0, cases=9))
+    fuzz = driver.Driver(Namespace(seconds=60.0, seed=1, first=0, cases=9, long=1))
     assert fuzz.child(0, 9) == 4
     out = capsys.readouterr().out
     assert "# case 3 of seed 1, loop: the process ended with -6" in out
