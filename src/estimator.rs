@@ -277,12 +277,14 @@ impl<T: Scalar, Z: Memory<T>> Moving<T, Z> {
     where
         O: Observer<T, State = Z>,
     {
-        if !(dt > T::ZERO && dt.is_finite()) {
+        let before = self.z;
+        let stable = dt * observer.speed(&before) <= self.dt_max;
+        // what is within the limit is finite
+        if !(dt > T::ZERO && (stable || dt.is_finite())) {
             return Status::StepRefused;
         }
-        let before = self.z;
-        self.stable = dt * observer.speed(&before) <= self.dt_max;
-        let taken = if self.stable {
+        self.stable = stable;
+        let taken = if stable {
             observer.advance(&mut self.z, y, u, self.clock.time(), dt)
         } else {
             observer.predict(&mut self.z, u, self.clock.time(), dt)
@@ -294,7 +296,7 @@ impl<T: Scalar, Z: Memory<T>> Moving<T, Z> {
                 Status::ModelUndefined
             }
             Status::Diverged => Status::Diverged,
-            taken if self.stable => taken,
+            taken if stable => taken,
             _ => Status::StepTooLong,
         }
     }

@@ -55,6 +55,8 @@ impl Placement {
         let two = T::from_f64(2.0);
         match self {
             Self::Exact => {
+                // where nothing is left of eᵃ no angle counts, however large: 1, or 0
+                let b = b * T::ONE.copysign(a - T::from_f64(GONE)).max(T::ZERO);
                 let (grown, half) = (exp_m1(a), (T::from_f64(0.5) * b).sin());
                 (grown * b.cos() - two * half * half, (grown + T::ONE) * b.sin())
             }
@@ -90,11 +92,14 @@ impl Placement {
     }
 }
 
+/// From here on down eˣ − 1 is −1 to the last bit.
+const GONE: f64 = -50.0;
+
 /// eˣ − 1 for x ≤ 0, as exact for small |x|: a series for x/128, which doubles seven times by
 /// e²ˣ − 1 = (eˣ − 1)(2 + (eˣ − 1)).
 #[inline(always)]
 fn exp_m1<T: Scalar>(x: T) -> T {
-    let x = x.max(T::from_f64(-50.0)) * T::from_f64(1.0 / 128.0);
+    let x = x.max(T::from_f64(GONE)) * T::from_f64(1.0 / 128.0);
     let mut sum = T::ONE;
     for i in (2..=12_u32).rev() {
         sum = T::ONE + sum * x * T::from_f64(1.0 / f64::from(i));

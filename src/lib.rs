@@ -55,6 +55,11 @@ pub mod simulate;
 pub mod vectors;
 mod wide;
 
+/// The examples of the documentation, run as tests.
+#[cfg(doctest)]
+#[doc = include_str!("../docs/architecture.md")]
+mod architecture {}
+
 pub use error::DesignError;
 pub use estimator::Estimator;
 pub use nalgebra;
@@ -73,8 +78,8 @@ pub mod prelude {
     pub use crate::model::{InputGain, Model, PhaseVariable, Plant, Unknown, last, no_input};
     pub use crate::noise::{Channel, Draw, Noise, Stream};
     pub use crate::observer::{
-        Current, Discretisation, Discretised, Euler, Hold, Observer, RungeKutta, StaggeredEuler,
-        Status,
+        Causal, Current, Discretisation, Discretised, Euler, Hold, Observer, RungeKutta,
+        StaggeredEuler, Status,
     };
     pub use crate::observers::{
         HardClip, LowPower, LowPowerObserver, ModifiedObserver, NoSaturation, PeakingFreeObserver,

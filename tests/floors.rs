@@ -448,3 +448,26 @@ fn every_public_type_of_the_core_can_be_written_read_and_logged() {
     assert!(types > 40, "{types}");
     assert!(borrowing.is_empty(), "types that are gone: {borrowing:?}");
 }
+
+/// A Rust block in a page is run by rustdoc, whole: nothing is marked to be passed over, and every page
+/// with such a block is an example of lib.rs.
+#[test]
+fn every_rust_block_of_the_docs_runs() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let lib = std::fs::read_to_string(source_folder().join("lib.rs")).unwrap();
+    let mut blocks = 0;
+    let pages = std::fs::read_dir(root.join("docs")).unwrap().map(|page| page.unwrap().path());
+    for page in pages.chain([root.join("README.md"), root.join("firmware/README.md")]) {
+        if page.extension().is_none_or(|extension| extension != "md") {
+            continue;
+        }
+        let text = std::fs::read_to_string(&page).unwrap();
+        let name = page.strip_prefix(root).unwrap().display().to_string();
+        for fence in text.lines().filter(|line| line.trim_start().starts_with("```rust")) {
+            assert_eq!(fence, "```rust", "{name}");
+            assert!(lib.contains(&format!("include_str!(\"../{name}\")")), "{name}");
+            blocks += 1;
+        }
+    }
+    assert!(blocks >= 4, "{blocks}");
+}

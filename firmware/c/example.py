@@ -72,7 +72,7 @@ def library(toolchain: Toolchain | None = None) -> Path:
 def compiled(out: Path, archive: Path, *sources: Path, flags: Sequence[str] = ()) -> Path:
     """A program for this computer."""
     command = [os.environ.get("CC", "cc"), "-std=c11", "-O2", *WARNINGS, f"-I{INCLUDE}", *flags]
-    execute([*command, *sources, archive, "-Wl,--gc-sections", "-o", out])
+    execute([*command, *sources, archive, "-Wl,--gc-sections", "-lm", "-o", out])
     return out
 
 

@@ -27,3 +27,9 @@ static const hgo_standard_config_f64 velocity64_config = {
     .ell = 100.0,
     .dt_max = 0.009000000000000001,
 };
+
+static const hgo_standard_config_f32 spring_config = {
+    .k = {3.0f, 2.0f},
+    .ell = 100.0f,
+    .dt_max = 0.0050539686f,
+};

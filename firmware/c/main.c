@@ -1,4 +1,4 @@
-/* Three observers in C, on a computer and on a board: what to copy, and what to expect.
+/* Observers in C, on a computer and on a board: what to copy, and what to expect.
  *
  * The same text comes out everywhere; firmware/c/example.py builds, runs and compares. gains.h was
  * written by Python, see docs/from-python-to-your-board.md. */
@@ -18,6 +18,7 @@ static hgo_standard2_f32 velocity;
 static hgo_low_power3_f32 acceleration;
 static hgo_adaptive2_f32 oscillator;
 static hgo_standard2_f64 velocity64;
+static hgo_standard2_f32 spring;
 
 static int surprises;
 
@@ -53,10 +54,12 @@ static int start(void)
         && hgo_adaptive2_f32_init(&oscillator, sizeof oscillator, HGO_VERSION,
                                   &oscillator_config, NULL) == HGO_OK
         && hgo_standard2_f64_init(&velocity64, sizeof velocity64, HGO_VERSION,
-                                  &velocity64_config, NULL) == HGO_OK;
+                                  &velocity64_config, NULL) == HGO_OK
+        && hgo_standard2_f32_init(&spring, sizeof spring, HGO_VERSION, &spring_config, NULL)
+               == HGO_OK;
 }
 
-/* What an interrupt would do at sample k. */
+/* What an interrupt does where the estimate is only looked at: one step a sample. */
 static void take(int k)
 {
     const double position = k == MISSING ? (double)NAN : sample(k);
@@ -75,6 +78,22 @@ static void take(int k)
     expect("oscillator", hgo_adaptive2_f32_step(&oscillator, y, -246.0f * x_hat[0], dt32), in_time);
 
     expect("velocity64", hgo_standard2_f64_step(&velocity64, position, 0.0, dt), expected);
+}
+
+/* What an interrupt of a control loop does: correct, apply an input, predict under this input. */
+static void steer(void)
+{
+    static float position = 1.0f, speed = 0.0f; /* of the plant: a spring with a motor */
+    float x_hat[2], u, phi;
+
+    expect("spring", hgo_standard2_f32_correct(&spring, position), HGO_UPDATED);
+    hgo_standard2_f32_estimate(&spring, x_hat, 2);
+    u = -30.0f * x_hat[0] - 8.0f * x_hat[1];      /* computed, and applied from now on */
+    phi = u - 0.5f * x_hat[1] - 9.81f * x_hat[0]; /* what it does in the period that begins */
+    expect("spring", hgo_standard2_f32_predict(&spring, phi, 0.001f), HGO_PREDICTED);
+
+    speed += 0.001f * (u - 0.5f * speed - 9.81f * position);
+    position += 0.001f * speed;
 }
 
 static void show(const char *name, int i, float value)
@@ -108,6 +127,8 @@ static void finish(void)
     for (i = 0; i < 3; ++i) show("oscillator", i, x_hat[i]);
     expect("estimate", hgo_standard2_f64_estimate(&velocity64, x_hat64, 2), HGO_OK);
     for (i = 0; i < 2; ++i) show64("velocity64", i, x_hat64[i]);
+    expect("estimate", hgo_standard2_f32_estimate(&spring, x_hat, 2), HGO_OK);
+    for (i = 0; i < 2; ++i) show("spring", i, x_hat[i]);
 
     expect("counts", hgo_standard2_f32_counts(&velocity, &counts), HGO_OK);
     printf("%" PRIu32 " updated, %" PRIu32 " predicted, %" PRIu32 " too long\n", counts.updated,
@@ -152,7 +173,10 @@ int main(void)
         puts("no observers");
         return 1;
     }
-    for (k = 0; k < SAMPLES; ++k) take(k);
+    for (k = 0; k < SAMPLES; ++k) {
+        take(k);
+        steer();
+    }
     finish();
     mistakes();
     puts(surprises == 0 ? "all as expected" : "not as expected");

@@ -606,7 +606,12 @@ class _Clock:
 
     def _found_unit(self, found: Ticks) -> str:
         assert isinstance(self.time, str)
-        if self.unit is None:
+        if self.unit is not None:
+            named, _ = named_unit(self.time)
+            if named not in (None, self.unit):
+                told = f"times {self.time!r} are taken in {self.unit}, though the name says {named}"
+                self.remarks += (told,)
+        else:
             self.unit, why = named_unit(self.time)
             if why:
                 raise DataError(

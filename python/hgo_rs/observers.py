@@ -274,10 +274,26 @@ class Observer(_core.Online):
         *,
         r0: float | None = None,
         memory0: npt.ArrayLike | None = None,
+        t: float = 0.0,
     ) -> None:
-        """Start again at time 0, see `initial_memory`; or from the whole memory."""
+        """Start again, see `initial_memory`; or go on from the whole memory.
+
+        Parameters
+        ----------
+        x_hat0, r0, memory0 : optional
+            Where to start, see `initial_memory`; or the whole memory.
+        t : float
+            Time [s] at which it stands. Above 0 the observer is under way: with current timing the
+            next `step` predicts over its period, which the first one after a start does not.
+
+        Raises
+        ------
+        HgoError
+            What `initial_memory` refuses; t < 0.
+        """
+        time = check_number(t, "t", least=0.0)
         self.memory = self._start(x_hat0, r0, memory0)
-        self._told, self._time = memory0 is not None, 0.0
+        self._time = time
 
     def _start(
         self,
@@ -339,6 +355,9 @@ class Observer(_core.Online):
         return HgoError(f"the estimate would diverge at t = {self._time:g} s: {_TAMER}")
 
     def _no_value(self, sample: list[float], told: list[float] | None = None) -> HgoError:
+        given = np.abs([*sample, *(told or ())])
+        if np.max(given, initial=0.0, where=given == given) > _HUGE:
+            return self._divergence()
         where = f"t = {self._time:.6g} s"
         return HgoError(self._undefined(where, self._time, sample, told, self.memory))
 
@@ -359,7 +378,7 @@ class Observer(_core.Online):
         if known["kind"] == "ship":
             return (
                 f"{head}: a ship at rest has no course angle, z_1 = 0 makes atan(0/0) (Katayama, "
-                "assumption A1); start the record where the ship moves"
+                "assumption A1); start the record where the ship moves, or x_hat0 at its velocity"
             )
         estimate = f"x_hat = [{_row(memory[: self.n])}]"
         if known["kind"] != "own":
@@ -474,11 +493,16 @@ class Observer(_core.Online):
             return clock * k if isinstance(clock, float) else float(clock[k])
 
         k, longest = track["longest_step"]
+        where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
+        if self._core.is_current and self._law_len < len(start) and not track["missing"][0]:
+            # the first sample corrects over the time that its start has waited
+            waited = float(start[self._law_len])
+            if waited > longest:
+                longest, where = waited, f"before sample 0 (t = {time(0):g} s), "
         if longest > 0.0:
             try:
                 self._check_dt(longest, allow)
             except DesignError as error:
-                where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
                 raise DesignError(f"{where}{error}") from None
         memory = track["memory"]
         bound = self._bound(float(np.max(np.abs(start))), track["largest_sample"])

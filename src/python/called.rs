@@ -3,9 +3,10 @@
 
 use super::interrupt::StopFlag;
 use super::plan::{Plan, StudyResult};
-use super::programs::{MAX_INPUTS, Steps, Tables};
+use super::programs::{Steps, Tables};
 use super::recursion::{AnyObserver, Block, Recursion, larger};
 use super::table::{NOT_COMPILED, Table};
+use super::tabled::MAX_INPUTS;
 use crate::observer::Status;
 use pyo3::prelude::*;
 

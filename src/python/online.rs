@@ -5,7 +5,8 @@
 
 use super::errors::refused;
 use super::observers::Observer;
-use super::programs::{CHAINS, MAX_INPUTS};
+use super::programs::CHAINS;
+use super::tabled::MAX_INPUTS;
 use crate::estimator::Clock;
 use crate::observer::Status;
 use numpy::npyffi::{_PyArray_GET_ITEM_DATA, NPY_ARRAY_WRITEABLE};

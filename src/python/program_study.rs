@@ -660,7 +660,7 @@ impl Study<'_> {
         let rest = [&observers, &plants, on].map(Compiled::registers::<f64>);
         interruptible(py, |stop| {
             let plant = self.evaluated(&parts);
-            let kept = plan.memory_len();
+            let (kept, memory) = (observer.signals(), plan.memory_len());
             let done = plan.execute_blocks::<Evaluated<'_>, SVector<f64, Z>>(
                 plant,
                 kept,
@@ -673,7 +673,7 @@ impl Study<'_> {
                         joint,
                         predictors: predictors.as_ref().map(Compiled::program),
                         registers: [of_observers, of_plants, on],
-                        entries: (plan.plant.len(), kept),
+                        entries: (plan.plant.len(), memory),
                         estimated: observer.n(),
                         filters: observer.is_current(),
                     };
@@ -689,7 +689,7 @@ impl Study<'_> {
         let (plan, observer) = (self.plan, self.observer);
         let failure = Arc::<Failure>::default();
         let parts = self.plant.parts.made(&failure)?;
-        let (n, memory) = (observer.n(), plan.memory_len());
+        let (n, memory, kept) = (observer.n(), plan.memory_len(), observer.signals());
         // what is known of the observer's inputs and parameters, taken in
         let alone = |table: &Table, own: usize| {
             let alone = trace(DOUBLE, || {
@@ -717,19 +717,24 @@ impl Study<'_> {
             let tell = |u: &NoInput<f64>| *u;
             if let Some((integrator, rate, admissible)) = &law {
                 let law = Evolution { rate, admissible, n, memory };
-                return plan.execute(plant, memory, stop, |experiment, run, x, z, watch| {
-                    experiment.joint(&law, tell, *integrator, run, x, z, watch)
-                });
+                return plan.execute(
+                    plant,
+                    observer.signals(),
+                    stop,
+                    |experiment, run, x, z, watch| {
+                        experiment.joint(&law, tell, *integrator, run, x, z, watch)
+                    },
+                );
             }
             if observer.is_current() {
                 let observer =
                     Recursion::<true> { correct: correct.as_ref(), advance: &advance, n, memory };
-                plan.execute(plant, memory, stop, |experiment, run, x, z, watch| {
+                plan.execute(plant, kept, stop, |experiment, run, x, z, watch| {
                     experiment.sampled(&observer, tell, run, x, z, watch)
                 })
             } else {
                 let observer = Recursion::<false> { correct: None, advance: &advance, n, memory };
-                plan.execute(plant, memory, stop, |experiment, run, x, z, watch| {
+                plan.execute(plant, kept, stop, |experiment, run, x, z, watch| {
                     experiment.sampled(&observer, tell, run, x, z, watch)
                 })
             }

@@ -14,8 +14,7 @@ use super::recursion::{AnyObserver, Block, Recursion};
 use super::spec::Spec;
 use super::systems::{AnyModel, read_van_der_pol};
 use super::table::Table;
-pub use super::tabled::MAX_INPUTS;
-use super::tabled::{Gains, LawTables, flat};
+use super::tabled::{Gains, LawTables, MAX_INPUTS, flat};
 use super::trace::{self, PlacedGains, Setting, Traced, call, input, inputs, named, trace};
 use crate::Scalar;
 use crate::dispatch_order;
@@ -275,6 +274,8 @@ struct Shape {
     n_y: usize,
     n_u: usize,
     memory: usize,
+    /// Entries of the memory without the time that current timing holds beside them.
+    signals: usize,
     current: bool,
     initial: Vec<f64>,
 }
@@ -431,7 +432,15 @@ impl Tables {
         let placed = matches!(manner.method, AnyMethod::Placed(_));
         let together = !current && !placed;
         Ok(Self {
-            shape: Shape { n: law.n, n_y: 1, n_u: given.n_u()?, memory, current, initial },
+            shape: Shape {
+                n: law.n,
+                n_y: 1,
+                n_u: given.n_u()?,
+                memory,
+                signals: law.len,
+                current,
+                initial,
+            },
             correct: law.correct(setting, manner)?,
             advance: law.advance(setting, manner)?,
             missing: None,
@@ -458,7 +467,7 @@ where
     })?;
     let (n, n_y, memory) = (O::ESTIMATED, O::Measurement::LEN, O::State::LEN);
     let current = O::TIMING == Timing::Current;
-    Ok(Shape { n, n_y, n_u, memory, current, initial })
+    Ok(Shape { n, n_y, n_u, memory, signals: memory, current, initial })
 }
 
 /// A gain that does not move.
@@ -760,7 +769,7 @@ impl Tables {
         let advance = joined(&|of| of.advance.clone())?;
         let current = chains.first().is_some_and(|of| of.shape.current);
         let (n, n_y, n_u, memory) = (own.n, chains.len(), own.n_u, rest);
-        let shape = Shape { n, n_y, n_u, memory, current, initial };
+        let shape = Shape { n, n_y, n_u, memory, signals: memory, current, initial };
         Ok(Self {
             shape,
             correct,
@@ -929,6 +938,10 @@ impl Tables {
     }
     pub fn memory_len(&self) -> usize {
         self.shape.memory
+    }
+    /// Entries of the memory that studies have metrics of.
+    pub fn signals(&self) -> usize {
+        self.shape.signals
     }
     pub fn is_current(&self) -> bool {
         self.shape.current
@@ -1368,16 +1381,22 @@ pub fn trace_step<'py>(
     let setting = Setting { gains, ..Setting::usual(single) };
     let tables = Tables::read(&Spec::new(spec, "observer")?, setting)?;
     let of_missing = tables.missing.filter(|_| missing);
-    let (table, untaken): (Table, &[&str]) = match (part, tables.correct) {
-        ("step", None) => (of_missing.unwrap_or(tables.advance), &[]),
-        ("correct", Some(correct)) => (of_missing.unwrap_or(correct), &["dt", "u["]),
-        ("predict", Some(_)) => (tables.advance, &["y["]),
+    let Shape { memory, n_y, n_u, .. } = tables.shape;
+    let y = MEMORY + memory..MEMORY + memory + n_y;
+    let u = y.end..y.end + n_u;
+    let table = match (part, tables.correct) {
+        ("step", None) => of_missing.unwrap_or(tables.advance),
+        ("correct", Some(correct)) => {
+            let step = MEMORY - 1; // its length
+            of_missing.unwrap_or(correct).without_inputs(|i| i == step || u.contains(&i))
+        }
+        ("predict", Some(_)) => tables.advance.without_inputs(|i| y.contains(&i)),
         (other, correct) => {
             let parts = if correct.is_some() { "correct or predict" } else { "step" };
             return Err(refused(&format!("part = {other:?} is not allowed: {parts}")));
         }
     };
-    table.without_inputs(untaken).to_dict(py)
+    table.to_dict(py)
 }
 
 /// Memories along a record in single precision: times (N,), samples (N, n_y), inputs (N, n_u), memory

@@ -235,23 +235,22 @@ impl Table {
         Ok(out)
     }
 
-    /// Without the inputs whose names begin like that, which nothing may use.
-    pub fn without_inputs(&self, names: &[&str]) -> Self {
-        let goes = |name: &String| {
-            names
-                .iter()
-                .any(|start| name == start || start.ends_with('[') && name.starts_with(start))
-        };
+    /// Without some of the inputs, told by their places, which nothing may use.
+    pub fn without_inputs(&self, goes: impl Fn(usize) -> bool) -> Self {
         let mut place: Vec<Value> = Vec::with_capacity(self.inputs.len());
         let mut kept = 0;
-        for name in &self.inputs {
+        for i in 0..self.inputs.len() {
             place.push(kept);
-            kept += usize::from(!goes(name));
+            kept += usize::from(!goes(i));
         }
         let gone = self.inputs.len() - kept;
         let moved = |value: Value| place.get(value).copied().unwrap_or(value.saturating_sub(gone));
         Self {
-            inputs: self.inputs.iter().filter(|name| !goes(name)).cloned().collect(),
+            inputs: (0..)
+                .zip(&self.inputs)
+                .filter(|(i, _)| !goes(*i))
+                .map(|(_, n)| n.clone())
+                .collect(),
             calls: self.calls.iter().map(|call| call.moved(moved)).collect(),
             constants: self.constants.clone(),
             operations: self.operations.iter().map(|(of, from)| (*of, from.map(moved))).collect(),

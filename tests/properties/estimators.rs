@@ -9,7 +9,7 @@ use hgo_rs::model::{Unknown, no_input};
 use hgo_rs::observer::{Discretised, Euler, Measurement};
 use hgo_rs::observers::StandardObserver;
 use hgo_rs::polynomial::euler_limit;
-use hgo_rs::{Estimator, Observer, Scalar, Status};
+use hgo_rs::{Estimator, Observer, Scalar, Status, Timing};
 use nalgebra::Vector2;
 use proptest::prelude::*;
 use std::fmt::Debug;
@@ -33,15 +33,18 @@ impl<T: Scalar> Visitor<T> for Stress<'_> {
     {
         let dt_max = T::from_f64(0.01);
         let mut estimator = Estimator::new(observer, dt_max).unwrap();
-        let mut seen = [0_u32; 6];
+        let (mut seen, mut started) = ([0_u32; 6], false);
         for (dt, y) in self.0 {
             let (dt, y) = (T::from_f64(f64::from_bits(*dt)), T::from_f64(f64::from_bits(*y)));
             let (before, time) = (*estimator.memory(), estimator.time());
             let status = estimator.step(&O::Measurement::fill(|| y), &input(T::ONE), dt);
             seen[status as usize] += 1;
-            let is_time = dt.is_finite() && dt > T::ZERO;
-            assert_eq!(status == Status::StepRefused, !is_time, "{law}, {scheme}");
-            if is_time {
+            // with current timing the first call only corrects
+            let moves = started || O::TIMING == Timing::Predictor;
+            let is_taken = !moves || (dt.is_finite() && dt > T::ZERO);
+            started = true;
+            assert_eq!(status == Status::StepRefused, !is_taken, "{law}, {scheme}");
+            if is_taken {
                 assert!(estimator.time() >= time, "{law}, {scheme}");
             } else {
                 assert_eq!(*estimator.memory(), before, "{law}, {scheme}");
@@ -49,12 +52,13 @@ impl<T: Scalar> Visitor<T> for Stress<'_> {
             }
             let mut finite = true;
             estimator.memory().visit(&mut |z| finite &= z.is_finite());
-            assert_eq!(is_time && !finite, status == Status::Diverged, "{law}, {scheme}");
+            assert_eq!(is_taken && !finite, status == Status::Diverged, "{law}, {scheme}");
             if status == Status::Updated {
-                assert!(y.is_finite() && dt <= dt_max, "{law}, {scheme}");
+                assert!(y.is_finite() && (!moves || dt <= dt_max), "{law}, {scheme}");
             }
             if !finite {
                 estimator.restart(observer.initial());
+                started = false;
             }
         }
         let c = estimator.counts();

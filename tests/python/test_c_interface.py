@@ -73,10 +73,11 @@ def compiler() -> str:
 # --- the bits -------------------------------------------------------------------------------------
 
 
-def python_observer(name: str) -> tuple[Observer, list[float]]:
+def python_observer(name: str, timing: str = "predictor") -> tuple[Observer, list[float]]:
     """The observer of a C type in Python, with phi as its input, and its C configuration."""
     family, n = name[:-5], int(name[-5])
-    known = {"model": InputGain(1.0), "allow_unstable": True}
+    known: dict[str, Any] = {"model": InputGain(1.0), "allow_unstable": True}
+    known |= {"method": "euler", "timing": timing}
     if family in ("low_power", "peaking_free"):
         more: dict[str, Any] = {} if family == "low_power" else {"saturation": [0.5] * (n - 1)}
         law = LowPowerObserver if family == "low_power" else PeakingFreeObserver
@@ -96,7 +97,10 @@ def padded(values: list[float], length: int) -> list[float]:
     return [*values, *[0.0] * (length - len(values))]
 
 
-def samples(rng: np.random.Generator, count: int, dt_max: float) -> np.ndarray:
+STEP, CORRECT, PREDICT = 0.0, 1.0, 2.0
+
+
+def calls(rng: np.random.Generator, count: int, dt_max: float) -> np.ndarray:
     """Rows (y, phi, dt): mostly sound, some of everything that goes wrong."""
     y, phi = rng.standard_normal(count), rng.standard_normal(count)
     dt = dt_max * rng.uniform(0.01, 0.2, count)
@@ -108,58 +112,209 @@ def samples(rng: np.random.Generator, count: int, dt_max: float) -> np.ndarray:
     return np.column_stack([y, phi, dt])
 
 
-def expected(observer: Observer, rows: np.ndarray, dt_max: float) -> np.ndarray:
+def steps(rows: np.ndarray) -> np.ndarray:
+    """Each row as a call of step."""
+    return np.column_stack([np.full(len(rows), STEP), rows])
+
+
+def halves(rng: np.random.Generator, rows: np.ndarray) -> np.ndarray:
+    """Each row as a call of correct and one of predict; some halves are left out or made twice."""
+    y, phi, dt = np.repeat(rows, 2, axis=0).T
+    kind = np.tile([CORRECT, PREDICT], len(rows))
+    return np.column_stack([kind, y, phi, dt])[rng.random(2 * len(rows)) < 0.95]
+
+
+def expected(name: str, rows: np.ndarray, dt_max: float) -> np.ndarray:
     """Rows (status, memory) by the compiled core alone."""
-    out, time = [], 0.0
-    memory = observer.memory
-    for y, phi, dt in rows:
-        r = observer.gains(memory) if observer.spec["gain"]["law"] != "constant" else 1.0
-        if not (dt > 0.0 and math.isfinite(dt)):
-            status = CODES["STEP_REFUSED"]
+    law, causal = (python_observer(name, timing)[0] for timing in ("predictor", "current"))
+    moves = law.spec["gain"]["law"] != "constant"
+    out, time, in_time = [], 0.0, True
+    memory = causal.memory
+    for call, y, phi, dt in rows:
+        before, no_time = memory, not (dt > 0.0 and math.isfinite(dt))
+        if call != CORRECT and no_time:
+            out.append([CODES["STEP_REFUSED"], *memory])
+            continue
+        if call != CORRECT:
+            r = float(law.gains(memory[:-1])) if moves else 1.0
+            in_time = dt * r <= dt_max
+        held = before if call == CORRECT else [*before[:-1], 0.0 if call == STEP else dt]
+        sample = [y if in_time else math.nan]
+        if call == CORRECT:
+            memory, status = causal._core.correct(before, sample, time)
+        elif not math.isfinite(phi):
+            memory, status = np.array(held), CODES["MODEL_UNDEFINED"]
+        elif call == STEP:
+            moved, status = law._core.step(before[:-1], sample, [phi], time, dt)
+            memory = np.array([*moved, 0.0])
         else:
-            late = dt * float(r) > dt_max
-            if math.isfinite(phi):
-                y = math.nan if late else y
-                memory, status = observer._core.step(memory, [y], [phi], time, dt)
-            else:
-                status = CODES["MODEL_UNDEFINED"]
-            time += dt
-            status = CODES["STEP_TOO_LONG"] if late else status
-            if not np.isfinite(memory).all():
-                status = CODES["DIVERGED"]
+            memory, status = causal._core.advance(before, [math.nan], [phi], time, dt)
+        if not np.isfinite(memory).all():
+            diverged = not np.abs(before).max() <= 1e12
+            status = CODES["DIVERGED" if diverged else "MODEL_UNDEFINED"]
+            memory = memory if diverged else np.array(held)
+        elif status != CODES["MODEL_UNDEFINED"] and not in_time:
+            status = CODES["STEP_TOO_LONG"]
+        in_time = in_time or call == CORRECT
+        time += 0.0 if call == CORRECT else dt
         out.append([status, *memory])
     return np.array(out)
 
 
-def through_c(driver: Path, name: str, config: list[float], rows: np.ndarray) -> tuple[float, Any]:
+def through_c(driver: Path, name: str, config: list[float], rows: np.ndarray) -> tuple[Any, Any]:
+    """The two step limits, and rows (status, memory)."""
     given = np.array(config).tobytes() + rows.tobytes()
     done = subprocess.run([driver, name], input=given, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
     numbers = np.frombuffer(done.stdout)
-    return numbers[0], numbers[1:].reshape(len(rows), 1 + OBSERVERS[name].memory)
+    return numbers[:2], numbers[2:].reshape(len(rows), 1 + OBSERVERS[name].memory)
 
 
-@pytest.mark.parametrize("name", [name for name in OBSERVERS if name.endswith("f64")])
+IN_DOUBLE = [name for name in OBSERVERS if name.endswith("f64")]
+
+
+@pytest.mark.parametrize("name", IN_DOUBLE)
+def test_the_limits_are_pythons(driver: Path, name: str) -> None:
+    config = python_observer(name)[1]
+    found, _ = through_c(driver, name, [*config, 0.0], np.empty((0, 4)))
+    wanted = [python_observer(name, when)[0].step_limit().dt for when in ("predictor", "current")]
+    assert found == pytest.approx(wanted, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", IN_DOUBLE)
 def test_the_bits_are_those_of_the_core(driver: Path, name: str) -> None:
-    observer, config = python_observer(name)
-    limit, _ = through_c(driver, name, [*config, 0.0], np.empty((0, 3)))
-    assert limit == pytest.approx(observer.step_limit().dt, rel=1e-4)
-    dt_max = 0.9 * limit
-    rows = samples(np.random.default_rng(int(name[-5])), 2000, dt_max)
-    _, found = through_c(driver, name, [*config, dt_max], rows)
-    wanted = expected(observer, rows, dt_max)
-    assert np.array_equal(found[:, 0], wanted[:, 0])
-    assert found.tobytes() == wanted.tobytes()
-    assert set(found[:, 0]) == {0.0, 1.0, 2.0, 3.0, 4.0}  # and no divergence
+    config, rng = python_observer(name)[1], np.random.default_rng(int(name[-5]))
+    limits, _ = through_c(driver, name, [*config, 0.0], np.empty((0, 4)))
+    dt_max = 0.9 * float(limits.min())
+    small = [0.5, 0.5, 1.0]  # a gain that moves stays where most steps are within its limit
+    mixed = np.vstack([steps(calls(rng, 20, dt_max)), halves(rng, small * calls(rng, 20, dt_max))])
+    for rows in (
+        steps(calls(rng, 2000, dt_max)),
+        halves(rng, small * calls(rng, 2000, dt_max)),
+        np.vstack([mixed] * 20),
+    ):
+        _, found = through_c(driver, name, [*config, dt_max], rows)
+        wanted = expected(name, rows, dt_max)
+        assert np.array_equal(found[:, 0], wanted[:, 0])
+        assert found.tobytes() == wanted.tobytes()
+        assert set(found[:, 0]) <= {0.0, 1.0, 2.0, 3.0, 4.0}  # no divergence
+        if len(rows) >= 2000:
+            assert len(set(found[:, 0])) == 5
+
+
+def test_a_correction_is_for_the_last_period_and_is_made_once(driver: Path) -> None:
+    """By hand, for k = (3, 2), gain l = 4: x + c (k_1 l e, k_2 l^2 e), c the period before."""
+    dt, e = 0.125, 2.0
+    rows = [
+        (CORRECT, 1.0, 0.0, 0.0),  # no time has passed
+        (PREDICT, 0.0, 8.0, dt),
+        (CORRECT, math.nan, 0.0, 0.0),
+        (CORRECT, e, 0.0, 0.0),
+        (CORRECT, 77.0, 0.0, 0.0),  # its period has been used
+        (PREDICT, 0.0, math.nan, dt),  # held, and time passes
+        (STEP, e, math.nan, dt),  # held, and the period is the step's
+    ]
+    _, found = through_c(driver, "standard2_f64", [3.0, 2.0, 0, 0, 0, 4.0, 0.4], np.array(rows))
+    corrected = [0.125 * 12.0 * e, 1.0 + 0.125 * 32.0 * e]
+    wanted = [
+        [CODES["UPDATED"], 0.0, 0.0, 0.0],
+        [CODES["PREDICTED"], 0.0, 1.0, dt],
+        [CODES["PREDICTED"], 0.0, 1.0, dt],
+        [CODES["UPDATED"], *corrected, 0.0],
+        [CODES["UPDATED"], *corrected, 0.0],
+        [CODES["MODEL_UNDEFINED"], *corrected, dt],
+        [CODES["MODEL_UNDEFINED"], *corrected, 0.0],
+    ]
+    assert found.tolist() == wanted
 
 
 def test_divergence_is_told(driver: Path) -> None:
     _, config = python_observer("standard2_f64")
-    _, found = through_c(driver, "standard2_f64", [*config, 0.2], np.full((3, 3), 1.7e308))
-    assert found[0, 0] == CODES["STEP_TOO_LONG"] or found[0, 0] == CODES["DIVERGED"]
-    rows = np.array([[1.7e308, 0.0, 0.2], [-1.7e308, 0.0, 0.2], [0.0, 0.0, 0.2]])
+    rows = np.array([[STEP, 1.7e308, 0.0, 0.2]])
     _, found = through_c(driver, "standard2_f64", [*config, 0.2], rows)
-    assert found[-1, 0] == CODES["DIVERGED"]
+    assert found.tolist() == [
+        [CODES["MODEL_UNDEFINED"], 0.0, 0.0, 0.0]
+    ]  # of one sample: it is held
+    rows = np.array([[STEP, y, 0.0, 0.2] for y in (1e300, -1.7e308, 0.0)])
+    _, found = through_c(driver, "standard2_f64", [*config, 0.2], rows)
+    assert found[:, 0].tolist() == [CODES["UPDATED"], CODES["DIVERGED"], CODES["DIVERGED"]]
+
+
+# --- a closed loop --------------------------------------------------------------------------------
+
+LOOPS = [f"{family}2_f64" for family in sorted(FAMILIES)]
+
+
+def controlled(x_hat: np.ndarray, k: int) -> float:
+    wanted = 0.3 if k % 200 < 100 else -0.3
+    return float(-400.0 * (x_hat[0] - wanted) - 40.0 * x_hat[1])
+
+
+def phi_of(x_hat: np.ndarray, u: float) -> float:
+    return float(u - 0.5 * x_hat[1] - 9.81 * math.sin(x_hat[0]))
+
+
+def loop(observer: Observer, dt: float, count: int) -> np.ndarray:
+    """Rows (q, w, memory) of a pendulum under a stiff controller, as in c_interface_driver.c."""
+    q, w, u, rows = 1.0, 0.0, 0.0, []
+    for k in range(count):
+        if observer.timing == "current":
+            observer.correct(q)
+            rows.append([q, w, *observer.memory])
+            u = controlled(observer.x_hat, k)
+            observer.predict(phi_of(observer.x_hat, u), dt=dt)
+        else:  # the input of the period is not known yet: that of the one before
+            rows.append([q, w, *observer.memory])
+            observer.step(q, phi_of(observer.x_hat, u), dt=dt)
+            u = controlled(observer.x_hat, k)
+        for _ in range(10):
+            w += dt / 10.0 * (u - 0.5 * w - 9.81 * math.sin(q))
+            q += dt / 10.0 * w
+    return np.array(rows)
+
+
+def looping(name: str, timing: str) -> tuple[Observer, list[float]]:
+    """An observer that is fast enough for the loop, and its C configuration."""
+    more: dict[str, Any] = {"model": InputGain(1.0), "method": "euler", "timing": timing}
+    family = name[:-5]
+    if family in ("low_power", "peaking_free"):
+        levels = [] if family == "low_power" else [30.0]
+        law = LowPowerObserver if family == "low_power" else PeakingFreeObserver
+        observer: Observer = law(2, 20.0, **more, **({"saturation": levels} if levels else {}))
+        arrays = [padded(observer.spec["alpha"], 5), padded(observer.spec["beta"], 4)]
+        arrays += [padded(levels, 4)] if levels else []
+        return observer, [*np.concatenate(arrays), 20.0]
+    moving = {"p1": 2000.0, "p2": 1e-4, "b": 0.2}
+    gain: Any = 20.0
+    if family != "standard":
+        gain = {"adaptive": AdaptiveGain, "dead_zone": DeadZoneGain}[family](**moving)
+    observer = StandardObserver(2, gain, **more)
+    fixed = [20.0] if family == "standard" else list(moving.values())
+    return observer, [*padded(observer.spec["k"], 5), *fixed]
+
+
+@pytest.mark.parametrize(
+    ("name", "dt"),
+    [(name, 0.001) for name in LOOPS]
+    + [(name, 0.01) for name in LOOPS if name.startswith(("standard", "low", "peak"))],
+)
+def test_a_loop_in_c_has_the_bits_of_pythons(driver: Path, name: str, dt: float) -> None:
+    observer, config = looping(name, "current")
+    given = np.array([*config, observer.step_limit().dt, dt, 1000.0]).tobytes()
+    done = subprocess.run([driver, name, "loop"], input=given, capture_output=True, check=False)
+    assert done.returncode == 0, (done.returncode, done.stderr)
+    found = np.frombuffer(done.stdout).reshape(1000, -1)
+    assert found.tobytes() == loop(observer, dt, 1000).tobytes()
+
+
+def test_a_causal_loop_is_better_than_the_recursion() -> None:
+    """What correct and predict are for: the recursion is told the input one period late."""
+    causal, late = (
+        loop(looping("standard2_f64", timing)[0], 0.01, 1000)[200:]
+        for timing in ("current", "predictor")
+    )
+    errors = [np.sqrt(np.mean((rows[:, 3] - rows[:, 1]) ** 2)) for rows in (causal, late)]
+    assert errors[0] < 0.25 * errors[1]
 
 
 # --- the refusals ---------------------------------------------------------------------------------
@@ -229,6 +384,12 @@ class Subject:
     def step(self, state: int, y: float = 1.0, phi: float = 0.0, dt: float = 0.005) -> int:
         return self.call("step", ctypes.c_void_p(state), *map(self.real, (y, phi, dt)))
 
+    def correct(self, state: int, y: float = 1.0) -> int:
+        return self.call("correct", ctypes.c_void_p(state), self.real(y))
+
+    def predict(self, state: int, phi: float = 0.0, dt: float = 0.005) -> int:
+        return self.call("predict", ctypes.c_void_p(state), *map(self.real, (phi, dt)))
+
     def numbers(self, method: str, state: int, numbers: int, n: int) -> int:
         """estimate or restart."""
         pointers = ctypes.c_void_p(state), ctypes.c_void_p(numbers)
@@ -237,15 +398,16 @@ class Subject:
     def counts(self, state: int, counts: int) -> int:
         return self.call("counts", ctypes.c_void_p(state), ctypes.c_void_p(counts))
 
-    def step_limit(self, config: int, dt_max: int, error: int = 0) -> int:
-        return self.call("step_limit", *map(ctypes.c_void_p, (config, dt_max, error)))
+    def limit(self, of: str, config: int, dt_max: int, error: int = 0) -> int:
+        return self.call(f"{of}_limit", *map(ctypes.c_void_p, (config, dt_max, error)))
 
     def state(self) -> Room:
-        """A state after two steps."""
+        """A state after two steps and half of another."""
         room = Room(self.row.size)
         assert self.init(room.address) == CODES["UPDATED"]
         assert self.step(room.address) == CODES["UPDATED"]
         assert self.step(room.address, y=math.nan) == CODES["PREDICTED"]
+        assert self.predict(room.address) == CODES["PREDICTED"]
         return room
 
     def memory(self, state: Room) -> np.ndarray:
@@ -319,12 +481,13 @@ def test_init_says_which_parameter_and_why(subject: Subject) -> None:
     assert state.untouched_outside() and error.untouched_outside()
 
 
-def test_the_step_limit(subject: Subject) -> None:
+@pytest.mark.parametrize(("of", "timing"), [("step", "predictor"), ("predict", "current")])
+def test_the_limits(subject: Subject, of: str, timing: str) -> None:
     limit, config, error = Room(subject.width), subject.config, Room(136)
     where = config.ctypes.data
-    assert subject.step_limit(where, limit.address) == CODES["UPDATED"]
+    assert subject.limit(of, where, limit.address) == CODES["UPDATED"]
     dt_max = np.frombuffer(limit.bytes, subject.dtype)[0]
-    wanted = python_observer(subject.name[:-3] + "f64")[0].step_limit().dt
+    wanted = python_observer(subject.name[:-3] + "f64", timing)[0].step_limit().dt
     assert dt_max == pytest.approx(wanted, rel=1e-4)
     before = limit.bytes
     for arguments, code in [
@@ -334,10 +497,10 @@ def test_the_step_limit(subject: Subject) -> None:
         ((where, limit.address + 1), "UNALIGNED"),
         ((where, limit.address, error.address + 1), "UNALIGNED"),
     ]:
-        assert subject.step_limit(*arguments) == CODES[code]
+        assert subject.limit(of, *arguments) == CODES[code]
     unstable = config.copy()
     unstable[0] = -1.0
-    status = subject.step_limit(unstable.ctypes.data, limit.address, error.address)
+    status = subject.limit(of, unstable.ctypes.data, limit.address, error.address)
     assert status == CODES["BAD_PARAMETER"]
     assert error.bytes.startswith((b"k\0", b"alpha\0"))
     assert limit.bytes == before and limit.untouched_outside()
@@ -363,6 +526,8 @@ def test_what_is_no_state_is_refused_everywhere(subject: Subject, shared: ctypes
     before = [room.bytes for room in (good, out, counts, *made)]
     for state, code in rooms:
         assert subject.step(state) == CODES[code]
+        assert subject.correct(state) == CODES[code]
+        assert subject.predict(state) == CODES[code]
         assert subject.numbers("estimate", state, out.address, memory) == CODES[code]
         assert subject.numbers("restart", state, start.ctypes.data, memory) == CODES[code]
         assert subject.counts(state, counts.address) == CODES[code]
@@ -378,6 +543,8 @@ def test_every_other_type_is_told_apart(shared: ctypes.CDLL) -> None:
         for user in subjects:
             status = CODES["UPDATED" if user is maker else "NOT_INITIALISED"]
             assert user.step(room.address) == status, (maker.name, user.name)
+            status = CODES["PREDICTED"] if user is maker else status
+            assert user.predict(room.address) == status, (maker.name, user.name)
 
 
 def test_buffers(subject: Subject) -> None:
@@ -422,19 +589,22 @@ def test_restart(subject: Subject) -> None:
     assert restart(start) == CODES["UPDATED"]
     rest = np.zeros(memory - order, subject.dtype)
     if moves:
-        rest[:] = 1.0
+        rest[0] = 1.0
     assert np.array_equal(subject.memory(state), [*start, *rest])
     # a whole memory: the state goes on where another one stood
     other = subject.state()
     for k in range(20):
         subject.step(other.address, y=float(k))
+    subject.predict(other.address)
     assert restart(subject.memory(other)) == CODES["UPDATED"]
     for k in range(20):
+        assert subject.correct(state.address, y=k) == subject.correct(other.address, y=k)
+        assert subject.predict(state.address, phi=k) == subject.predict(other.address, phi=k)
         assert subject.step(state.address, y=0.5 * k) == subject.step(other.address, y=0.5 * k)
     assert np.array_equal(subject.memory(state), subject.memory(other))
-    if moves:
+    for place, bad in [(-1, -0.005), *([(order, 0.5)] if moves else [])]:
         numbers = np.ones(memory, subject.dtype)
-        numbers[-1] = 0.5
+        numbers[place] = bad
         assert restart(numbers) == CODES["BAD_PARAMETER"]
 
 
@@ -442,29 +612,46 @@ def test_counts_and_codes_of_steps(subject: Subject) -> None:
     state, counts = Room(subject.row.size), Room(24)
     assert subject.init(state.address) == CODES["UPDATED"]
     huge = float(np.finfo(subject.dtype).max)
-    steps = [
-        ({}, "UPDATED"),
-        ({"y": math.nan}, "PREDICTED"),
-        ({"y": math.inf}, "PREDICTED"),
-        ({"phi": math.nan}, "MODEL_UNDEFINED"),
-        ({"dt": 1e3}, "STEP_TOO_LONG"),
-        ({"dt": 0.0}, "STEP_REFUSED"),
-        ({"dt": -0.005}, "STEP_REFUSED"),
-        ({"dt": math.nan}, "STEP_REFUSED"),
-        ({"dt": math.inf}, "STEP_REFUSED"),
-        ({"phi": huge, "dt": 1e3}, "DIVERGED"),
+    taken = [
+        ("step", {}, "UPDATED"),
+        ("step", {"y": math.nan}, "PREDICTED"),
+        ("step", {"y": math.inf}, "PREDICTED"),
+        ("step", {"phi": math.nan}, "MODEL_UNDEFINED"),
+        ("step", {"dt": 1.0}, "STEP_TOO_LONG"),
+        ("step", {"dt": 0.0}, "STEP_REFUSED"),
+        ("step", {"dt": -0.005}, "STEP_REFUSED"),
+        ("step", {"dt": math.nan}, "STEP_REFUSED"),
+        ("step", {"dt": math.inf}, "STEP_REFUSED"),
+        ("step", {"phi": huge, "dt": 10.0}, "MODEL_UNDEFINED"),
+        ("predict", {}, "PREDICTED"),
+        ("correct", {}, "UPDATED"),
+        ("predict", {}, "PREDICTED"),
+        ("correct", {"y": math.nan}, "PREDICTED"),
+        ("predict", {"dt": 1.0}, "STEP_TOO_LONG"),
+        ("correct", {}, "STEP_TOO_LONG"),
+        ("correct", {}, "UPDATED"),
+        ("predict", {"phi": math.inf}, "MODEL_UNDEFINED"),
+        ("predict", {"dt": -1.0}, "STEP_REFUSED"),
+        ("predict", {"phi": huge, "dt": 10.0}, "MODEL_UNDEFINED"),
     ]
-    for arguments, code in steps:
+    for call, arguments, code in taken:
         before = subject.memory(state)
-        assert subject.step(state.address, **arguments) == CODES[code], arguments
+        assert getattr(subject, call)(state.address, **arguments) == CODES[code], (call, arguments)
         if code in ("MODEL_UNDEFINED", "STEP_REFUSED"):
-            assert np.array_equal(subject.memory(state), before)
+            assert np.array_equal(subject.memory(state)[:-1], before[:-1])
+    start = np.full(subject.row.order, 1e15, subject.dtype)
+
+    def restart() -> int:
+        return subject.numbers("restart", state.address, start.ctypes.data, len(start))
+
+    assert restart() == CODES["UPDATED"]
+    assert subject.step(state.address, phi=huge, dt=1e3) == CODES["DIVERGED"]
+    assert subject.step(state.address) == CODES["DIVERGED"]
     assert subject.counts(state.address, counts.address) == CODES["UPDATED"]
-    assert list(np.frombuffer(counts.bytes, np.uint32)) == [1, 2, 1, 1, 4, 1]
+    assert list(np.frombuffer(counts.bytes, np.uint32)) == [3, 3, 4, 2, 5, 2]
     assert counts.untouched_outside() and state.untouched_outside()
-    start = np.zeros(subject.row.order, subject.dtype)
-    done = subject.numbers("restart", state.address, start.ctypes.data, len(start))
-    assert done == CODES["UPDATED"]
+    start[:] = 0.0
+    assert restart() == CODES["UPDATED"]
     assert subject.step(state.address) == CODES["UPDATED"]
 
 

@@ -589,18 +589,23 @@ def test_the_command_says_what_ran(capsys, axis, undrawn):
 def test_units_of_several_clocks(capsys, tmp_path, monkeypatch, undrawn):
     monkeypatch.chdir(tmp_path)
     t = np.arange(400) * 5
-    clocks = {"ta": t, "tb": t[::8] * 1000, "tc": t, "td": t}
-    signals = {"x": 3e-3 * t, "y": np.sin(1e-3 * t[::8]), "psi": 1e-4 * t}
-    np.savez("ship.npz", **clocks, **signals, f=np.ones(400), d=np.zeros(400))
-    law = hgo_rs.ReducedOrderObserver(0.3)
-    law.save("o.toml", time=["ta", "tb", "tc", "td", "td"], output=list(signals), input=["f", "d"])
-    args = ["ship.npz", "--config", "o.toml"]
+    signals = {"p": np.sin(1e-3 * t), "q": np.cos(1e-3 * t[::8])}
+    np.savez("two.npz", ta=t, tb=t[::8] * 1000, **signals)
+    model = hgo_rs.Model(states=["p", "v", "q", "w"], orders=[2, 2], phi=["0*p", "0*q"])
+    chains = [hgo_rs.StandardObserver(2, 20.0), hgo_rs.StandardObserver(2, 10.0)]
+    law = hgo_rs.MultiOutputObserver(chains, model=model)
+    law.save("o.toml", time=["ta", "tb"], output=["p", "q"])
+    args = ["two.npz", "--config", "o.toml"]
     assert "say unit = one of" in hgo(capsys, "estimate", *args)[2]
-    units = [word for unit in ("ms", "us", "ms", "ms", "ms") for word in ("--unit", unit)]
+    units = ["--unit", "ms", "--unit", "us"]
     status, out, err = hgo(capsys, "estimate", *args, *units, "--save-config", "s.toml")
     assert (status, err) == (0, "")
     assert "400 samples from 0 s to 1.995 s" in out
-    assert hgo_rs.load("s.toml").log["unit"] == ["ms", "us", "ms", "ms", "ms"]
+    assert hgo_rs.load("s.toml").log["unit"] == ["ms", "us"]
+    y = np.full((400, 2), np.nan)
+    y[:, 0], y[::8, 1] = signals.values()
+    written = read_log("two.estimates.csv", "t", ["x_hat2", "x_hat4"]).y
+    np.testing.assert_array_equal(written, law.run(t / 1e3, y).x_hat[:, 1::2])
 
 
 OBSERVER = """\

@@ -286,7 +286,7 @@ def refusal_of_names(*args):
         ("t", None, 1, ""),
         ("t", "ms", 1e3, ""),
         ("t_ms", None, 1e3, "times 't_ms' are in ms, as the name says"),
-        ("t_ms", "us", 1e6, ""),
+        ("t_ms", "us", 1e6, "times 't_ms' are taken in us, though the name says ms"),
         ("time [us]", None, 1e6, "times 'time [us]' are in us, as the name says"),
         ("Time (µs)", None, 1e6, "as the name says"),
         ("stamp.ns", None, 1e9, "as the name says"),

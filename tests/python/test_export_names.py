@@ -195,7 +195,7 @@ def test_a_parameter_is_told_from_the_step_of_a_sampled_law(tmp_path: Path) -> N
 
 TAKEN = """
 int self fn gen class new main core std alloc test vector status default proc_macro math string
-stdint errno time arduino con nul com1 deps build examples incremental sem mtx pthread_attr
+stdint errno features time arduino con nul com1 deps build examples incremental sem mtx pthread_attr
 """.split()  # noqa: SIM905
 SHAPES = (
     "",

@@ -137,7 +137,7 @@ def test_a_protected_file_is_not_replaced(tmp_path):
 
 
 def test_a_missing_folder_is_told(tmp_path):
-    observer = LowPowerObserver(2, 5.0)
+    observer = LowPowerObserver(2, 5.0, method="euler")
     with pytest.raises(HgoError, match="cannot write"):
         observer.save(tmp_path / "no" / "a.toml")
     with pytest.raises(HgoError, match="cannot write"):

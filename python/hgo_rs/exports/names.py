@@ -63,7 +63,8 @@ WORDS = _LANGUAGES | _HEADERS | _OURS
 _FILES = _words("""
     assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign
     stdarg stdatomic stdbool stddef stdint stdio stdlib stdnoreturn string tgmath threads time uchar
-    wchar wctype stdbit stdckdint unistd arduino
+    wchar wctype stdbit stdckdint unistd features memory strings malloc alloca endian values pthread
+    sched semaphore poll fcntl windows arduino
     aux con nul prn com0 com1 com2 com3 com4 com5 com6 com7 com8 com9
     lpt0 lpt1 lpt2 lpt3 lpt4 lpt5 lpt6 lpt7 lpt8 lpt9
     build deps examples incremental

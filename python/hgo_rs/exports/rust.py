@@ -107,6 +107,12 @@ def _doc(text: str, mark: str) -> str:
     return "\n".join(f"{mark} {line}".rstrip() for line in lines)
 
 
+def _fenced(description: str) -> str:
+    """Equations and settings as they stand: a sign at a line's beginning makes no list."""
+    first, _, rest = description.partition("\n")
+    return f"{first}\n\n```text\n{rest.strip()}\n```"
+
+
 def _library(program: Program) -> str:
     real = program.precision.rust
     texts = [program.written(move, RUST) for move in program.moves]
@@ -131,7 +137,7 @@ def _library(program: Program) -> str:
     what = "The memory" + (", and the parameters' values" if program.parameters else "")
     parts = [
         f"""\
-{_doc(program.description, "//!")}
+{_doc(_fenced(program.description), "//!")}
 
 #![no_std]
 #![forbid(unsafe_code)]
