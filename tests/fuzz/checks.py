@@ -252,8 +252,11 @@ def twin(observer: Any, t: Any, y: Any, u: Any, start: Any, order: int) -> None:
         if made_own and max(np.abs(before).max(), np.abs(expected).max()) > NO_ANGLE:
             return False
         near = []
+        scale = np.abs(before[:1] if observer.n_y == 1 else before[: observer.n]).max()
         for _ in range(3):
             values = [None if value is None else moved(value) for value in told]
+            if verb != "predict":  # a sample of 0 moves as its prediction does
+                values[0] = values[0] + scale * (moved(1.0) - 1.0)
             if verb == "predict":
                 values[1] = float(values[1])
             if verb == "step":
@@ -284,6 +287,7 @@ def innovation(observer: Any, t: Any, y: Any, u: Any, start: Any) -> None:
     if refused(run):
         return
     theirs, online = reference.Observer(observer.spec), copy.copy(observer)
+    online.allow_unstable = True  # `run` does not judge steps over missing samples
     rng, steps = np.random.default_rng(0), steps_of(t, len(y))
     samples = np.reshape(y, (len(y), -1))
     told = np.reshape(run.innovation, samples.shape)
