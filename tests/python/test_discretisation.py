@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
+from test_observers import by_steps
 
 from hgo_rs import (
     AdaptiveGain,
@@ -95,7 +96,7 @@ def test_the_error_at_the_samples_is_that_of_the_matrix(timing):
     observer = StandardObserver(n, ELL, model=InputGain(0.7), method="zoh", timing=timing)
     run = observer.run(dt, x[:, 0], u)
     error = x - run.x_hat
-    one = matrix(StandardObserver(n, ELL, method="zoh"), dt)  # Phi (I - K C)
+    one = matrix(StandardObserver(n, ELL, method="zoh", timing="predictor"), dt)  # Phi (I - K C)
     if timing == "current":
         one = np.linalg.solve(phi, one) @ phi
     for k in range(1, count):
@@ -178,12 +179,8 @@ def test_step_run_and_reference_agree_on_uneven_records_with_gaps(method, timing
         innovation = run.innovation - twin["innovation"]
         assert np.nanmax(np.abs(innovation)) <= 1e-12 * np.nanmax(np.abs(twin["innovation"]))
         assert np.array_equal(np.isnan(run.innovation[:, 0]), np.isnan(y))
-        for k in range(200):
-            before = law.memory
-            shown = law.step(y[k], None if told is None else told[k], dt=t[k + 1] - t[k])
-            row = law.memory if timing == "current" else before
-            assert np.array_equal(row, run.memory[k]), k
-            assert np.array_equal(shown, law.x_hat)
+        for k, memory in enumerate(by_steps(law, y[:250], told, np.diff(t[:250]))):
+            assert np.array_equal(memory, run.memory[k]), k
 
 
 def test_a_missing_sample_predicts():
@@ -265,20 +262,34 @@ def test_studies_take_both_timings():
 
 def test_timing_is_told_and_can_be_changed_for_a_run():
     observer = StandardObserver(2, ELL)
-    assert (observer.timing, observer.spec["timing"]) == ("predictor", "predictor")
+    assert (observer.timing, observer.spec["timing"]) == ("current", "current")
+    assert observer.spec["method"] == "zoh"
     y = np.sin(np.arange(50) * 0.1)
-    now = observer.run(0.01, y, timing="current")
+    before = observer.run(0.01, y, timing="predictor")
+    assert before.timing == "predictor"
+    other = StandardObserver(2, ELL, timing="predictor").run(0.01, y)
+    assert np.array_equal(before.memory, other.memory)
+    now = observer.run(0.01, y)
     assert now.timing == "current"
-    other = StandardObserver(2, ELL, timing="current").run(0.01, y)
-    assert np.array_equal(now.memory, other.memory)
-    assert now.auxiliary.shape == (50, 0)
-    assert observer.run(0.01, y).timing == "predictor"
+    assert now.auxiliary.shape == before.auxiliary.shape == (50, 0)
+    # the prediction of a row is the row before, moved; a predictor's row is its prediction
+    assert np.allclose(now.x_hat[:-1] @ [1.0, 0.01], before.x_hat[1:, 0], atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", [LowPowerObserver, PeakingFreeObserver])
+def test_what_is_left_open_is_the_best_for_data(kind):
+    """Placed and current; where a moving gain cannot be placed well, RK4."""
+    more = {"saturation": 2.0} if kind is PeakingFreeObserver else {}
+    for gain, method in ((ELL, "zoh"), (AdaptiveGain(10.0, 0.0025, 0.183), "rk4")):
+        spec = kind(3, gain, **more).spec
+        assert (spec["method"], spec["timing"]) == (method, "current")
 
 
 def test_collections_take_current_timing():
     k, k_bar = [2.0, 2.0], [0.03, 0.02]
     gain = AdaptiveGain(10.0, 0.0025, 0.183)
-    observer = RepelledCollection(gain, k=k, k_bar=k_bar, copies=3, timing="current")
+    observer = RepelledCollection(gain, k=k, k_bar=k_bar, copies=3)
+    assert (observer.timing, observer.spec["method"]) == ("current", "rk4")
     start = observer.spread([[0.1, 0.0], [0.0, 0.1], [0.2, 0.0]])
     y = np.sin(np.arange(500) * 0.01)
     run = observer.run(0.002, y, memory0=start)
@@ -329,5 +340,5 @@ def test_a_row_without_a_sample_changes_nothing(method: str) -> None:
     law = StandardObserver(3, 15.0, method=method, timing="current")
     whole, part = law.run(t, y), law.run(t[there], y[there])
     np.testing.assert_allclose(whole.x_hat[there], part.x_hat, atol=1e-9)
-    euler = StandardObserver(3, 15.0, timing="current", allow_unstable=True)
+    euler = StandardObserver(3, 15.0, method="euler", timing="current", allow_unstable=True)
     assert not np.allclose(euler.run(t, y).x_hat[there][60:], part.x_hat[60:], atol=1e-3)

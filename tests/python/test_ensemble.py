@@ -94,7 +94,7 @@ def test_an_unknown_instruction_set_is_refused(monkeypatch: pytest.MonkeyPatch) 
 def a_study(**changes: Any) -> SimulationResult:
     """Lee's plant, 40 runs; at this gain and step the estimate does not settle."""
     given = {"runs": 40, "steps": 300, "windows": [(0.02, 0.1), (0.05, 0.12)]} | changes
-    observer = StandardObserver(2, gain=100.0, k=[2.0, 1.0])
+    observer = StandardObserver(2, gain=100.0, k=[2.0, 1.0], method="euler", timing="predictor")
     noise = UniformNoise(-0.5, 0.5)
     return simulate(Lee(), observer, x0=[1.0, 1.0], dt=4e-4, noise=noise, rng=3, **given)
 

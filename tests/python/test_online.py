@@ -2,13 +2,14 @@
 
 import copy
 import dataclasses
+import itertools
 import pickle
 import sys
 import tracemalloc
 
 import numpy as np
 import pytest
-from test_observers import ADAPTIVE, DT, LAWS, at, law, record
+from test_observers import ADAPTIVE, DT, LAWS, at, by_steps, law, record
 
 from hgo_rs import (
     HgoError,
@@ -36,17 +37,13 @@ def test_step_run_and_the_twin_agree(name):
     np.testing.assert_allclose(run.memory, twin["memory"], rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(run.innovation, twin["innovation"], rtol=1e-11, atol=1e-11)
     observer.reset(memory0=start)
-    observer._time = t[0]  # the clock of the record
+    observer._time, observer._started = t[0], False  # the clock of the record
     out = np.empty(observer.n)
-    shown = []
-    for k, dt in enumerate(np.diff(t)):
-        if name != "reduced-order":
-            shown.append(observer.memory)
-        observer.step(y[k], at(u, k), dt=float(dt), out=out)
-        np.testing.assert_array_equal(out, observer.x_hat)
-        if name == "reduced-order":
-            shown.append(observer.memory)
-    np.testing.assert_array_equal(shown, run.memory[:-1])
+    for k, memory in enumerate(by_steps(observer, y, u, np.diff(t), out)):
+        np.testing.assert_array_equal(memory, run.memory[k])
+        if observer.timing == "current":
+            np.testing.assert_array_equal(out, run.x_hat[k])
+    np.testing.assert_array_equal(out, observer.x_hat)
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -64,13 +61,13 @@ def test_a_long_record_is_its_parts(name, method):
     whole = observer.run(DT, y, u, memory0=start)
     np.testing.assert_array_equal(whole.missing, np.isnan(y.reshape(len(y), -1)).any(axis=1))
     for a, b in ((0, 16_384), (16_384, 30_001), (30_001, 40_000)):
-        if name == "reduced-order":  # row a - 1 is the memory after sample a - 1
-            start = whole.memory[a - 1] if a else None
-        else:
-            start = whole.memory[a]
-        part = observer.run(np.arange(a, b) * DT, y[a:b], at(u, slice(a, b)), memory0=start)
+        t = np.arange(a, b) * DT
+        part = observer.run(t, y[a:b], at(u, slice(a, b)), memory0=start, until=b * DT)
         np.testing.assert_array_equal(part.memory, whole.memory[a:b])
         np.testing.assert_array_equal(part.innovation, whole.innovation[a:b])
+        start = part.next_memory
+        if observer.timing == "predictor" and b < len(y):
+            np.testing.assert_array_equal(start, whole.memory[b])
 
 
 # --- out= ---------------------------------------------------------------------------------------
@@ -133,18 +130,20 @@ def test_a_wrong_out_is_refused_and_nothing_is_done(name):
 
 
 def test_a_refused_sample_leaves_out_alone():
-    observer, out = StandardObserver(2, 10.0), np.array([7.0, 8.0])
+    observer, out = StandardObserver(2, 10.0, method="euler"), np.array([7.0, 8.0])
+    observer.step(1.0, dt=0.01)
     for y, dt in ((np.inf, 0.01), ("a", 0.01), (1.0, 0.5), (1.7e308, 0.01)):
         with pytest.raises(HgoError):
             observer.step(y, dt=dt, out=out)
     assert out.tolist() == [7.0, 8.0]
 
 
-@pytest.mark.parametrize("kind", ["standard", "low-power", "input", "missing"])
+@pytest.mark.parametrize("kind", ["standard", "predictor", "low-power", "input", "missing"])
 def test_steps_into_out_allocate_nothing(kind):
     """Over 20,000 steps: no block more, no byte at the peak beyond the loop's own."""
     observer = {
         "standard": lambda: StandardObserver(2, 10.0),
+        "predictor": lambda: StandardObserver(2, 10.0, method="euler", timing="predictor"),
         "low-power": lambda: LowPowerObserver(5, 10.0),
         "input": lambda: StandardObserver(2, 10.0, model=InputGain(2.0)),
         "missing": lambda: StandardObserver(2, ADAPTIVE),
@@ -214,7 +213,7 @@ def test_a_sample_and_an_input_come_in_many_forms():
 
 def test_every_new_step_is_held_against_the_limit():
     """0.1 s here: steps below pass in any order, one at the limit never."""
-    observer = StandardObserver(2, 10.0)
+    observer = StandardObserver(2, 10.0, method="euler", timing="predictor")
     for dt in (0.01, 0.05, 0.03, np.float64(0.099), 1e-9):
         observer.step(1.0, dt=dt)
     for dt in (0.1, 0.2, 0.0, -0.01, np.nan, np.inf, None, "0.01"):
@@ -234,32 +233,38 @@ def test_every_new_step_is_held_against_the_limit():
 
 def test_the_memory_is_an_array_of_its_user():
     observer, other = StandardObserver(2, 10.0), StandardObserver(2, 10.0)
+    for each in (observer, other):
+        each.step(0.0, dt=0.01)
     before = observer.memory
     observer.step(1.0, dt=0.01)
-    assert before.tolist() == [0.0, 0.0]  # what was shown does not move
+    assert before.tolist() == [0.0, 0.0, 0.0]  # what was shown does not move
     assert observer.memory is observer.memory
     observer.memory[1] = 3.0  # and may be written to
-    other.memory = [observer.memory[0], 3.0]
+    other.memory = [observer.memory[0], 3.0, 0.0]
     assert other.x_hat[1] == 3.0
     np.testing.assert_array_equal(observer.step(2.0, dt=0.01), other.step(2.0, dt=0.01))
     saved = observer.memory
     other.memory = saved
     np.testing.assert_array_equal(observer.step(1.0, dt=0.01), other.step(1.0, dt=0.01))
-    for wrong in ([1.0], np.zeros(3), np.zeros((2, 1)), "ab", None):
+    for wrong in ([1.0], np.zeros(2), np.zeros((3, 1)), "abc", None):
         with pytest.raises(HgoError, match="memory"):
             other.memory = wrong
 
 
 def test_the_clock_runs_and_is_reset():
-    observer = StandardObserver(2, 10.0)
-    times = []
-    for _ in range(3):
-        times.append(observer._time)
-        observer.step(1.0, dt=0.1 - 0.05)
-    assert times == [0.0, 0.05, 0.1]
-    observer.reset(x_hat0=[1.0, 2.0])
-    assert observer._time == 0.0
-    assert observer.memory.tolist() == [1.0, 2.0]
+    """With current timing the first step is over no period."""
+    for timing, expected in (("predictor", [0.0, 0.05, 0.1]), ("current", [0.0, 0.0, 0.05])):
+        observer = StandardObserver(2, 10.0, timing=timing)
+        times = []
+        for _ in range(3):
+            times.append(observer._time)
+            observer.step(1.0, dt=0.1 - 0.05)
+        assert times == expected
+        observer.reset(x_hat0=[1.0, 2.0])
+        assert observer._time == 0.0
+        assert observer.memory.tolist() == [1.0, 2.0, 0.0][: 2 + (timing == "current")]
+        observer.step(1.0, dt=0.05)
+        assert observer._time == expected[1]
 
 
 @pytest.mark.parametrize(
@@ -296,15 +301,18 @@ def test_what_a_run_tells_by_the_way():
     """Times and innovations are there when asked for, and in tables, copies and pickles."""
     y = np.sin(np.arange(50.0))
     y[3] = np.nan
-    observer = StandardObserver(2, 1.0)
-    for clock in (0.1, np.arange(50) * 0.1):
+    for timing, clock in itertools.product(("predictor", "current"), (0.1, np.arange(50) * 0.1)):
+        observer = StandardObserver(2, 1.0, timing=timing)
         run = observer.run(clock, y)
         y_before, y[5] = y[5], 99.0  # the result is not the caller's array
         assert run.y[5, 0] == y_before
         y[5] = y_before
+        predicted = run.x_hat[:, 0]
+        if timing == "current":  # the chain of integrators from the row before
+            predicted = np.append(0.0, run.x_hat[:-1] @ [1.0, 0.1])
         for result in (run, pickle.loads(pickle.dumps(run)), dataclasses.replace(run)):
             np.testing.assert_array_equal(result.time, np.arange(50) * 0.1)
-            np.testing.assert_array_equal(result.innovation[:, 0], y - result.x_hat[:, 0])
+            np.testing.assert_allclose(result.innovation[:, 0], y - predicted, atol=1e-14)
             assert result.innovation is result.innovation
             assert result.gaps == run.gaps and run.gaps[0].start == 3
         assert dataclasses.asdict(run).keys() == {f.name for f in dataclasses.fields(run)}
@@ -321,7 +329,8 @@ def test_faults_are_found_wherever_they_are():
     """Deep in a long record, one at a time."""
     n = 50_000
     t, y, u = np.arange(n) * 0.01, np.zeros(n), np.zeros(n)
-    observer = StandardObserver(2, 10.0, model=InputGain(1.0))
+    model = InputGain(1.0)
+    observer = StandardObserver(2, 10.0, model=model, method="euler", timing="predictor")
     observer.run(t, y, u)
 
     def spoilt(values, k, value):
