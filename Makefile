@@ -11,7 +11,7 @@
 #   make clean       remove .venv, dist, out and build products
 #
 # PYTHON=... chooses the interpreter for .venv.  PYTEST_ARGS=... is handed to pytest.
-# make fuzz SECONDS=60 SEED=1: case i of a seed is always the same.
+# make fuzz SECONDS=60 SEED=1 LONG=1: case i of a seed is always the same; LONG=50 for a night.
 
 .PHONY: reproduce test test-rust test-python test-types pytest fuzz bench firmware docs wheel clean help
 .DEFAULT_GOAL := help
@@ -107,9 +107,10 @@ pytest:
 
 SECONDS ?= 60
 SEED ?= 1
+LONG ?= 1
 fuzz: $(VENV)/stamp-dev
 	$(call say,fuzz: seed $(SEED)$(,) $(SECONDS) s)
-	$(BIN)/python tests/fuzz --seconds $(SECONDS) --seed $(SEED)
+	$(BIN)/python tests/fuzz --seconds $(SECONDS) --seed $(SEED) --long $(LONG)
 
 bench: $(VENV)/stamp-bench
 	$(CARGO) bench

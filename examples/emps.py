@@ -115,7 +115,8 @@ def low_power(ell: float) -> hgo.Observer:
 def adaptive(root_p2: float) -> hgo.Observer:
     """A differentiator whose gain rises while its output error exceeds sqrt(p2)."""
     gain = hgo.AdaptiveGain(p1=100.0 / root_p2**2, p2=root_p2**2, b=0.1)
-    return hgo.StandardObserver(3, gain, k=[2.0, 2.0, 1.0], allow_unstable=True)
+    paper = {"method": "euler", "timing": "predictor"}
+    return hgo.StandardObserver(3, gain, k=[2.0, 2.0, 1.0], allow_unstable=True, **paper)
 
 
 OURS: dict[str, hgo.tuning.Build] = {

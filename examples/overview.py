@@ -19,12 +19,13 @@ GAINS = {"standard": 4.17, "low-power": 7.0, "peaking-free": 7.0}  # equal speed
 
 def observers(model: hgo.Crackle) -> dict[str, hgo.Observer]:
     """The three laws with the gains at which they converge equally fast."""
-    method = "bogacki-shampine"
+    # mode "joint" integrates plant and law as one differential equation
+    joint = {"model": model, "method": "bogacki-shampine", "timing": "predictor"}
     return {
-        "standard": hgo.StandardObserver(ORDER, GAINS["standard"], model=model, method=method),
-        "low-power": hgo.LowPowerObserver(ORDER, GAINS["low-power"], model=model, method=method),
+        "standard": hgo.StandardObserver(ORDER, GAINS["standard"], **joint),
+        "low-power": hgo.LowPowerObserver(ORDER, GAINS["low-power"], **joint),
         "peaking-free": hgo.PeakingFreeObserver(
-            ORDER, GAINS["peaking-free"], saturation=3.0, model=model, method=method
+            ORDER, GAINS["peaking-free"], saturation=3.0, **joint
         ),
     }
 

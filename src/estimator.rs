@@ -156,7 +156,8 @@ crate::error::through_constructor! {
 
 impl<T: Scalar, O: Observer<T>> Estimator<T, O> {
     /// From an observer and the longest step in s that it may take: its stability limit
-    /// ([`crate::polynomial::euler_limit`]; in Python `observer.step_limit().dt`) or less. For a
+    /// ([`crate::polynomial::euler_limit`], with current timing
+    /// [`crate::polynomial::euler_current_limit`]; in Python `observer.step_limit().dt`) or less. For a
     /// gain that moves the limit is that at r = 1; at r it is `dt_max`/r.
     ///
     /// # Errors
@@ -284,11 +285,8 @@ impl<T: Scalar, Z: Memory<T>> Moving<T, Z> {
             return Status::StepRefused;
         }
         self.stable = stable;
-        let taken = if stable {
-            observer.advance(&mut self.z, y, u, self.clock.time(), dt)
-        } else {
-            observer.predict(&mut self.z, u, self.clock.time(), dt)
-        };
+        let sample = if stable { *y } else { absent() };
+        let taken = observer.advance(&mut self.z, &sample, u, self.clock.time(), dt);
         self.clock.pass(dt);
         match self.judged(&before, taken) {
             Status::ModelUndefined => {
@@ -309,9 +307,8 @@ impl<T: Scalar, Z: Memory<T>> Moving<T, Z> {
     {
         let before = self.z;
         self.started = true;
-        let missing = absent();
-        let sample = if self.stable { y } else { &missing };
-        let taken = observer.correct(&mut self.z, sample, self.clock.time());
+        let sample = if self.stable { *y } else { absent() };
+        let taken = observer.correct(&mut self.z, &sample, self.clock.time());
         let stable = core::mem::replace(&mut self.stable, true);
         match self.judged(&before, taken) {
             Status::ModelUndefined => {

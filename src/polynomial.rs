@@ -177,7 +177,7 @@ pub fn is_hurwitz<T: Scalar>(coefficients: &[T]) -> bool {
 
 /// Whether a forward Euler step of length c is stable for the polynomial of the trailing
 /// `coefficients`: every root λ has |1 + cλ| < 1.
-pub fn euler_is_stable<T: Scalar>(coefficients: &[T], c: f64) -> bool {
+fn euler_is_stable<T: Scalar>(coefficients: &[T], c: f64) -> bool {
     // 1 + k₁v + … + kₙvⁿ with v = c(w − 1)/2, by Horner, then made monic
     let mut q = Ascending { c: [0.0; MAX_DEGREE + 1], degree: 0 };
     for k in coefficients.iter().rev() {
@@ -213,6 +213,41 @@ pub fn euler_limit<T: Scalar>(coefficients: &[T]) -> T {
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
         if euler_is_stable(coefficients, middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    T::from_f64(low)
+}
+
+/// The same for current timing, where forward Euler predicts, and then corrects: of the trailing
+/// coefficients p of a law (k₁, …, kₙ of the standard one) and d of what it is without a sample (none
+/// for a chain of integrators), or 0.
+///
+/// For F − GC the two halves make (I + cF)(I − cGC): forward Euler's I + c(F − G′C) of the gains
+/// G′ = (I + cF)G, with the polynomial p + c(s(p − d) − g₁d), g₁ = p₁ − d₁.
+pub fn euler_current_limit<T: Scalar>(p: &[T], d: &[T]) -> T {
+    let at = |q: &[T], i: usize| q.get(i).map_or(0.0, |c| c.to_f64());
+    let stable = |c: f64| {
+        let mut q = [0.0; MAX_DEGREE];
+        for (i, entry) in q.iter_mut().enumerate().take(p.len()) {
+            let moved = at(p, i + 1) - at(d, i + 1) - (at(p, 0) - at(d, 0)) * at(d, i);
+            *entry = at(p, i) + c * moved;
+        }
+        q.get(..p.len()).is_some_and(|q| euler_is_stable(q, c))
+    };
+    // the first c that is not stable: it may lie beyond the limit of a step
+    let (mut low, mut high) = (0.0, 1e-3 * euler_limit(p).to_f64());
+    for _ in 0..500 {
+        if !stable(high) {
+            break;
+        }
+        (low, high) = (high, 1.03 * high);
+    }
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if stable(middle) {
             low = middle;
         } else {
             high = middle;

@@ -293,7 +293,7 @@ class Observer(_core.Online):
         """
         time = check_number(t, "t", least=0.0)
         self.memory = self._start(x_hat0, r0, memory0)
-        self._time = time
+        self._told, self._time = memory0 is not None, time
 
     def _start(
         self,

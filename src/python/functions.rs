@@ -3,7 +3,7 @@
 use super::errors::refused;
 use super::interrupt::{StopFlag, interruptible};
 use super::observers::build;
-use super::plan::{Plan, STOCHASTIC_METHODS, row, stochastic};
+use super::plan::{Plan, STOCHASTIC_METHODS, row, stochastic, vectors};
 use super::program_study;
 use super::spec::{Spec, matrix, numbers};
 use super::systems::AnyPlant;
@@ -35,6 +35,7 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Bound<'py, PyAny>) -> PyResult<Boun
     }
     let observer = build(&spec.sub("observer")?)?;
     let plan = Plan::read(&spec, observer.initial().len(), &[])?;
+    vectors(&plan)?; // an instruction set that is asked for is there, whether this study needs it or not
     let result = interruptible(py, |stop| observer.study(&plan, stop))?;
     result.into_dict(py, &plan)
 }

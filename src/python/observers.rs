@@ -441,6 +441,7 @@ impl Observer {
     /// from; with `until`, on to that time after the last sample. Gives the track, a copy of the samples,
     /// what the checks found, and the memory at the end (`next`).
     #[pyo3(signature = (t, y, u, memory0, innovation=true, until=None))]
+    #[allow(clippy::too_many_arguments)] // the record, and what is asked of it, by keyword
     fn run<'py>(
         &self,
         py: Python<'py>,

@@ -30,6 +30,7 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--cases", type=int, default=10**9, help="how many at most")
     parser.add_argument("--case", type=int, help="this case alone")
+    parser.add_argument("--long", type=int, default=1, help="times the length of long records")
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.case is not None:
@@ -49,7 +50,7 @@ def work(given: Any) -> int:
     for number in range(given.first, given.first + given.cases):
         if time.monotonic() > end:
             break
-        case = draw(given.seed, number)
+        case = draw(given.seed, number, given.long)
         told: dict[str, Any] = {"case": number, "check": ""}
         tell(told)
         values = made(case)
@@ -141,6 +142,7 @@ class Driver:
         seed = self.given.seed
         command = [sys.executable, __file__.removesuffix("/__main__.py"), "--worker"]
         command += ["--seed", seed, "--seconds", left, "--first", first, "--cases", cases]
+        command += ["--long", self.given.long]
         child = subprocess.Popen(
             [str(word) for word in command],
             stdout=subprocess.PIPE,
@@ -173,7 +175,7 @@ class Driver:
         if code == 0:
             return first + cases
         how = f"no answer in {HANGS:g} s" if hung else f"the process ended with {code}: {errors}"
-        case = draw(seed, at["case"])
+        case = draw(seed, at["case"], self.given.long)
         check = at["check"]
         self.failed(case.number, check, how, case.told(check) if check else "\n".join(case.lines))
         return int(at["case"]) + 1

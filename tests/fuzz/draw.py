@@ -72,14 +72,14 @@ def shown(value: Any) -> str:
     return f"np.array({value.tolist()!r})".replace("nan", "np.nan").replace("inf", "np.inf")
 
 
-def draw(seed: int, number: int) -> Case:
-    """Case `number` of a seed."""
-    return _Draw(seed, number).case()
+def draw(seed: int, number: int, long: int = 1) -> Case:
+    """Case `number` of a seed; long records and studies are `long` times as long."""
+    return _Draw(seed, number, long).case()
 
 
 class _Draw:
-    def __init__(self, seed: int, number: int) -> None:
-        self.seed, self.number = seed, number
+    def __init__(self, seed: int, number: int, long: int) -> None:
+        self.seed, self.number, self.long = seed, number, long
         self.rng = np.random.default_rng([seed, number])
         self.lines: list[str] = []
         self.checks: list[str] = []
@@ -402,12 +402,12 @@ class _Draw:
             self.observer()
             self.samples(int(self.rng.integers(1, 4)) if self.chance(0.1) else 24)
             if kind == "record":
-                self.checks += ["loop", "chunks", "twin", "copies"]
+                self.checks += ["loop", "chunks", "twin", "innovation", "copies"]
                 if self.number % 24 == 0:
                     self.checks.append("exported")
                 self.record["order"] = int(self.rng.integers(2**31))
             elif kind == "long":
-                self.record["samples"] = int(self.rng.integers(2_000, 60_000))
+                self.record["samples"] = self.long * int(self.rng.integers(2_000, 60_000))
                 self.record["order"] = int(self.rng.integers(2**31))
                 self.checks = ["long"]
             else:
@@ -450,7 +450,7 @@ class _Draw:
             self.lines.append("observer = hgo.SampledDataObserver()")
         else:
             self.lines.append(f"observer = {self.law(n, model, timing, self.ell)}")
-        runs = int(self.rng.choice([1, 3, 9, 33, 70]))
+        runs = self.long * int(self.rng.choice([1, 3, 9, 33, 70]))
         x0 = np.round(0.3 * self.rng.normal(size=(runs, n)), 3)
         self.record |= {"runs": runs, "x0": x0, "dt": float(f"{0.1 / self.ell / n:.3g}")}
         self.record |= {"steps": int(self.rng.integers(20, 400)), "seed": self.number}
@@ -469,10 +469,10 @@ class _Draw:
             ("observer.run(1e-6, y + np.inf, u, memory0=start)", ["y"]),
             ("observer.run(-np.arange(len(y)), np.vstack([y, y]), u, memory0=start)",
              ["y", "t", "u"]),
-            ("observer.run(np.zeros(2), np.zeros((2, observer.n_y)), np.zeros((2, observer.n_u)))",
-             ["t"]),
+            ("observer.run(np.zeros(2), np.zeros((2, observer.n_y)), np.zeros((2, observer.n_u)), "
+             "memory0=start)", ["t"]),
             ("observer.run([0.0, np.nan], np.zeros((2, observer.n_y)), "
-             "np.zeros((2, observer.n_u)))", ["t"]),
+             "np.zeros((2, observer.n_u)), memory0=start)", ["t"]),
             ("observer.run(1e-6, y, np.zeros((len(y) + 1, 3)), memory0=start)", ["u"]),
             ("observer.run(1e-6, y, u, memory0=start[:-1])", ["memory0"]),
             ("observer.run(1e-6, y, u, memory0=start + np.nan)", ["memory0"]),

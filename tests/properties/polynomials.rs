@@ -7,7 +7,7 @@ use hgo_rs::model::{Unknown, no_input};
 use hgo_rs::observer::ContinuousLaw;
 use hgo_rs::observers::{LowPowerObserver, NoSaturation, StandardObserver};
 use hgo_rs::polynomial::{
-    coefficients_from_poles, euler_limit, is_hurwitz, low_power_coefficients,
+    coefficients_from_poles, euler_current_limit, euler_limit, is_hurwitz, low_power_coefficients,
     low_power_coefficients_from_poles, low_power_polynomial,
 };
 use proptest::prelude::*;
@@ -261,4 +261,15 @@ fn malformed_poles_are_refused() {
     assert!(low_power_coefficients_from_poles::<f64, 13, 25>([(-1.0, 0.0); 25]).is_err());
     assert!(!is_hurwitz(&[1.0; 40]));
     assert!(!is_hurwitz(&[1.0, nan]) && !is_hurwitz(&[f64::INFINITY, 1.0]));
+}
+
+#[test]
+fn a_prediction_and_a_correction_have_a_limit_of_their_own() {
+    // s² + (k₁ + ck₂)s + k₂ is 0 at s = −2/c where k₂c² + 2k₁c = 4
+    for [k1, k2] in [[3.0_f64, 2.0], [2.0, 1.0], [1.0, 10.0]] {
+        let by_hand = ((k1 * k1 + 4.0 * k2).sqrt() - k1) / k2;
+        assert!(close(euler_current_limit(&[k1, k2], &[]), by_hand, 1e-6), "{k1}, {k2}");
+    }
+    assert_eq!(euler_current_limit(&[1.0, -1.0], &[]), 0.0);
+    assert_eq!(euler_current_limit::<f64>(&[], &[]), 0.0);
 }

@@ -48,7 +48,8 @@ Y = [0.0, 0.1, 0.2]
 
 
 def standard(**options):
-    return StandardObserver(2, 10.0, **options)
+    """Of the papers' form, which has a step limit."""
+    return StandardObserver(2, 10.0, **{"method": "euler", "timing": "predictor"} | options)
 
 
 def run(t=0.01, y=(0.0, 0.1, 0.2), u=None, **options):
@@ -214,7 +215,7 @@ CASES = {
     ),
     "a ship at rest": (
         lambda: ship_run(np.zeros((5, 2)), np.zeros((5, 3))),
-        "sample 1 (y = 0, 0, 0)",
+        "sample 1 (t = 0.1 s), y = 0, 0, 0",
         "start the record where the ship moves",
     ),
     "an estimate that diverges": (
@@ -233,17 +234,17 @@ CASES = {
     ),
     "r(0) < 1": (lambda: StandardObserver(2, ADAPTIVE).reset(r0=0.5), "r0 = 0.5", ">= 1"),
     "r(0) < 1 in a memory": (
-        lambda: StandardObserver(2, ADAPTIVE).run(0.01, Y, memory0=[0.0, 0.0, 0.9]),
+        lambda: StandardObserver(2, ADAPTIVE).run(0.01, Y, memory0=[0.0, 0.0, 0.9, 0.0]),
         "r0 = 0.9",
         ">= 1",
     ),
     "r(0) < 1 in a study": (
-        lambda: lee(StandardObserver(2, ADAPTIVE), memory0=[0.0, 0.0, 0.9]),
+        lambda: lee(StandardObserver(2, ADAPTIVE), memory0=[0.0, 0.0, 0.9, 0.0]),
         "r0 = 0.9",
         ">= 1",
     ),
     "r(0) < 1 in a copy": (
-        lambda: copies().run(0.01, Y, memory0=[0, 0, 1, 1, 0, 0.2, 2, 0, 1]),
+        lambda: copies().run(0.01, Y, memory0=[0, 0, 1, 1, 0, 0.2, 2, 0, 1, 0]),
         "r0 = 0.2",
         ">= 1",
     ),

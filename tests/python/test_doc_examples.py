@@ -5,15 +5,20 @@ from pathlib import Path
 
 import pytest
 
+from hgo_rs import scenarios
+from hgo_rs.scenarios import base
+
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-BLOCK = re.compile(r"^```python\n(.*?)^```$", re.M | re.S)
+BLOCK = re.compile(r"^```(?:python|py)\n(.*?)^```$", re.M | re.S)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_python_blocks_run(page, tmp_path, monkeypatch):
     """The blocks of a page run one after the other, in a folder of their own."""
     monkeypatch.chdir(tmp_path)
+    scenarios.load()
+    monkeypatch.setattr(base, "REGISTRY", dict(base.REGISTRY))  # a page may register a scenario
     text = page.read_text(encoding="utf-8")
     namespace: dict = {"__name__": page.stem}
     for block in BLOCK.finditer(text):

@@ -27,7 +27,7 @@ from exported import (
 )
 
 import hgo_rs
-from hgo_rs import InputGain, LowPowerObserver, StandardObserver, _core
+from hgo_rs import InputGain, LowPowerObserver, Model, SampledDataObserver, StandardObserver, _core
 from hgo_rs.errors import HgoError
 from hgo_rs.exports import export, sources
 from hgo_rs.exports.c import files as c_files
@@ -541,6 +541,16 @@ def test_the_source_that_is_read_is_the_cores() -> None:
 def test_only_functions_that_are_used_are_printed() -> None:
     text = sources(StandardObserver(2, 37.0, **PAPER), to="c")["observer.c"]
     assert "_exp" not in text and "memcpy" not in text
+
+
+def test_a_lower_bound_alone_prints_no_upper_one() -> None:
+    """A minimum that is a line of its own, of a part that is used twice."""
+    model = Model(
+        states=["q", "v"], f=["0", "min(v*v, q)*(1 + min(v*v, q))"], K_T=["T*(y - q)", "T*(y - q)"]
+    )
+    text = sources(SampledDataObserver(model), to="c")["observer.c"]
+    assert text.count("observer_min(") == 2
+    assert "observer_max" not in text
 
 
 # --- on a chip ------------------------------------------------------------------------------------

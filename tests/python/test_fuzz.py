@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+import itertools
+import shutil
 import subprocess
 import sys
 from argparse import Namespace
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hgo_rs import reference
+from hgo_rs import HgoError, reference
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "fuzz"))
 
@@ -22,15 +26,13 @@ import draw
 HERE = Path(checks.__file__).parent
 
 
-def case_with(check: str, of: str) -> draw.Case:
-    """The first case of seed 1 with a check, on this kind of observer."""
+def cases_with(check: str, of: str = "") -> Iterator[draw.Case]:
+    """The cases of seed 1 with a check, on this kind of observer."""
     for number in range(1000):
         case = draw.draw(1, number)
-        if check in case.checks and any(
-            line.startswith(f"observer = hgo.{of}") for line in case.lines
-        ):
-            return case
-    raise LookupError(check)
+        made = any(line.startswith(f"observer = hgo.{of}") for line in case.lines)
+        if made and check in case.checks:
+            yield case
 
 
 def test_some_cases() -> None:
@@ -47,11 +49,30 @@ def test_a_case_is_its_number() -> None:
     assert draw.draw(5, 0).lines != draw.draw(6, 0).lines
 
 
+CHECKS = (
+    "loop", "chunks", "twin", "innovation", "copies", "own", "long", "exported", "refusal",
+    "blocks", "played_again", "twin_study",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_every_check_compares_numbers(check: str) -> None:
+    """None passes because all is refused."""
+    if check == "exported" and shutil.which("cc") is None:
+        pytest.skip("no C compiler")
+    before = checks.count["comparisons"]
+    for case in itertools.islice(cases_with("loop" if check == "exported" else check), 8):
+        with contextlib.suppress(HgoError):  # an observer that cannot be
+            exec(case.told(check), {})
+        if checks.count["comparisons"] > before:
+            return
+    raise AssertionError("nothing was compared")
+
+
 @pytest.mark.parametrize("check", ["loop", "twin", "chunks"])
 def test_the_lines_of_a_case_find_a_wrong_engine(check: str, monkeypatch: Any) -> None:
     """The printed lines pass as they are, and fail with a run or a twin that is off by 1e-6."""
-    case = case_with(check, "StandardObserver(2")
-    lines = case.told(check)
+    lines = next(cases_with(check, "StandardObserver(2")).told(check)
     exec(lines, {})
     from hgo_rs.observers import Observer
 
@@ -88,7 +109,7 @@ def test_a_crash_is_told(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
     child.write_text(f"#!{sys.executable}\nimport os\nprint({told!r}, flush=True)\nos.abort()\n")
     child.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(child))
-    fuzz = driver.Driver(Namespace(seconds=60.0, seed=1, first=0, cases=9))
+    fuzz = driver.Driver(Namespace(seconds=60.0, seed=1, first=0, cases=9, long=1))
     assert fuzz.child(0, 9) == 4
     out = capsys.readouterr().out
     assert "# case 3 of seed 1, loop: the process ended with -6" in out

@@ -23,7 +23,7 @@ DT = 1e-3
 
 
 def standard(ell: float) -> StandardObserver:
-    return StandardObserver(2, ell, poles=ROOTS, method="rk4-innovation-held")
+    return StandardObserver(2, ell, poles=ROOTS, method="rk4-innovation-held", timing="predictor")
 
 
 # --- from a noise level -----------------------------------------------------------------------
@@ -67,7 +67,12 @@ def test_the_least_error_is_the_least() -> None:
 def test_butterworth_poles_are_the_kalman_filters() -> None:
     """At a small step the best gain is (Q/R dt)^(1/4), and no linear filter errs less."""
     dt, noise, lack = 1e-4, 1e-4, 0.5
-    result = tune(lambda ell: StandardObserver(2, ell, poles=ROOTS), noise, dt, model_error=lack)
+    result = tune(
+        lambda ell: StandardObserver(2, ell, poles=ROOTS, method="euler", timing="predictor"),
+        noise,
+        dt,
+        model_error=lack,
+    )
     assert result.ell == pytest.approx((lack**2 / (noise**2 * dt)) ** 0.25, rel=0.05)
     a = np.array([[1.0, dt], [0.0, 1.0]])
     q = lack**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
@@ -78,8 +83,8 @@ def test_butterworth_poles_are_the_kalman_filters() -> None:
 def test_the_better_structure_is_chosen() -> None:
     """At one cutoff of the second derivative the low-power law passes less noise."""
     laws = {
-        "standard": lambda g: StandardObserver(3, g),
-        "low-power": lambda g: LowPowerObserver(3, g),
+        "standard": lambda g: StandardObserver(3, g, method="euler", timing="predictor"),
+        "low-power": lambda g: LowPowerObserver(3, g, method="euler", timing="predictor"),
     }
     few = np.geomspace(5.0, 100.0, 12)
     result = tune(laws, 1e-5, DT, cutoff=30.0, state=3, ells=few)
@@ -135,8 +140,12 @@ def test_the_order_that_predicts_best_is_chosen() -> None:
     t = np.arange(12_000) * DT
     y = np.sin(3.0 * t) + 1e-5 * np.random.default_rng(2).normal(size=t.size)
     laws = {
-        "order 2": lambda ell: StandardObserver(2, ell, method="rk4-innovation-held"),
-        "order 3": lambda ell: StandardObserver(3, ell, method="rk4-innovation-held"),
+        "order 2": lambda ell: StandardObserver(
+            2, ell, method="rk4-innovation-held", timing="predictor"
+        ),
+        "order 3": lambda ell: StandardObserver(
+            3, ell, method="rk4-innovation-held", timing="predictor"
+        ),
     }
     result = tune(laws, (t, y))
     assert result.structure == "order 3" and result.state == 2
@@ -226,7 +235,9 @@ def test_the_figure_and_the_table(tmp_path: Path) -> None:
         ),
         (
             lambda: tune(
-                lambda ell: StandardObserver(2, ell, model=hgo.InputGain(1.0), method="zoh"),
+                lambda ell: StandardObserver(
+                    2, ell, model=hgo.InputGain(1.0), method="zoh", timing="predictor"
+                ),
                 (DT, np.arange(999.0) % 7),
             ),
             "^u is missing",
@@ -257,7 +268,8 @@ def error_of(build: Any, t: Any, y: Any, v: Any, ell: float) -> float:
 
 
 @pytest.mark.parametrize(
-    "law", [placed, standard, lambda ell: LowPowerObserver(2, ell, method="zoh")]
+    "law",
+    [placed, standard, lambda ell: LowPowerObserver(2, ell, method="zoh", timing="predictor")],
 )
 def test_the_innovations_covariance_is_that_of_white_noise_and_model_error(law: Any) -> None:
     t, y, _ = record(1e-4, 1.0, seed=6)
@@ -269,7 +281,11 @@ def test_the_innovations_covariance_is_that_of_white_noise_and_model_error(law: 
 
 def test_white_records_raise_no_alarm() -> None:
     """Rounded to no more than the noise, and with samples missing: 36 records, 3 laws."""
-    laws = [placed, standard, lambda ell: LowPowerObserver(2, ell, method="zoh")]
+    laws = [
+        placed,
+        standard,
+        lambda ell: LowPowerObserver(2, ell, method="zoh", timing="predictor"),
+    ]
     low = 0
     for seed in range(36):
         t, y, _ = record(1e-4, 1.0, seed, count=3000)
@@ -363,7 +379,11 @@ def test_a_gain_that_is_refused_is_left_out_and_told() -> None:
         assert tune(careful, (t, y), ells=gains).ell == pytest.approx(sound.ell, rel=0.01)
     euler = [*gains, 2500.0]
     with pytest.warns(TuningWarning, match=r"\(2500 /s\): .*must be < 0.0004 s"):
-        tune(lambda ell: StandardObserver(2, ell, method="euler"), (t, y), ells=euler)
+        tune(
+            lambda ell: StandardObserver(2, ell, method="euler", timing="predictor"),
+            (t, y),
+            ells=euler,
+        )
     laws = {"placed": placed, "fails": lambda ell: 1 / 0}
     with pytest.warns(TuningWarning, match="structure 'fails' was left out: .*ZeroDivisionError"):
         assert tune(laws, (t, y), ells=gains).structure == "placed"

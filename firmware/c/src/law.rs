@@ -4,7 +4,7 @@ use hgo_rs::error::{DesignError, require};
 use hgo_rs::nalgebra::SVector;
 use hgo_rs::observer::{Causal, ContinuousLaw, Timing};
 use hgo_rs::observers::LowPower;
-use hgo_rs::polynomial::{euler_is_stable, euler_limit, low_power_polynomial};
+use hgo_rs::polynomial::{euler_current_limit, euler_limit, low_power_polynomial};
 use hgo_rs::prelude::*;
 
 /// Standard observer with a fixed gain.
@@ -233,39 +233,6 @@ fn head<T: Scalar, const N: usize>(
 /// Degree of the characteristic polynomial of a low-power law of order 5.
 const DEGREE: usize = 9;
 
-/// c of prediction, then correction, from the characteristic polynomials p of the law and d of what it
-/// is without a sample, s of degree m and the trailing coefficients given.
-///
-/// For F − GC the two halves make (I + cF)(I − cGC), which is forward Euler's I + c(F − G′C) with
-/// G′ = (I + cF)G up to a change of coordinates: its polynomial is p + c(s(p − d) − g₁d), g₁ = p₁ − d₁.
-fn causal_limit(p: &[f64], d: &[f64]) -> f64 {
-    let at = |q: &[f64], i: usize| q.get(i).copied().unwrap_or(0.0);
-    let stable = |c: f64| {
-        let mut q = [0.0; DEGREE];
-        for (i, entry) in q.iter_mut().enumerate().take(p.len()) {
-            let moved = at(p, i + 1) - at(d, i + 1) - (at(p, 0) - at(d, 0)) * at(d, i);
-            *entry = at(p, i) + c * moved;
-        }
-        euler_is_stable(q.get(..p.len()).unwrap_or(&[]), c)
-    };
-    let (mut low, mut high) = (0.0, 1e-3 * euler_limit(p));
-    for _ in 0..500 {
-        if !stable(high) {
-            break;
-        }
-        (low, high) = (high, 1.03 * high);
-    }
-    for _ in 0..40 {
-        let middle = 0.5 * (low + high);
-        if stable(middle) {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    low
-}
-
 /// What the limits of a low-power law of order N need. In double precision, as its products do.
 struct LowPowerBlocks<const N: usize> {
     alpha: [f64; 5],
@@ -322,7 +289,7 @@ impl<T: Scalar, const N: usize> Law<T> for Standard<T, N> {
         euler_limit(c.k.get(..N).unwrap_or(&[])) / c.ell
     }
     fn causal_limit(c: &Self::Config) -> T {
-        T::from_f64(causal_limit(c.k.map(T::to_f64).get(..N).unwrap_or(&[]), &[])) / c.ell
+        euler_current_limit(c.k.get(..N).unwrap_or(&[]), &[]) / c.ell
     }
 }
 
@@ -345,7 +312,7 @@ macro_rules! standard_with_moving_gain {
                 euler_limit(c.k.get(..N).unwrap_or(&[]))
             }
             fn causal_limit(c: &Self::Config) -> T {
-                T::from_f64(causal_limit(c.k.map(T::to_f64).get(..N).unwrap_or(&[]), &[]))
+                euler_current_limit(c.k.get(..N).unwrap_or(&[]), &[])
             }
         }
     };
@@ -378,7 +345,7 @@ impl<T: Scalar, const N: usize> Law<T> for LowPowerFixed<T, N> {
         T::from_f64(LowPowerBlocks::<N>::new(&c.alpha, &c.beta).whole(whole_limit)) / c.ell
     }
     fn causal_limit(c: &Self::Config) -> T {
-        T::from_f64(LowPowerBlocks::<N>::new(&c.alpha, &c.beta).whole(causal_limit)) / c.ell
+        T::from_f64(LowPowerBlocks::<N>::new(&c.alpha, &c.beta).whole(euler_current_limit)) / c.ell
     }
 }
 
@@ -405,6 +372,7 @@ impl<T: Scalar, const N: usize> Law<T> for PeakingFree<T, N> {
     }
     fn causal_limit(c: &Self::Config) -> T {
         let blocks = LowPowerBlocks::<N>::new(&c.alpha, &c.beta);
-        T::from_f64(blocks.whole(causal_limit).min(blocks.alone(causal_limit))) / c.ell
+        T::from_f64(blocks.whole(euler_current_limit).min(blocks.alone(euler_current_limit)))
+            / c.ell
     }
 }

@@ -195,8 +195,9 @@ class _Writer:
         words = [self.text[part][0] for part in term.parts]
         if term.kind in FUNCTIONS and all(re.fullmatch(r"\w+", word) for word in words):
             return "_".join((term.kind, *words))
-        if term.kind == "min" and words[0].startswith(f"{self.function('max')}("):
-            inner = self.graph.terms[self.graph.terms[term.parts[0]].parts[0]]
+        first = self.graph.terms[term.parts[0]] if term.parts else term
+        if term.kind == "min" and first.kind == "max" and "(" in words[0]:
+            inner = self.graph.terms[first.parts[0]]
             if inner.kind == "input":
                 return f"limited_{self.inputs[inner.name]}"
         if term.kind == "mul" and words[0] == words[1] and re.fullmatch(r"[A-Za-z]\w*", words[0]):

@@ -746,6 +746,7 @@ class ReducedOrderObserver(Law):
         """y - (y_last + elapsed (f1 + g z_hat))."""
         z_hat, y_last, slots, elapsed, _ = self.parts(memory)
         y, held = np.reshape(y, y_last.shape), slots[: self.n_u]
+        elapsed = np.maximum(elapsed, 0.0)  # before the first sample no time
         return y - y_last - elapsed * self.model.x_rate(y_last, z_hat, held, t - elapsed)
 
     def correct(self, memory: Array, y: Array, t: float) -> Array:
@@ -1117,9 +1118,9 @@ class Observer:
                     memory, undefined = law.settle(memory, law.correct(memory, y_k, t_k))
                 memories[k] = memory[:, 0]
                 new = memory
-                if not law.is_current:
+                if not law.is_current and dt_k > 0.0:  # one sample alone tells no step
                     new = law.step(memory, y_k, u_k, t_k, dt_k)
-                elif k + 1 < time.size:
+                elif law.is_current and k + 1 < time.size:
                     new = law.predict(memory, u_k, t_k, dt_k)
                 memory, refused = law.settle(memory, new)
                 if (undefined | refused)[0]:

@@ -43,6 +43,8 @@ def chain_gains(k: ArrayLike, dt: float, method: str) -> Array:
 @lru_cache(maxsize=64)
 def _chain_gains(k: tuple[float, ...], dt: float, method: str) -> Array:
     n = len(k)
+    if not np.isfinite(k).all():  # a gain to the n-th power that is beyond the numbers
+        return np.full(n, np.nan)
     moved = np.array([[comb(j, i) for j in range(n)] for i in range(n)], dtype=float) - np.eye(n)
     row = moved[0] + np.eye(n)[0]
     rows = [row]
