@@ -572,7 +572,9 @@ pub fn is_programmed(spec: &Spec<'_>) -> PyResult<bool> {
 pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, PyDict>> {
     let of_observer = spec.sub("observer")?;
     let schedule = spec.sub("schedule")?;
-    let gains = if schedule.text("kind")? == "fixed" {
+    // with current timing a correction is for all the time since the last sample, not for one step
+    let stepwise = of_observer.text_or("timing", "predictor")? == "predictor";
+    let gains = if stepwise && schedule.text("kind")? == "fixed" {
         PlacedGains::For(schedule.f64("dt")?)
     } else {
         PlacedGains::Computed
