@@ -1,12 +1,26 @@
 """The compiled core and the NumPy reference are the same laws, plants, schemes and streams."""
 
+import itertools
 import multiprocessing
 import os
 import traceback
+import types
 from concurrent.futures import ProcessPoolExecutor
 
+import numpy as np
 import pytest
-from equivalence_table import CASES, JOINT, PLACED, STEPS, TOLERANCE, difference, record, relative
+from equivalence_table import (
+    CASES,
+    JOINT,
+    METHODS,
+    PLACED,
+    STEPS,
+    TOLERANCE,
+    difference,
+    record,
+    relative,
+    uneven,
+)
 
 
 def measured(case):
@@ -45,7 +59,9 @@ def test_names_are_unique_and_every_choice_is_there():
     assert len(set(names)) == len(names)
     studies = [case.spec for case in CASES if case.kind == "simulate"]
     assert min(spec["steps"] for spec in studies) >= STEPS >= 10_000
-    observers = [case.spec["observer"] for case in CASES if "observer" in case.spec]
+    built_in = [case for case in CASES if not case.law.startswith("own")]
+    studies = [case.spec for case in built_in if case.kind == "simulate"]
+    observers = [case.spec["observer"] for case in built_in if "observer" in case.spec]
     timed = [o for o in observers if o.get("timing") == "current" or o.get("method") in PLACED]
     assert {o["method"] for o in timed} > set(PLACED) and len(timed) >= 12
     observers = [o for o in observers if o not in timed]
@@ -66,6 +82,39 @@ def test_names_are_unique_and_every_choice_is_there():
     moved = {(spec["plant"]["kind"], spec.get("plant_method", "euler")) for spec in studies}
     assert len(moved) == 3 * 4 + 7 + 3  # ships: not held
     assert {spec["noise"]["kind"] for spec in studies} == {"none", "uniform", "normal", "samples"}
+
+
+def test_own_models_of_every_form_meet_every_method_and_timing():
+    own = [case for case in CASES if case.kind == "loop"]
+    manners = set(itertools.product((*METHODS, *PLACED), ("predictor", "current")))
+    met = {}
+    for case in own:
+        observer = case.spec["observer"]
+        form = observer["model"]["form"]
+        chain = observer.get("observers", (observer,))[0]
+        met.setdefault(form, set()).add((chain.get("method"), chain.get("timing")))
+    assert met.keys() == {"phase", "chains", "triangular", "sampled", "strict-feedback"}
+    for form in ("phase", "chains", "triangular"):
+        assert met[form] == manners, form
+    for law in ("standard", "low-power"):
+        beside = [case for case in own if case.law == f"own beside built-in, {law}"]
+        assert {case.spec["built_in"]["kind"] for case in beside} == {"lee", "input"}
+        assert len(beside) == 2 * len(manners)
+
+
+def test_a_record_of_several_outputs_has_gaps_of_each_and_of_all():
+    """Uneven steps, inputs that move, and outputs at rates of their own."""
+    observer = types.SimpleNamespace(n_y=3, n_u=2)
+    t, y, u = uneven(observer)
+    assert np.ptp(np.diff(t)) > 0.5 * np.diff(t).mean()
+    seen = np.isfinite(y)
+    assert {tuple(row) for row in seen.tolist()} >= {
+        (True, False, False),
+        (True, True, False),
+        (True, False, True),
+        (False, False, False),
+    }
+    assert np.ptp(u, axis=0).min() > 1.0
 
 
 def test_a_difference_is_seen():
