@@ -15,6 +15,7 @@ from hgo_rs import (
     HgoError,
     InputGain,
     LowPowerObserver,
+    Model,
     Observer,
     ReducedOrderObserver,
     StandardObserver,
@@ -357,7 +358,7 @@ def test_faults_are_found_wherever_they_are():
 
 
 def test_a_memory_that_is_not_finite_is_never_given():
-    """Euler's scheme at ten times its limit: x+ = -19 x; 100 x, the rate, is beyond 1.8e308 for x = 19^240."""
+    """Euler at ten times its limit: x+ = -19 x; the rate 100 x is beyond 1.8e308 at x = 19^240."""
     observer = StandardObserver(1, 100.0, k=[1.0], method="euler", timing="predictor")
     fine = observer.run(0.2, np.zeros(240), x_hat0=[1.0], allow_unstable=True)
     np.testing.assert_allclose(fine.x_hat[:5, 0], (-19.0) ** np.arange(5))
