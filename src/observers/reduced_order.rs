@@ -55,7 +55,8 @@ impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> ReducedOrderSt
     #[inline(always)]
     fn moved(&mut self, rate: &SVector<T, NZ>, status: Status) -> Status {
         let next = self.z_hat + rate * self.period;
-        if next.is_present() {
+        // 0 where all entries are finite, else NaN
+        if next.fold(T::NEG_ZERO, |sum, entry| sum + (entry - entry)).is_finite() {
             self.z_hat = next;
             status
         } else {
