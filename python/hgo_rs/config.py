@@ -172,7 +172,7 @@ MODELS: dict[str, tuple[str, dict[str, Kind]]] = {
 """`[model]`: the class behind each `kind`, and its keys. A table without `kind` is an own model."""
 
 START: dict[str, Kind] = {"x_hat": NUMBERS, "r": NUMBER, "memory": NUMBERS, "t": NUMBER}
-"""`[start]`: estimate and gain to start from, or the whole memory; of an observer in use, its time."""
+"""`[start]`: estimate and gain to start from, or the whole memory; of one in use, its time."""
 
 LOG: dict[str, Kind] = {
     "time": TEXT_OR_TEXTS,
