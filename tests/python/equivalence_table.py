@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 import hgo_rs
 from hgo_rs import _core, reference
@@ -25,6 +26,7 @@ PLACED = ("zoh", "bilinear")
 JOINT = ("euler", "rk4", "bogacki-shampine")
 TOLERANCE = 1e-12
 
+Array = npt.NDArray[np.float64]
 Spec = dict[str, Any]
 Tree = dict[str, Any]
 
@@ -67,7 +69,8 @@ def standard(n: int, gain: Spec, method: str = "euler", model: Spec = NONE) -> S
 
 def low_power(n: int, gain: Spec, method: str = "euler", model: Spec = NONE) -> Spec:
     spec = hgo_rs.LowPowerObserver(n, 1.0).spec
-    return {**spec, "gain": gain, "model": model, "method": method}
+    more = {"gain": gain, "model": model, "method": method, "timing": "predictor"}
+    return {**spec, **more}
 
 
 def peaking_free(
@@ -355,10 +358,128 @@ def streams() -> Iterator[Case]:
         yield Case("random streams", f"seed={seed} run={run} channel={channel}", "random", spec)
 
 
+def own_models() -> dict[str, hgo_rs.Model]:
+    """One of each form: t, x and u in every function that may have them, h not x_1."""
+    joint = {"states": ["q", "w"], "inputs": ["u"]}
+    return {
+        "phase": hgo_rs.Model(phi="u*cos(t) - 0.5*w - 4*sin(q) + 0.3*sin(3*t)", **joint),
+        "triangular": hgo_rs.Model(
+            states=["a", "b", "c"],
+            inputs=["u", "v"],
+            f=["0.2*sin(a)*cos(2*t) + 0.1*u", "0.1*a*b*v + sin(t)", "-c - b + u*v + 0.2*cos(5*t)"],
+        ),
+        "chains": hgo_rs.Model(
+            states=["q", "w", "p", "v", "a"],
+            inputs=["u"],
+            orders=[2, 3],
+            phi=["u - 0.5*w - 4*sin(q) + 0.2*sin(3*t)*p", "-2*a - v + 0.3*w + u*cos(t)"],
+        ),
+        "sampled": hgo_rs.Model(
+            f=["w + 0.1*u*cos(t)", "2*sin(5*t) - q + u"],
+            K_T=["T*(8 + 0.2*u)*(y - 2*q - 0.1*w)", "T*(9 + sin(3*t))*(y - 2*q - 0.1*w)"],
+            h="2*q + 0.1*w",
+            **joint,
+        ),
+        "strict-feedback": hgo_rs.Model(
+            states=["p", "th", "v", "om"],
+            inputs=["F", "M"],
+            f1=["0.1*sin(p)", "0.2*sin(th)*p"],
+            g=[["cos(th)", "0.1"], ["0", "1 + 0.1*p*p"]],
+            f2=["F*cos(t) - 0.4*v - 0.1*om*p", "M - om + 0.3*sin(3*t)*v"],
+        ),
+    }
+
+
+OWN = own_models()
+
+
+def on_chains(method: str, timing: str) -> Spec:
+    """An observer for each of two outputs."""
+    manner: Spec = {"method": method, "timing": timing}
+    laws = [hgo_rs.StandardObserver(2, 6.0, **manner), hgo_rs.LowPowerObserver(3, 3.0, **manner)]
+    return dict(hgo_rs.MultiOutputObserver(laws, model=OWN["chains"]).spec)
+
+
+def own_records() -> Iterator[Case]:
+    """Own models of every form under every method and timing: core, twin, and their loops."""
+    for method, timing in itertools.product((*METHODS, *PLACED), ("predictor", "current")):
+        for law, observer in {
+            "phase": standard(2, CONSTANT, method, OWN["phase"].spec),
+            "phase, adaptive": standard(2, ADAPTIVE, method, OWN["phase"].spec),
+            "triangular": standard(3, CONSTANT, method, OWN["triangular"].spec),
+            "low-power, phase": low_power(2, CONSTANT, method, OWN["phase"].spec),
+            "peaking-free, phase": peaking_free(2, CONSTANT, method, OWN["phase"].spec),
+            "chains": on_chains(method, timing),
+        }.items():
+            if "adaptive" in law and method in PLACED:
+                continue
+            given = observer if law == "chains" else {**observer, "timing": timing}
+            yield Case(f"own {law}", f"{method} {timing}", "loop", {"observer": given})
+    model = OWN["sampled"]
+    sampled = dict(hgo_rs.SampledDataObserver(model).spec)
+    yield Case("own sampled-data", "record", "loop", {"observer": sampled})
+    reduced = hgo_rs.ReducedOrderObserver(0.2, model=OWN["strict-feedback"])
+    yield Case("own reduced-order", "record", "loop", {"observer": dict(reduced.spec)})
+
+
+def own_beside_built_in() -> Iterator[Case]:
+    """The equations of built-in models, written as one's own: the core's bits."""
+    joint = {"states": ["a", "b"]}
+    pairs = {
+        "lee": (LEE, hgo_rs.Model(phi="-a/(1 + a*a) - b", **joint)),
+        "input": ({"kind": "input", "b0": 0.7}, hgo_rs.Model(phi="0.7*u", inputs=["u"], **joint)),
+    }
+    for (name, (built_in, own)), method, timing in itertools.product(
+        pairs.items(), (*METHODS, *PLACED), ("predictor", "current")
+    ):
+        for law, of in {"standard": standard, "low-power": low_power}.items():
+            observer = {**of(2, CONSTANT, method, own.spec), "timing": timing}
+            spec = {"observer": observer, "built_in": built_in}
+            yield Case(f"own beside built-in, {law}", f"{name} {method} {timing}", "loop", spec)
+
+
+def own_studies() -> Iterator[Case]:
+    """Plants whose output and diffusion have t, under lost samples and steps that shrink."""
+    gaps = np.random.default_rng(4).normal(scale=0.01, size=STEPS + 1)
+    gaps[700:712] = gaps[4000] = gaps[9000:9300] = np.nan
+    equations = {"states": ["q", "w"], "drift": ["w", "2*sin(5*t) - q - 0.5*w"]}
+    still = hgo_rs.Plant(output="q + 0.2*sin(3*t)", **equations)
+    noisy = hgo_rs.Plant(
+        output="2*q + 0.1*w", diffusion=["0.02*cos(t)", "0.1*sin(2*t)"], **equations
+    )
+    known = hgo_rs.Model(states=["q", "w"], phi="2*sin(5*t) - q - 0.5*w").spec
+    fu = hgo_rs.Model(
+        states=["q", "w"],
+        f=["w", "2*sin(5*t) - q - 0.5*w"],
+        K_T=["T*(8 + sin(t))*(y - 2*q - 0.1*w)", "9*T*(y - 2*q - 0.1*w)"],
+        h="2*q + 0.1*w",
+    )
+    steps = {"kind": "stochastic-approximation", "alpha": 1.0, "epsilon": 0.01, "k0": 9e3, "p": 1.0}
+    for method, timing in (
+        ("euler", "predictor"),
+        ("rk4", "current"),
+        ("zoh", "current"),
+        ("zoh", "predictor"),
+        ("bilinear", "current"),
+    ):
+        observer = {**standard(2, CONSTANT, method, known), "timing": timing}
+        spec = study(still.spec, observer, [0.5, 0.0], 0.005, plant_method="rk4")
+        spec["noise"] = {"kind": "samples", "values": gaps}
+        yield Case("own plant and model", f"{method} {timing}", "simulate", spec)
+    slower = study(still.spec, observer, [0.5, 0.0], 0.005, plant_method="rk4", schedule=steps)
+    yield Case("own plant and model", "steps that shrink", "simulate", slower)
+    observer = dict(hgo_rs.SampledDataObserver(fu).spec)
+    spec = study(noisy.spec, observer, [0.5, 0.0], 0.005, plant_method="euler-maruyama", runs=2)
+    yield Case("own plant and model", "sampled-data, h and diffusion", "simulate", spec)
+
+
 CASES = [
     *with_plants(),
     *records(),
     *timed(),
+    *own_records(),
+    *own_beside_built_in(),
+    *own_studies(),
     *repelled(),
     *recursions(),
     *plants_and_noise(),
@@ -441,6 +562,66 @@ def compare_record(spec: Spec) -> float:
     )
 
 
+ROWS = 400
+
+
+def uneven(observer: Any) -> tuple[Array, Array, Array]:
+    """Uneven rows, inputs, samples with gaps: of all outputs, and of each at its own rate."""
+    rng = np.random.default_rng(6)
+    t = 0.3 + np.cumsum(rng.uniform(0.004, 0.02, ROWS))
+    waves = [np.sin(t), 0.6 * np.cos(1.3 * t), np.sin(0.7 * t)]
+    y = np.stack(waves[: observer.n_y], axis=1) + 0.01 * rng.normal(size=(ROWS, observer.n_y))
+    for channel in range(1, observer.n_y):
+        y[np.arange(ROWS) % (channel + 2) != 1, channel] = np.nan
+    y[[0, 9, 10, ROWS - 1]] = np.nan
+    y[200:220] = np.nan
+    return t, y, np.sin(np.outer(t, np.arange(2.0, 2.0 + observer.n_u)))
+
+
+def looped(observer: Any, t: Array, y: Array, u: Array) -> tuple[Array, Array]:
+    """The memory of each row by the loop that a control task runs, and what became of it."""
+    predict = getattr(observer, "predict", None)  # the twin's
+    memory, rows, states = observer.initial(), [], []
+    for k in range(len(t)):
+        dt = float(t[k + 1] - t[k]) if k + 1 < len(t) else None
+        if observer.is_current:
+            memory, status = observer.correct(memory, y[k], t[k])
+            rows.append(memory)
+            states.append(status)
+            if dt is not None:
+                moved = memory, u[k], t[k], dt
+                memory, _ = (
+                    predict(*moved) if predict else observer.advance(memory, y[k], u[k], t[k], dt)
+                )
+        else:
+            rows.append(memory)
+            if dt is not None:
+                memory, status = observer.step(memory, y[k], u[k], t[k], dt)
+                states.append(status)
+    return np.array(rows), np.array(states)
+
+
+def compare_loop(spec: Spec) -> float:
+    """Core and twin over a record; each beside its own loop; the built-in model beside its own."""
+    core, twin = _core.Observer(spec["observer"]), reference.Observer(spec["observer"])
+    t, y, u = uneven(core)
+    sizes = [(o.n, o.n_y, o.n_u, o.memory_len, o.is_current) for o in (core, twin)]
+    tracks = [o.run(t, y, u, o.initial()) for o in (core, twin)]
+    gaps = [same(*sizes), same(core.initial(), twin.initial())]
+    for observer, track in zip((core, twin), tracks, strict=True):
+        rows, states = looped(observer, t, y, u)
+        gaps.append(same(rows, track["memory"]))
+        gaps.append(same(states, np.asarray(track["status"])[: len(states)]))
+    assert np.isfinite(tracks[1]["memory"]).all() and 2 not in tracks[1]["status"]
+    gaps.append(relative(tracks[0]["memory"], tracks[1]["memory"], axis=0))
+    left = [y - track["innovation"] for track in tracks]
+    gaps += [relative(*left, axis=0), same(tracks[0]["status"], tracks[1]["status"])]
+    if "built_in" in spec:
+        other = _core.Observer({**spec["observer"], "model": spec["built_in"]})
+        gaps.append(same(other.run(t, y, u, other.initial())["memory"], tracks[0]["memory"]))
+    return max(gaps)
+
+
 def compare_paths(spec: Spec) -> float:
     core, twin = _core.coupled_paths(spec), reference.coupled_paths(spec)
     assert core.keys() == twin.keys()
@@ -470,6 +651,7 @@ def compare_random(spec: Spec) -> float:
 COMPARE = {
     "simulate": compare_simulate,
     "record": compare_record,
+    "loop": compare_loop,
     "coupled_paths": compare_paths,
     "mean_covariance": compare_covariance,
     "random": compare_random,

@@ -28,8 +28,8 @@ work = lambda: simulate(VanDerPol(), SampledDataObserver(), x0=[1.0, 0.0], dt=0.
                         steps=10**12)
 """,
     "joint": """
-work = lambda: simulate(Lee(), StandardObserver(2, 10.0, method="rk4"), x0=[1.0, 0.0], dt=0.01,
-                        steps=10**12, mode="joint")
+work = lambda: simulate(Lee(), StandardObserver(2, 10.0, method="rk4", timing="predictor"),
+                        x0=[1.0, 0.0], dt=0.01, steps=10**12, mode="joint")
 """,
     "record": """
 observer = ModifiedObserver(gain, method="rk4", **copies)
