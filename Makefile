@@ -6,6 +6,7 @@
 #   make bench       one step of each observer (criterion), then side by side, then instructions
 #                    -> out/bench.json, out/performance.json
 #   make firmware    every observer on two Cortex-M: bits, instructions, proofs -> out/firmware.json
+#   make mutants     changes to the core that its tests must see -> out/mutants.out (hours)
 #   make docs        the Rust API reference -> target/doc
 #   make wheel       an abi3 wheel -> dist/
 #   make clean       remove .venv, dist, out and build products
@@ -13,7 +14,7 @@
 # PYTHON=... chooses the interpreter for .venv.  PYTEST_ARGS=... is handed to pytest.
 # make fuzz SECONDS=60 SEED=1 LONG=1: case i of a seed is always the same; LONG=50 for a night.
 
-.PHONY: reproduce test test-rust test-python test-types pytest fuzz bench firmware docs wheel clean help
+.PHONY: reproduce test test-rust test-python test-types pytest fuzz bench firmware mutants docs wheel clean help
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-print-directory
@@ -37,7 +38,7 @@ LIBM := --no-default-features --features libm
 say = @printf '\n\033[1m== %s\033[0m\n' "$(1)"
 
 help:
-	@sed -n '3,13s/^# \{0,1\}//p' Makefile
+	@sed -n '3,14s/^# \{0,1\}//p' Makefile
 
 # --- set-up: one stamp a stage, so that the second time takes no time ------------------------
 
@@ -89,6 +90,8 @@ test-rust: $(VENV)/stamp-venv
 	$(CARGO) clippy --quiet $(LIBM),serde,defmt -- -D warnings
 	$(call say,cargo test)
 	$(CARGO) test --quiet --profile checked --features serde,defmt
+	$(call say,cargo test --release: sums that the compiler makes vectors of)
+	$(CARGO) test --quiet --release --test vectors
 
 test-types: $(VENV)/stamp-dev
 	$(call say,ruff)
@@ -115,6 +118,15 @@ fuzz: $(VENV)/stamp-dev
 bench: $(VENV)/stamp-bench
 	$(CARGO) bench
 	$(BIN)/python benches/compare --out out
+
+# FILES="src/observer.rs src/estimator.rs": some of the files alone. A copy of the sources is changed.
+MUTANTS := target/tools/bin/cargo-mutants
+$(MUTANTS):
+	$(CARGO) install --quiet --locked cargo-mutants --root target/tools
+
+mutants: $(MUTANTS)
+	@mkdir -p out
+	PATH="$(abspath target/tools/bin):$$PATH" $(CARGO) mutants -j1 --output out $(FILES:%=--file=%) $(MUTANTS_ARGS)
 
 firmware:
 	@$(PYTHON) firmware/tools/firmware.py --out out

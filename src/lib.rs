@@ -57,8 +57,12 @@ mod wide;
 
 /// The examples of the documentation, run as tests.
 #[cfg(doctest)]
-#[doc = include_str!("../docs/architecture.md")]
-mod architecture {}
+mod pages {
+    #[doc = include_str!("../docs/architecture.md")]
+    mod architecture {}
+    #[doc = include_str!("../firmware/README.md")]
+    mod firmware {}
+}
 
 pub use error::DesignError;
 pub use estimator::Estimator;

@@ -8,6 +8,27 @@ use nalgebra::SVector;
 /// What an observer of order N knows beside the chain of integrators, with M known inputs.
 ///
 /// ẋᵢ = xᵢ₊₁ + f̂ᵢ(x₁ … xᵢ, u, t): f̂ᵢ may use the first i states only (triangular form).
+///
+/// Write it over any [`Scalar`], whose `sin`, `exp`, `powf` and the like are the crate's own and give the
+/// same bits on every machine. On a plain `f32` or `f64` the method `x.sin()` is the standard library's on a
+/// host, which differs in the last bit, and is not there on a chip; `Scalar::sin(x)` is ours.
+///
+/// ```
+/// use hgo_rs::nalgebra::SVector;
+/// use hgo_rs::prelude::*;
+///
+/// /// ẍ = u − sin x.
+/// #[derive(Clone, Copy)]
+/// struct Pendulum;
+///
+/// impl<T: Scalar> Model<T, 2, 1> for Pendulum {
+///     fn f_hat(&self, _: T, x: &SVector<T, 2>, u: &SVector<T, 1>) -> SVector<T, 2> {
+///         last(u.x - x.x.sin())
+///     }
+/// }
+/// let (x, u) = (SVector::<f32, 2>::new(0.5, 0.0), SVector::<f32, 1>::new(1.0));
+/// assert_eq!(Pendulum.f_hat(0.0, &x, &u).y, 1.0 - Scalar::sin(0.5_f32));
+/// ```
 pub trait Model<T: Scalar, const N: usize, const M: usize = 0>: Copy {
     /// The known part f̂(t, x̂, u), one entry a state.
     fn f_hat(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, M>) -> SVector<T, N>;
@@ -76,7 +97,8 @@ pub fn no_input<T: Scalar>() -> SVector<T, 0> {
 
 /// A system to be observed: dx = a(t, x, u) dt + b(t, x, u) dW, y = h(t, x, u), with one Wiener process W.
 ///
-/// A plant without process noise leaves the last six methods as they are.
+/// A plant without process noise leaves the last six methods as they are. Its functions of numbers are
+/// [`Scalar`]'s, as a [`Model`]'s are.
 pub trait Plant<T: Scalar>: Copy {
     /// State x.
     type State: Memory<T>;

@@ -17,6 +17,8 @@ const SAME_FLOOR: &[(&str, &str, &str)] = &[
     ("measurement", "scalar", "a measurement is a number of scalars"),
     ("polynomial", "error", "a polynomial may be refused"),
     ("polynomial", "scalar", "coefficients are scalars"),
+    ("polynomial", "wide", "coefficients of high orders are computed in twice the digits"),
+    ("wide", "scalar", "a wide number is two scalars"),
     ("integrate", "model", "stochastic schemes take a plant's drift and diffusion"),
     ("observer", "integrate", "a Runge-Kutta observer takes an integrator"),
     ("injection", "observer", "a placed injection is a scheme"),

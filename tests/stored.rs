@@ -341,7 +341,7 @@ fn an_estimator_that_could_not_have_been_is_refused() {
     for (at, value, text) in [
         ("/dt_max", -0.1, "dt_max = -0.1 is not allowed: it must be finite and > 0"),
         ("/dt_max", 0.0, "dt_max = 0 is not allowed: it must be finite and > 0"),
-        ("/t", -1.0, "t = -1 is not allowed: it must be >= 0"),
+        ("/clock/before", -1.0, "t = -1 is not allowed: it must be >= 0"),
         ("/observer/law/gain/ell", -1.0, "ell = -1 is not allowed: it must be finite and > 0"),
         ("/observer/law/k/1", -1.0, "k = 2 is not allowed: s^n + k_1 s^(n-1) + ... + k_n must"),
     ] {

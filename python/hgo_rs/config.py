@@ -172,7 +172,7 @@ MODELS: dict[str, tuple[str, dict[str, Kind]]] = {
 """`[model]`: the class behind each `kind`, and its keys. A table without `kind` is an own model."""
 
 START: dict[str, Kind] = {"x_hat": NUMBERS, "r": NUMBER, "memory": NUMBERS, "t": NUMBER}
-"""`[start]`: the estimate and the gain to start from, or the whole memory; the time of `step`."""
+"""`[start]`: estimate and gain to start from, or the whole memory; of one in use, its time."""
 
 LOG: dict[str, Kind] = {
     "time": TEXT_OR_TEXTS,
@@ -311,10 +311,12 @@ class Config:
         model = _model_table(observer)
         if model is not None:
             data["model"] = model
-        reached = observer._told or observer._time != 0.0
-        if reached or not np.array_equal(observer.memory, observer.initial_memory()):
+        # its first sample is taken at t = 0
+        under_way = observer._started or observer._time != 0.0
+        moved = not np.array_equal(observer.memory, observer.initial_memory())
+        if observer._told or under_way or moved:
             data["start"] = {"memory": observer.memory.tolist()}
-        if observer._time != 0.0:
+        if under_way:
             data["start"]["t"] = observer._time
         if log:
             data["log"] = {key: value for key, value in log.items() if value is not None}
@@ -344,10 +346,9 @@ class Config:
         observer: Observer = self._built((), law, given)
         start = self.data.get("start")
         if start:
-            names = {"x_hat": "x_hat0", "r": "r0", "memory": "memory0"}
-            given = {names[k]: v for k, v in start.items() if k != "t"}
-            self._built(("start",), observer.reset, given)
-            observer._time = float(start.get("t", 0.0))
+            names = {"x_hat": "x_hat0", "r": "r0", "memory": "memory0", "t": "t"}
+            self._built(("start",), observer.reset, {names[k]: v for k, v in start.items()})
+            observer._started = "t" in start
         return observer
 
     def _inner(self) -> list[Config]:

@@ -78,7 +78,8 @@ class Observer(_core.Online):
     memory : (m,) ndarray
         Where it stands: x_hat first, then auxiliary states, then the gain r where it moves; with
         current timing then the time that the next correction is for [s]. A step makes a new one; an
-        array that is set is copied.
+        array that is set is copied, and neither clock nor whether a first sample was taken changes:
+        `reset(memory0=..., t=...)` goes on where another observer stands.
     model : System or None
         What it knows of the system; None: nothing, or what its class takes by default.
     allow_unstable : bool

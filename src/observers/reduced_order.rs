@@ -53,6 +53,7 @@ impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> ReducedOrderSt
 
     /// ẑ at the end of the step, and what became of it: it is held where the model has no value.
     #[inline(always)]
+    #[allow(clippy::eq_op)] // entry - entry is 0, or NaN
     fn moved(&mut self, rate: &SVector<T, NZ>, status: Status) -> Status {
         let next = self.z_hat + rate * self.period;
         // 0 where all entries are finite, else NaN

@@ -375,3 +375,22 @@ def test_a_missing_folder_and_a_folder_are_refused(tmp_path):
         with pytest.raises(ConfigError, match="cannot write"):
             config.save(path)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("law", [{"method": "zoh"}, {"method": "rk4"}, {"timing": "predictor"}])
+@pytest.mark.parametrize("samples", [0, 1, 2])
+def test_a_file_of_an_observer_in_use_says_that_its_first_sample_is_taken(tmp_path, law, samples):
+    """The first step of current timing takes no time: where it was taken is known to the file."""
+    observer = hgo_rs.StandardObserver(2, 20.0, **law)
+    for _ in range(samples):
+        observer.step(0.7, dt=0.01)
+    observer.save(tmp_path / "saved.toml")
+    again = hgo_rs.load(tmp_path / "saved.toml").observer()
+    for y in (0.71, 0.72):
+        assert np.array_equal(again.step(y, dt=0.01), observer.step(y, dt=0.01))
+
+
+def test_a_time_to_stand_at_is_not_negative():
+    text = 'format = 1\nobserver = "standard"\norder = 2\ngain = 9.0\n[start]\nt = -1.0\n'
+    with pytest.raises(ConfigError, match=r"line 6: t = -1.0: must be finite and >= 0"):
+        Config.from_toml(text).observer()

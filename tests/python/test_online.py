@@ -15,6 +15,7 @@ from hgo_rs import (
     HgoError,
     InputGain,
     LowPowerObserver,
+    Model,
     Observer,
     ReducedOrderObserver,
     StandardObserver,
@@ -354,3 +355,21 @@ def test_faults_are_found_wherever_they_are():
         observer.run(t + np.where(np.arange(n) > k, 0.2, 0.0), late, u)
     with pytest.raises(HgoError, match="diverged at sample 20001 "):
         observer.run(t, spoilt(y, 20_000, 1.0), spoilt(u, 20_000, 1e300))
+
+
+def test_a_memory_that_is_not_finite_is_never_given():
+    """Euler at ten times its limit: x+ = -19 x; the rate 100 x is beyond 1.8e308 at x = 19^240."""
+    observer = StandardObserver(1, 100.0, k=[1.0], method="euler", timing="predictor")
+    fine = observer.run(0.2, np.zeros(240), x_hat0=[1.0], allow_unstable=True)
+    np.testing.assert_allclose(fine.x_hat[:5, 0], (-19.0) ** np.arange(5))
+    with pytest.raises(HgoError, match="overflowed at sample 241"):
+        observer.run(0.2, np.zeros(300), x_hat0=[1.0], allow_unstable=True)
+    with pytest.raises(HgoError, match=r"overflowed at t = 48\.2 s"):
+        observer.run(0.2, np.zeros(241), x_hat0=[1.0], allow_unstable=True, until=48.2)
+
+
+def test_a_model_without_a_value_is_told_after_a_divergence_too():
+    model = Model(states=["x"], phi="x*x")  # x' = x^2 + ..., explodes
+    observer = StandardObserver(1, 1.0, model=model, method="euler", timing="predictor")
+    with pytest.raises(HgoError, match="no value at sample"):
+        observer.run(1.0, np.full(60, np.nan), x_hat0=[3.0], allow_unstable=True)

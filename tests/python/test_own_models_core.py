@@ -67,5 +67,7 @@ def test_any_expression_gives_the_numbers_of_the_twin(constants, program):
         have = observer.run(t, y, x_hat0=start, allow_unstable=True).memory
     except HgoError:  # no value, or a huge one
         assume(False)
-    want = reference.Observer(observer.spec).run(t, y, None, start)["memory"]
+    want = reference.Observer(observer.spec).run(t, y, None, observer.initial_memory(start))[
+        "memory"
+    ]
     np.testing.assert_allclose(have, want, rtol=1e-8, atol=1e-8)
