@@ -572,9 +572,17 @@ pub fn is_programmed(spec: &Spec<'_>) -> PyResult<bool> {
 pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, PyDict>> {
     let of_observer = spec.sub("observer")?;
     let schedule = spec.sub("schedule")?;
-    // with current timing a correction is for all the time since the last sample, not for one step
-    let stepwise = of_observer.text_or("timing", "predictor")? == "predictor";
-    let gains = if stepwise && schedule.text("kind")? == "fixed" {
+    // gains for a length that is known are constants; but with current timing a correction after missing
+    // samples is for all the time since the last one
+    let noise = if spec.get("noise")?.is_some() { Some(spec.sub("noise")?) } else { None };
+    let gaps = match noise {
+        Some(noise) if noise.get("values")?.is_some() => {
+            noise.numbers("values")?.values.iter().any(|value| !value.is_finite())
+        }
+        _ => false,
+    };
+    let steady = of_observer.text_or("timing", "predictor")? == "predictor" || !gaps;
+    let gains = if steady && schedule.text("kind")? == "fixed" {
         PlacedGains::For(schedule.f64("dt")?)
     } else {
         PlacedGains::Computed
