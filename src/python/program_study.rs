@@ -568,26 +568,27 @@ pub fn is_programmed(spec: &Spec<'_>) -> PyResult<bool> {
     Ok(model || plant == "own-plant" || copied)
 }
 
+/// Whether recorded noise has samples that are missing.
+fn samples_miss(spec: &Spec<'_>) -> PyResult<bool> {
+    if spec.get("noise")?.is_none() {
+        return Ok(false);
+    }
+    let noise = spec.sub("noise")?;
+    Ok(noise.get("values")?.is_some()
+        && noise.numbers("values")?.values.iter().any(|value| !value.is_finite()))
+}
+
 /// Run an experiment with a plant or a model of the user's own.
 pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, PyDict>> {
     let of_observer = spec.sub("observer")?;
     let schedule = spec.sub("schedule")?;
-    // gains for a length that is known are constants; but with current timing a correction after missing
-    // samples is for all the time since the last one
-    let noise = if spec.get("noise")?.is_some() { Some(spec.sub("noise")?) } else { None };
-    let gaps = match noise {
-        Some(noise) if noise.get("values")?.is_some() => {
-            noise.numbers("values")?.values.iter().any(|value| !value.is_finite())
-        }
-        _ => false,
-    };
-    let steady = of_observer.text_or("timing", "predictor")? == "predictor" || !gaps;
-    let gains = if steady && schedule.text("kind")? == "fixed" {
+    // gains for the length of a step are constants
+    let gains = if schedule.text("kind")? == "fixed" {
         PlacedGains::For(schedule.f64("dt")?)
     } else {
         PlacedGains::Computed
     };
-    let observer = Tables::read(&of_observer, Setting { gains, ..DOUBLE })?;
+    let mut observer = Tables::read(&of_observer, Setting { gains, ..DOUBLE })?;
     let mut plan = Plan::read(spec, observer.memory_len(), &["truth"])?;
     if observer.n_y() != 1 || plan.memory_len() > Z {
         return Err(refused("an own plant or model is simulated with one output"));
@@ -630,6 +631,20 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
             None => return Err(refused("another plant")),
         },
     };
+    // a correction after missing samples is for all the time since the last one; the low-power laws have
+    // no table for any time, and no value then
+    let waits = || -> PyResult<bool> {
+        let dt = schedule.f64("dt")?;
+        let rows = plan.memory0.chunks_exact(plan.memory_len().max(1));
+        let mut starts = rows.filter_map(|row| row.last());
+        Ok(samples_miss(spec)?
+            || plant.parts.output.may_lack_value()
+            || !starts.all(|elapsed| [0.0, dt].contains(elapsed)))
+    };
+    let standard = of_observer.text("kind")? == "standard" && observer.is_current();
+    if standard && matches!(gains, PlacedGains::For(_)) && waits()? {
+        observer = Tables::read(&of_observer, DOUBLE)?;
+    }
     let study = Study { plan: &plan, observer: &observer, taking: observer.taking()?, plant };
     if n < observer.n() {
         return Err(refused(&format!(

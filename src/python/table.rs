@@ -259,6 +259,15 @@ impl Table {
         }
     }
 
+    /// Whether a value may be missing for finite inputs: an operation that has none everywhere.
+    pub fn may_lack_value(&self) -> bool {
+        use Operation::{Cos, Divide, Ln, Power, Sin, Sqrt, Tan};
+        !self.calls.is_empty()
+            || self.operations.iter().any(|(operation, _)| {
+                matches!(operation, Sqrt | Ln | Divide | Power | Sin | Cos | Tan)
+            })
+    }
+
     /// Without the constants and operations that no output needs.
     pub fn trimmed(&self) -> Self {
         let (inputs, base) = (self.inputs.len(), self.base());

@@ -268,9 +268,13 @@ impl LawTables {
             if timing == Timing::Predictor {
                 return Ok(made);
             }
-            // a correction for no time, as at the start, moves nothing
-            let chosen = made.iter().zip(&of[0]);
-            Ok(chosen.map(|(made, z)| trace::if_positive(dt, *made, *z)).collect())
+            // a correction for no time, as at the start, moves nothing; for another time it has no value
+            let length = Traced::from_f64(length);
+            let chosen = made.iter().zip(&of[0]).map(|(made, z)| {
+                let other = trace::if_equal([dt, Traced::ZERO], *z, Traced::from_f64(f64::NAN));
+                trace::if_equal([dt, length], *made, other)
+            });
+            Ok(chosen.collect())
         })?;
         Ok(PlacedTables { flow, correct, gains })
     }

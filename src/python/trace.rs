@@ -304,6 +304,11 @@ pub fn if_positive(value: Traced, a: Traced, b: Traced) -> Traced {
     apply(Operation::Select, [positive, a, b])
 }
 
+/// `a` where the values are equal, else `b`.
+pub fn if_equal(values: [Traced; 2], a: Traced, b: Traced) -> Traced {
+    apply(Operation::Select, [apply(Operation::Equal, values), a, b])
+}
+
 /// A question about values: its answer if they are constants.
 fn decide(a: Traced, b: Traced) -> Option<Ordering> {
     with(|trace| {
