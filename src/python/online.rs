@@ -342,7 +342,8 @@ fn call<'py>(
         if verb != Verb::Step && !law.is_current() {
             return Err(refused(
                 "correct and predict are not allowed with timing = 'predictor', whose recursion takes \
-                 sample and input at once: use step, or make the observer with timing='current'",
+                 sample and input at once: use step, or, where the law takes a timing, make the \
+                 observer with timing='current'",
             ));
         }
         (law.n(), law.n_y(), law.n_u(), me.stable_dt, me.started || me.clock.time() > 0.0)

@@ -480,3 +480,31 @@ def test_a_reduced_order_observer_tells_its_states() -> None:
     observer.step(0.0, dt=1e-2)
     with pytest.raises(hgo.HgoError, match=told):
         observer.step(-1.0, dt=1e-2)
+
+
+OSCILLATOR = {"states": ["q", "w"], "drift": ["w", "-q"]}
+
+
+@pytest.mark.parametrize(("output", "waited"), [("q + 0*sqrt(q + 0.8)", 0.0), ("q", 0.4)])
+def test_a_studys_correction_is_for_the_time_that_has_passed(output: str, waited: float) -> None:
+    """Where the plant's output has no value the sample is missing; a memory may have waited."""
+    plant = hgo.Plant(**OSCILLATOR, output=output)
+    observer = hgo.StandardObserver(2, 5.0)
+    start = observer.initial_memory()
+    start[-1] = waited
+    core, twin = (
+        hgo.simulate(
+            plant,
+            observer,
+            x0=[1.0, 0.0],
+            dt=0.05,
+            steps=200,
+            every=1,
+            backend=backend,
+            memory0=start,
+        )
+        for backend in ("rust", "numpy")
+    )
+    rest = np.cos(0.05 * np.arange(201))  # the exact solution
+    assert np.isnan(core.y).sum() == (np.sum(rest < -0.8) if "sqrt" in output else 0)
+    np.testing.assert_allclose(core.memory, twin.memory, rtol=1e-9, atol=1e-12)
