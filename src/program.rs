@@ -208,7 +208,7 @@ pub enum Operation {
     Power,
     /// The angle of the point (b, a), in rad.
     Atan2,
-    /// Magnitude of a, sign of b.
+    /// Magnitude of a, sign of b; the sign of NaN is not defined.
     CopySign,
     /// 1 where a < b, else 0.
     Less,

@@ -155,6 +155,19 @@ proptest! {
         for (i, value) in start.iter().enumerate() {
             lanes.0[i / LANES].0[i % LANES] = *value;
         }
+        // the sign of NaN is not defined, and CopySign shows it
+        let shows_it = |lane: usize| {
+            let mut r = Registers::zero();
+            for register in 0..REGISTERS {
+                r.0[register] = lanes.0[register].0[lane];
+            }
+            instructions.iter().any(|one| {
+                let of_nan = one.operation == Operation::CopySign && r.0[usize::from(one.b)].is_nan();
+                Program { instructions: std::slice::from_ref(one), outputs: &[] }.run(&mut r);
+                of_nan
+            })
+        };
+        prop_assume!(!(0..LANES).any(shows_it));
         for vectors in Vectors::ALL {
             let Some(moved) = vectors.run(InLanes(program, lanes.clone())) else { continue };
             for lane in 0..LANES {
