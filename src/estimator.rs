@@ -309,14 +309,13 @@ impl<T: Scalar, Z: Memory<T>> Moving<T, Z> {
         self.started = true;
         let sample = if self.stable { *y } else { absent() };
         let taken = observer.correct(&mut self.z, &sample, self.clock.time());
-        let stable = core::mem::replace(&mut self.stable, true);
         match self.judged(&before, taken) {
             Status::ModelUndefined => {
                 self.z = before;
                 Status::ModelUndefined
             }
             Status::Diverged => Status::Diverged,
-            taken if stable => taken,
+            taken if self.stable => taken,
             _ => Status::StepTooLong,
         }
     }
