@@ -476,6 +476,21 @@ fn a_clock_in_single_precision_goes_on() {
     exact(clock.time(), sum);
 }
 
+/// Steps of one length are counted, up to the last that a count holds; the parts make the clock again.
+#[test]
+fn a_clock_counts_and_is_made_again_from_its_parts() {
+    let mut clock = Clock::<f32>::new();
+    for dt in [0.5, 0.25, 0.25, 0.25] {
+        clock.pass(dt);
+    }
+    assert_eq!(clock.parts(), (3, [0.25, 0.5, 0.0]));
+    assert_eq!(Clock::from_parts(clock.parts()), clock);
+    let mut full = Clock::from_parts((u32::MAX, [0.25_f64, 0.0, 0.0]));
+    full.pass(0.25);
+    assert_eq!(full.time(), 0.25 * (f64::from(u32::MAX) + 1.0));
+    assert_eq!(full.parts().0, 1);
+}
+
 /// The last time of a correction and of an advance, the input and the period that it was told.
 #[derive(Clone, Copy)]
 struct Spy;
