@@ -155,7 +155,6 @@ def expected(name: str, rows: np.ndarray, dt_max: float) -> np.ndarray:
             memory = memory if diverged else np.array(held)
         elif status != CODES["MODEL_UNDEFINED"] and not in_time:
             status = CODES["STEP_TOO_LONG"]
-        in_time = in_time or call == CORRECT
         time += 0.0 if call == CORRECT else dt
         out.append([status, *memory])
     return np.array(out)
@@ -629,6 +628,8 @@ def test_counts_and_codes_of_steps(subject: Subject) -> None:
         ("correct", {"y": math.nan}, "PREDICTED"),
         ("predict", {"dt": 1.0}, "STEP_TOO_LONG"),
         ("correct", {}, "STEP_TOO_LONG"),
+        ("correct", {}, "STEP_TOO_LONG"),  # as long as no other period has begun
+        ("predict", {}, "PREDICTED"),
         ("correct", {}, "UPDATED"),
         ("predict", {"phi": math.inf}, "MODEL_UNDEFINED"),
         ("predict", {"dt": -1.0}, "STEP_REFUSED"),
@@ -648,7 +649,7 @@ def test_counts_and_codes_of_steps(subject: Subject) -> None:
     assert subject.step(state.address, phi=huge, dt=1e3) == CODES["DIVERGED"]
     assert subject.step(state.address) == CODES["DIVERGED"]
     assert subject.counts(state.address, counts.address) == CODES["UPDATED"]
-    assert list(np.frombuffer(counts.bytes, np.uint32)) == [3, 3, 4, 2, 5, 2]
+    assert list(np.frombuffer(counts.bytes, np.uint32)) == [3, 3, 4, 3, 5, 2]
     assert counts.untouched_outside() and state.untouched_outside()
     start[:] = 0.0
     assert restart() == CODES["UPDATED"]

@@ -1,5 +1,6 @@
 """Studies by executors: the same bits from threads, processes and a cluster, whatever is lost."""
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -203,7 +204,8 @@ def test_a_broken_pool_ends_the_study_and_the_next_one_continues(alone, tmp_path
 
     def kill(progress):
         for pid in list(pool._processes or ()):
-            os.kill(pid, signal.SIGKILL)
+            with contextlib.suppress(ProcessLookupError):  # it has ended
+                os.kill(pid, signal.SIGKILL)
 
     with pytest.raises(StudyError, match="BrokenProcessPool") as stopped:
         study(**arguments(), executor=pool, save=path, progress=kill)
