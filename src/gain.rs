@@ -75,6 +75,8 @@ impl<T: Scalar> GainLaw<T> for ConstantGain<T> {
 
 /// What every law whose gain r moves in [1, ∞) says the same way, inside its `impl GainLaw`: r is the
 /// whole gain and the memory, and begins at 1.
+#[macro_export]
+#[doc(hidden)]
 macro_rules! moves_in_one_to_infinity {
     () => {
         type Memory = T;
@@ -96,8 +98,6 @@ macro_rules! moves_in_one_to_infinity {
         }
     };
 }
-#[cfg(feature = "python")]
-pub(crate) use moves_in_one_to_infinity;
 
 /// What the two adaptive laws of Sanfelice and Praly share: speed p₁, threshold p₂, exponent b.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -46,8 +46,6 @@ pub mod observer;
 pub mod observers;
 pub mod polynomial;
 pub mod program;
-#[cfg(feature = "python")]
-mod python;
 pub mod saturation;
 pub mod scalar;
 pub mod schedule;

@@ -154,13 +154,14 @@ where
     }
 }
 
-#[cfg(feature = "python")]
 impl<T: Scalar, G: Copy, Md: Copy, S: Copy, const N: usize, const M: usize>
     LowPower<T, G, Md, S, N, M>
 {
     /// The same observer with model and saturation in other types: the same numbers, seen by the
     /// compiler.
-    pub(crate) fn typed<Md2, S2, const M2: usize>(
+    #[doc(hidden)] // for programs whose types are chosen at run time
+    #[must_use]
+    pub fn typed<Md2, S2, const M2: usize>(
         &self,
         model: Md2,
         saturation: S2,
@@ -169,7 +170,9 @@ impl<T: Scalar, G: Copy, Md: Copy, S: Copy, const N: usize, const M: usize>
     }
 
     /// Its model and saturation.
-    pub(crate) fn parts(&self) -> (Md, S) {
+    #[doc(hidden)]
+    #[must_use]
+    pub fn parts(&self) -> (Md, S) {
         (self.model, self.saturation)
     }
 }
@@ -337,8 +340,10 @@ fn wide_steps<const N: usize>(
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BlockGains<T, const N: usize> {
-    pub(crate) a: SVector<T, N>,
-    pub(crate) b: SVector<T, N>,
+    /// aᵢ.
+    pub a: SVector<T, N>,
+    /// bᵢ.
+    pub b: SVector<T, N>,
 }
 
 crate::error::through_constructor! {

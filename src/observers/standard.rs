@@ -57,8 +57,9 @@ where
 
     /// The same observer with its gain law and model in other types: the same numbers, seen by the
     /// compiler.
-    #[cfg(feature = "python")]
-    pub(crate) fn typed<G2, Md2, const M2: usize>(
+    #[doc(hidden)] // for programs whose types are chosen at run time
+    #[must_use]
+    pub fn typed<G2, Md2, const M2: usize>(
         &self,
         gain: G2,
         model: Md2,
@@ -67,8 +68,9 @@ where
     }
 
     /// Its gain law and model.
-    #[cfg(feature = "python")]
-    pub(crate) fn parts(&self) -> (G, Md) {
+    #[doc(hidden)] // for programs whose types are chosen at run time
+    #[must_use]
+    pub fn parts(&self) -> (G, Md) {
         (self.gain, self.model)
     }
 

@@ -1,14 +1,14 @@
 //! Observers whose types are chosen at run time, and their steps over a block of samples.
 
-use super::interrupt::StopFlag;
-use super::plan::{Plan, StudyResult};
-use crate::memory::Memory;
-use crate::observer::{Observer as CoreObserver, Status};
-use pyo3::prelude::*;
+
+
+use crate::error::Result;
+use hgo_rs::memory::Memory;
+use hgo_rs::observer::{Observer as CoreObserver, Status};
 
 /// A law in discrete time, with its memory as a flat vector. The verbs are [`CoreObserver`]'s.
 pub trait Recursion: Send + Sync {
-    fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> PyResult<Status>;
+    fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> Result<Status>;
     fn advance(
         &self,
         memory: &mut [f64],
@@ -16,9 +16,9 @@ pub trait Recursion: Send + Sync {
         u: &[f64],
         t: f64,
         dt: f64,
-    ) -> PyResult<Status>;
+    ) -> Result<Status>;
     /// See [`over_block`].
-    fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> PyResult<f64>;
+    fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> Result<f64>;
 }
 
 impl<O> Recursion for O
@@ -26,7 +26,7 @@ where
     O: CoreObserver<f64> + Send + Sync,
     O::Input: Memory<f64>,
 {
-    fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> PyResult<Status> {
+    fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> Result<Status> {
         let mut z = O::State::read(memory);
         let status = CoreObserver::correct(self, &mut z, &O::Measurement::read(y), t);
         z.write(memory);
@@ -39,14 +39,14 @@ where
         u: &[f64],
         t: f64,
         dt: f64,
-    ) -> PyResult<Status> {
+    ) -> Result<Status> {
         let mut z = O::State::read(memory);
         let (y, u) = (O::Measurement::read(y), O::Input::read(u));
         let status = CoreObserver::advance(self, &mut z, &y, &u, t, dt);
         z.write(memory);
         Ok(status)
     }
-    fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> PyResult<f64> {
+    fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> Result<f64> {
         Ok(over_block(self, memory, block))
     }
 }
@@ -59,7 +59,6 @@ pub trait AnyObserver: Send + Sync {
     fn is_current(&self) -> bool;
     fn initial(&self) -> Vec<f64>;
     fn recursion(&self) -> &dyn Recursion;
-    fn study(&self, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult>;
 }
 
 /// Samples that are copied as they are taken, since nobody changes the copies meanwhile or later. (A

@@ -1,12 +1,12 @@
 //! What a spec chooses by name: gain law, saturation, method and timing.
 
-use super::spec::Spec;
-use crate::Scalar;
-use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
-use crate::injection::Placement;
-use crate::observer::{BogackiShampine, Discretisation, Rk4, Rk4InnovationHeld, Timing};
-use crate::observers::{HardClip, NoSaturation, Saturation, SmoothSaturation};
-use pyo3::prelude::*;
+use crate::error::Result;
+use crate::spec::Spec;
+use hgo_rs::Scalar;
+use hgo_rs::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
+use hgo_rs::injection::Placement;
+use hgo_rs::observer::{BogackiShampine, Discretisation, Rk4, Rk4InnovationHeld, Timing};
+use hgo_rs::observers::{HardClip, NoSaturation, Saturation, SmoothSaturation};
 
 /// The adaptive and the dead-zone law behind one memory r.
 #[derive(Clone, Copy)]
@@ -16,7 +16,7 @@ pub enum MovingGain<T = f64> {
 }
 
 impl<T: Scalar> GainLaw<T> for MovingGain<T> {
-    crate::gain::moves_in_one_to_infinity!();
+    hgo_rs::moves_in_one_to_infinity!();
     #[inline(always)]
     fn rate<const N: usize>(&self, r: &T, e: T) -> T {
         match self {
@@ -32,7 +32,7 @@ pub enum AnyGain<T = f64> {
 }
 
 impl<T: Scalar> AnyGain<T> {
-    pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
+    pub fn read(spec: &Spec<'_>) -> Result<Self> {
         let law = spec.text("law")?;
         if law == "constant" {
             spec.only(&["law", "ell"])?;
@@ -76,7 +76,7 @@ impl<T: Scalar, const N: usize> Saturation<T> for AnySaturation<N, T> {
 
 impl<T: Scalar, const N: usize> AnySaturation<N, T> {
     /// The saturation of a low-power (none) or peaking-free observer, whose keys are checked.
-    pub fn read(spec: &Spec<'_>, saturated: bool) -> PyResult<Self> {
+    pub fn read(spec: &Spec<'_>, saturated: bool) -> Result<Self> {
         let mut known = vec!["kind", "n", "alpha", "beta", "gain", "model", "method", "timing"];
         if !saturated {
             spec.only(&known)?;
@@ -126,7 +126,7 @@ pub enum AnyMethod {
 }
 
 impl Manner {
-    pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
+    pub fn read(spec: &Spec<'_>) -> Result<Self> {
         let method = spec.text_or("method", "euler")?;
         let Some((_, method)) = METHODS.iter().find(|(name, _)| *name == method) else {
             return Err(spec.unknown("method", &method, &METHODS.map(|(name, _)| name)));

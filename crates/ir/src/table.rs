@@ -1,10 +1,9 @@
 //! Straight-line programs in the making: tables of operations, each value computed once.
 
-use super::errors::refused;
-use super::spec::Spec;
-use crate::program::Operation;
-use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList, PyTuple};
+use crate::error::{Result, refused};
+use crate::spec::Spec;
+use crate::value::{Function, Value};
+use hgo_rs::program::Operation;
 use std::sync::Arc;
 
 /// Names of the operations that a table may hold, with the number of their operands.
@@ -42,31 +41,30 @@ pub fn operands(operation: Operation) -> usize {
 }
 
 /// A value of a table: inputs first, then results of calls, then constants, then results of operations.
-pub type Value = usize;
+pub type Slot = usize;
 
-/// A call of a Python function: it takes a list of numbers and gives as many as it has results.
+/// A call of a user's function: it takes a list of numbers and gives as many as it has results.
 #[derive(Clone, Debug)]
 pub struct Call {
-    pub function: Arc<Py<PyAny>>,
-    pub arguments: Vec<Value>,
+    pub function: Arc<dyn Function>,
+    pub arguments: Vec<Slot>,
     pub results: usize,
 }
 
 impl Call {
     /// With its arguments elsewhere.
-    fn moved(&self, place: impl Fn(Value) -> Value) -> Self {
+    fn moved(&self, place: impl Fn(Slot) -> Slot) -> Self {
         let arguments = self.arguments.iter().map(|value| place(*value)).collect();
         Self { function: self.function.clone(), arguments, results: self.results }
     }
 
     /// Its results.
-    fn made(&self, arguments: &[f64]) -> PyResult<Vec<f64>> {
-        let made: Vec<f64> =
-            Python::attach(|py| self.function.bind(py).call1((arguments.to_vec(),))?.extract())?;
+    fn made(&self, arguments: &[f64]) -> Result<Vec<f64>> {
+        let made = self.function.call(arguments)?;
         if made.len() == self.results {
             Ok(made)
         } else {
-            Err(refused(&format!("a function of the model gave {} numbers", made.len())))
+            Err(refused(format!("a function of the model gave {} numbers", made.len())))
         }
     }
 }
@@ -106,7 +104,7 @@ impl<'a> Scheduled<'a> {
 impl Table {
     /// The outputs for some inputs, value by value: also of a table with calls. Functions are called
     /// without a lock; their errors end it.
-    pub fn evaluate(&self, inputs: &[f64]) -> PyResult<Vec<f64>> {
+    pub fn evaluate(&self, inputs: &[f64]) -> Result<Vec<f64>> {
         let Self { constants, operations, outputs, .. } = self;
         let mut values = inputs.to_vec();
         values.resize(self.inputs.len() + self.called(), 0.0);
@@ -138,113 +136,84 @@ pub struct Table {
     /// In the order in which they are made; their results are values one after the other.
     pub calls: Vec<Call>,
     pub constants: Vec<f64>,
-    pub operations: Vec<(Operation, [Value; 3])>,
-    pub outputs: Vec<Value>,
+    pub operations: Vec<(Operation, [Slot; 3])>,
+    pub outputs: Vec<Slot>,
     pub output_names: Vec<String>,
 }
 
 impl Table {
     /// From a dict, of which nothing is believed.
-    pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
+    pub fn read(spec: &Spec<'_>) -> Result<Self> {
         spec.only(&["inputs", "calls", "constants", "ops", "outputs", "output_names"])?;
         let inputs = spec.texts("inputs")?.unwrap_or_default();
         let mut calls = Vec::new();
         let mut called = inputs.len();
-        let given: Vec<(Py<PyAny>, Vec<Value>, usize)> = match spec.get("calls")? {
-            Some(calls) => calls.extract()?,
-            None => Vec::new(),
-        };
-        for (function, arguments, results) in given {
+        for row in list(spec, "calls")? {
+            let Some((function, arguments, results)) = read_call(row) else {
+                return Err(refused(format!(
+                    "call {row} is not allowed: [function, values that it takes, number of results]"
+                )));
+            };
             if let Some(argument) = arguments.iter().find(|argument| **argument >= called) {
-                return Err(refused(&format!(
+                return Err(refused(format!(
                     "argument {argument} of a call is not allowed: < {called}"
                 )));
             }
             called += results;
-            calls.push(Call { function: Arc::new(function), arguments, results });
+            calls.push(Call { function, arguments, results });
         }
-        let constants = if spec.get("constants")?.is_some() {
-            spec.numbers("constants")?.values
+        let constants = if spec.has("constants") {
+            spec.numbers("constants")?.values.clone()
         } else {
             Vec::new()
         };
         let mut known = called + constants.len();
         let mut operations = Vec::new();
-        let rows: Vec<Bound<'_, PyAny>> = match spec.get("ops")? {
-            Some(rows) => rows.try_iter()?.collect::<PyResult<_>>()?,
-            None => Vec::new(),
-        };
-        for row in rows {
-            let wrong = || {
-                refused(&format!(
+        for row in list(spec, "ops")? {
+            let read = read_operation(row);
+            let Some(operation) = read.filter(|(_, of)| of.iter().all(|value| *value < known)) else {
+                return Err(refused(format!(
                     "table row {row} is not allowed: [operation, operands ...] with as many values \
                      before it (there are {known}) as the operation takes"
-                ))
+                )));
             };
-            let name: String =
-                row.get_item(0).and_then(|name| name.extract()).map_err(|_| wrong())?;
-            let (_, operation, count) =
-                *OPERATIONS.iter().find(|(known, ..)| *known == name).ok_or_else(wrong)?;
-            let mut values = [0; 3];
-            if row.len().map_err(|_| wrong())? != count + 1 {
-                return Err(wrong());
-            }
-            for (i, value) in values.iter_mut().take(count).enumerate() {
-                *value = row.get_item(i + 1).and_then(|v| v.extract()).map_err(|_| wrong())?;
-                if *value >= known {
-                    return Err(wrong());
-                }
-            }
-            operations.push((operation, values));
+            operations.push(operation);
             known += 1;
         }
-        let outputs: Vec<Value> = match spec.get("outputs")? {
-            Some(outputs) => outputs.extract()?,
-            None => Vec::new(),
-        };
+        let outputs = spec.wholes("outputs")?.unwrap_or_default();
         if let Some(output) = outputs.iter().find(|output| **output >= known) {
-            return Err(refused(&format!("table output {output} is not allowed: < {known}")));
+            return Err(refused(format!("table output {output} is not allowed: < {known}")));
         }
         let output_names = spec.texts("output_names")?.unwrap_or_default();
         Ok(Self { inputs, calls, constants, operations, outputs, output_names })
     }
 
-    /// As a dict.
-    pub fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+    /// Its operations by name, each with the values that it takes.
+    pub fn rows(&self) -> Result<Vec<(&'static str, &[Slot])>> {
         if !self.calls.is_empty() {
             return Err(refused(NOT_COMPILED));
         }
-        let out = PyDict::new(py);
-        out.set_item("inputs", &self.inputs)?;
-        out.set_item("constants", &self.constants)?;
-        let rows = PyList::empty(py);
+        let mut rows = Vec::with_capacity(self.operations.len());
         for (operation, values) in &self.operations {
             let (name, _, count) = OPERATIONS
                 .iter()
                 .find(|(_, of, _)| of == operation)
                 .ok_or_else(|| refused("a table holds an operation without a name"))?;
-            let mut row = vec![name.into_pyobject(py)?.into_any()];
-            for value in values.iter().take(*count) {
-                row.push(value.into_pyobject(py)?.into_any());
-            }
-            rows.append(PyTuple::new(py, row)?)?;
+            rows.push((*name, values.get(..*count).unwrap_or(values)));
         }
-        out.set_item("ops", rows)?;
-        out.set_item("outputs", &self.outputs)?;
-        out.set_item("output_names", &self.output_names)?;
-        Ok(out)
+        Ok(rows)
     }
 
     /// Without some of the inputs, told by their places, which nothing may use.
     pub fn without_inputs(&self, goes: impl Fn(usize) -> bool) -> Self {
-        let mut place: Vec<Value> = Vec::with_capacity(self.inputs.len());
+        let mut place: Vec<Slot> = Vec::with_capacity(self.inputs.len());
         let mut kept = 0;
         for i in 0..self.inputs.len() {
             place.push(kept);
             kept += usize::from(!goes(i));
         }
         let gone = self.inputs.len() - kept;
-        let moved = |value: Value| place.get(value).copied().unwrap_or(value.saturating_sub(gone));
+        let moved = |value: Slot| place.get(value).copied().unwrap_or(value.saturating_sub(gone));
         Self {
             inputs: (0..)
                 .zip(&self.inputs)
@@ -297,7 +266,7 @@ impl Table {
                 break;
             }
         }
-        let mut place: Vec<Value> = (0..inputs).collect();
+        let mut place: Vec<Slot> = (0..inputs).collect();
         let mut next = inputs;
         for needed in &needed[inputs..] {
             place.push(next);
@@ -335,4 +304,37 @@ impl Table {
     pub fn base(&self) -> usize {
         self.inputs.len() + self.called() + self.constants.len()
     }
+}
+
+/// A list, empty if it is not there.
+fn list<'a>(spec: &Spec<'a>, key: &str) -> Result<&'a [Value]> {
+    match spec.get(key) {
+        None => Ok(&[]),
+        Some(value) => value.as_list().ok_or_else(|| refused(format!("table {key} must be a list"))),
+    }
+}
+
+/// [function, values that it takes, number of results].
+fn read_call(row: &Value) -> Option<(Arc<dyn Function>, Vec<Slot>, usize)> {
+    match row.as_list()? {
+        [Value::Function(function), arguments, results] => {
+            Some((function.clone(), arguments.as_wholes()?, results.as_whole()?))
+        }
+        _ => None,
+    }
+}
+
+/// [operation, values that it takes ...].
+fn read_operation(row: &Value) -> Option<(Operation, [Slot; 3])> {
+    let (name, operands) = row.as_list()?.split_first()?;
+    let name = name.as_text()?;
+    let (_, operation, count) = OPERATIONS.iter().find(|(known, ..)| *known == name)?;
+    let mut values = [0; 3];
+    if operands.len() != *count {
+        return None;
+    }
+    for (value, operand) in values.iter_mut().zip(operands) {
+        *value = operand.as_whole()?;
+    }
+    Some((*operation, values))
 }

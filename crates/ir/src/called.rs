@@ -1,14 +1,14 @@
 //! Observers whose model is made of Python functions: the core's laws, step by step, with calls where
 //! the model stands.
 
-use super::interrupt::StopFlag;
-use super::plan::{Plan, StudyResult};
-use super::programs::{Steps, Tables};
-use super::recursion::{AnyObserver, Block, Recursion, larger};
-use super::table::{NOT_COMPILED, Table};
-use super::tabled::MAX_INPUTS;
-use crate::observer::Status;
-use pyo3::prelude::*;
+
+
+use crate::error::Result;
+use crate::tables::{Steps, Tables};
+use crate::recursion::{AnyObserver, Block, Recursion, larger};
+use crate::table::Table;
+use crate::tabled::MAX_INPUTS;
+use hgo_rs::observer::Status;
 
 /// An observer whose step calls functions.
 pub struct Called {
@@ -32,7 +32,7 @@ impl Called {
         given: (&[f64], &[f64]),
         time: (f64, f64),
         innovation: &mut [f64],
-    ) -> PyResult<Status> {
+    ) -> Result<Status> {
         let present = given.0.iter().all(|y| y.is_finite());
         let inputs = self.tables.inputs(memory, given, time);
         let made = steps.choose(memory, present).evaluate(&inputs)?;
@@ -47,7 +47,7 @@ impl Called {
 }
 
 impl Recursion for Called {
-    fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> PyResult<Status> {
+    fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> Result<Status> {
         let Some(correct) = &self.correct else {
             let present = y.iter().all(|y| y.is_finite());
             return Ok(if present { Status::Updated } else { Status::Predicted });
@@ -64,11 +64,11 @@ impl Recursion for Called {
         u: &[f64],
         t: f64,
         dt: f64,
-    ) -> PyResult<Status> {
+    ) -> Result<Status> {
         self.one(&self.advance, memory, (y, u), (t, dt), &mut [])
     }
 
-    fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> PyResult<f64> {
+    fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> Result<f64> {
         let Block { t, dt, mut y, u, memory: rows, innovation, status } = block;
         let (p, q) = (self.tables.n_y(), self.tables.n_u());
         let (mut most, mut undefined) = (0.0, false);
@@ -130,8 +130,5 @@ impl AnyObserver for Called {
     }
     fn recursion(&self) -> &dyn Recursion {
         self
-    }
-    fn study(&self, _plan: &Plan, _stop: &StopFlag) -> PyResult<StudyResult> {
-        Err(super::errors::refused(NOT_COMPILED))
     }
 }

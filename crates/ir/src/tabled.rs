@@ -1,17 +1,16 @@
 //! Continuous laws as tables: each function of a law is traced once, and the schemes of the core run
 //! over the tables. (Laws times schemes, each pair compiled, would be many times as much code.)
 
-use super::choices::{AnyMethod, Manner, NOT_PLACED};
-use super::errors::refused;
-use super::table::Table;
-use super::trace::{self, PlacedGains, Setting, Traced, inline, input, inputs, named, trace};
-use crate::Scalar;
-use crate::injection::{Injected, Placed, Placement};
-use crate::memory::Memory;
-use crate::observer::{ContinuousLaw, Current, Discretised, Observer, Scheme, Timing};
-use crate::observers::BlockGains;
+use crate::choices::{AnyMethod, Manner, NOT_PLACED};
+use crate::error::{Result, refused};
+use crate::table::Table;
+use crate::trace::{self, PlacedGains, Setting, Traced, inline, input, inputs, named, trace};
+use hgo_rs::Scalar;
+use hgo_rs::injection::{Injected, Placed, Placement};
+use hgo_rs::memory::Memory;
+use hgo_rs::observer::{ContinuousLaw, Current, Discretised, Observer, Scheme, Timing};
+use hgo_rs::observers::BlockGains;
 use nalgebra::SVector;
-use pyo3::PyResult;
 use std::sync::{Arc, Mutex};
 
 /// Known inputs that a model may have.
@@ -100,7 +99,7 @@ pub struct Gains {
 
 impl Gains {
     /// Of this law.
-    pub fn new<L>(law: L, at: Placement) -> PyResult<Arc<Self>>
+    pub fn new<L>(law: L, at: Placement) -> Result<Arc<Self>>
     where
         L: Injected<f64, Gains: Numbers<f64>, Poles: Send + Sync> + Send + Sync + 'static,
     {
@@ -134,10 +133,10 @@ impl Gains {
 /// model has for inputs of its own.
 fn part<L>(
     setting: Setting,
-    build: &impl Fn() -> PyResult<L>,
+    build: &impl Fn() -> Result<L>,
     given: &[(&str, usize)],
-    function: impl FnOnce(&L, &[Vec<Traced>]) -> PyResult<Vec<Traced>>,
-) -> PyResult<Table> {
+    function: impl FnOnce(&L, &[Vec<Traced>]) -> Result<Vec<Traced>>,
+) -> Result<Table> {
     trace(setting, || {
         let given: Vec<Vec<Traced>> =
             given.iter().map(|(name, count)| inputs(name, *count)).collect();
@@ -157,8 +156,8 @@ impl LawTables {
         setting: Setting,
         manner: Manner,
         n_u: usize,
-        build: impl Fn() -> PyResult<L>,
-    ) -> PyResult<Self>
+        build: impl Fn() -> Result<L>,
+    ) -> Result<Self>
     where
         L: ContinuousLaw<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>>,
     {
@@ -173,9 +172,9 @@ impl LawTables {
         setting: Setting,
         manner: Manner,
         n_u: usize,
-        build: impl Fn() -> PyResult<L>,
-        gains: impl FnOnce(Placement) -> PyResult<Arc<Gains>>,
-    ) -> PyResult<Self>
+        build: impl Fn() -> Result<L>,
+        gains: impl FnOnce(Placement) -> Result<Arc<Gains>>,
+    ) -> Result<Self>
     where
         L: Injected<
                 Traced,
@@ -195,7 +194,7 @@ impl LawTables {
         Ok(Self { placed, ..Self::of(setting, n_u, &build)? })
     }
 
-    fn of<L>(setting: Setting, n_u: usize, build: &impl Fn() -> PyResult<L>) -> PyResult<Self>
+    fn of<L>(setting: Setting, n_u: usize, build: &impl Fn() -> Result<L>) -> Result<Self>
     where
         L: ContinuousLaw<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>>,
     {
@@ -240,9 +239,9 @@ impl LawTables {
         setting: Setting,
         (at, timing): (Placement, Timing),
         n_u: usize,
-        build: &impl Fn() -> PyResult<L>,
+        build: &impl Fn() -> Result<L>,
         gains: Option<Arc<Gains>>,
-    ) -> PyResult<PlacedTables>
+    ) -> Result<PlacedTables>
     where
         L: Injected<Traced, Input: Memory<Traced>, Gains: Numbers<Traced>>,
     {
@@ -285,7 +284,7 @@ impl LawTables {
     }
 
     /// (t, z, y, u) → ż: what moves together with a plant.
-    pub fn together(&self, setting: Setting) -> PyResult<(Table, Table)> {
+    pub fn together(&self, setting: Setting) -> Result<(Table, Table)> {
         let rate = trace(setting, || {
             let (t, z) = (input("t"), inputs("z", self.len));
             let (y, u) = (input("y[0]"), inputs("u", self.n_u));
@@ -327,7 +326,7 @@ impl LawTables {
     }
 
     /// The use of a sample with current timing: (t, dt, z, y, u, …) → (z⁺, innovation).
-    pub fn correct(&self, setting: Setting, manner: Manner) -> PyResult<Option<Table>> {
+    pub fn correct(&self, setting: Setting, manner: Manner) -> Result<Option<Table>> {
         if manner.timing == Timing::Predictor {
             return Ok(None);
         }
@@ -341,7 +340,7 @@ impl LawTables {
     }
 
     /// The way to the next sample: (t, dt, z, y, u, …) → (z⁺, innovation with predictor timing).
-    pub fn advance(&self, setting: Setting, manner: Manner) -> PyResult<Table> {
+    pub fn advance(&self, setting: Setting, manner: Manner) -> Result<Table> {
         trace(setting, || {
             self.over(manner, |law, given| match manner.method {
                 AnyMethod::Known(scheme) => Ok(self.moved(law, scheme, manner, &given)),

@@ -6,11 +6,10 @@
 //! in order, so that the table gives the bits of the law. A decision about a value that is not known
 //! yet cannot be recorded: the trace then fails, and says so.
 
-use super::errors::refused;
-use super::table::{Call, Scheduled, Table, Value, operands};
-use crate::Scalar;
-use crate::program::Operation;
-use pyo3::PyResult;
+use crate::error::{Result, refused};
+use crate::table::{Call, Scheduled, Table, Slot, operands};
+use hgo_rs::Scalar;
+use hgo_rs::program::Operation;
 use std::cell::RefCell;
 use std::cmp::Ordering;
 use std::collections::HashMap;
@@ -173,8 +172,8 @@ impl Setting {
 /// Trace `law`, which names its inputs and gives its outputs with their names.
 pub fn trace(
     setting: Setting,
-    law: impl FnOnce() -> PyResult<Vec<(String, Traced)>>,
-) -> PyResult<Table> {
+    law: impl FnOnce() -> Result<Vec<(String, Traced)>>,
+) -> Result<Table> {
     with(|trace| {
         let Setting { single, present, answer, .. } = setting;
         *trace = Trace { single, present, answer, ..Trace::default() };
@@ -196,7 +195,7 @@ pub fn trace(
     let mut next_constant = of_calls + called;
     let mut next_result = next_constant + constants;
     let mut table = Table { inputs: names, ..Table::default() };
-    let mut place: Vec<Value> = Vec::with_capacity(nodes.len());
+    let mut place: Vec<Slot> = Vec::with_capacity(nodes.len());
     for node in nodes {
         place.push(match node {
             Node::Input(index) => index,

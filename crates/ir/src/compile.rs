@@ -4,22 +4,21 @@
 //! operations that are alike and have their operands in registers one after the other, as those that
 //! move a state have, become one for a row. Then instructions that wait for one another are put apart.
 
-use super::errors::refused;
-use super::table::{NOT_COMPILED, Table, Value, operands};
-use crate::Scalar;
-use crate::program::{Instruction, Operation, Program, REGISTERS, ROW, Registers};
-use pyo3::prelude::*;
+use crate::error::{Result, refused};
+use crate::table::{NOT_COMPILED, Table, Slot, operands};
+use hgo_rs::Scalar;
+use hgo_rs::program::{Instruction, Operation, Program, REGISTERS, ROW, Registers};
 use std::cmp::Reverse;
 
 /// An operation with the values that it takes.
-type Step = (Operation, [Value; 3]);
+type Step = (Operation, [Slot; 3]);
 
 /// How far behind an operation the others of its row may stand.
 const AHEAD: usize = 64;
 
 impl Table {
     /// As a program of the core.
-    pub fn compile(&self) -> PyResult<Compiled> {
+    pub fn compile(&self) -> Result<Compiled> {
         if !self.calls.is_empty() {
             return Err(refused(NOT_COMPILED));
         }
@@ -27,7 +26,7 @@ impl Table {
         let compiled = Compiler::new(self, true).and_then(Compiler::compile);
         let compiled = compiled.or_else(|| Compiler::new(self, false)?.compile());
         compiled.ok_or_else(|| {
-            refused(&format!(
+            refused(format!(
                 "the program needs more than {NAMED} registers: simplify the expressions, or \
                  lower the order"
             ))
@@ -46,7 +45,7 @@ impl Table {
         let mut fused: Vec<_> = self.operations.iter().copied().map(Some).collect();
         for index in 0..fused.len() {
             let Some((operation, [a, b, _])) = fused[index] else { continue };
-            let made_by = |value: Value, wanted: Operation| {
+            let made_by = |value: Slot, wanted: Operation| {
                 let made = fused[value.checked_sub(base)?]?;
                 (made.0 == wanted && uses[value] == 1).then_some((made.1[0], made.1[1]))
             };
@@ -201,7 +200,7 @@ impl<'a> Compiler<'a> {
 
     /// Operands were read: inputs and constants keep their places, results that nothing needs any more
     /// make room.
-    fn used_up(&mut self, operation: Operation, values: [Value; 3]) {
+    fn used_up(&mut self, operation: Operation, values: [Slot; 3]) {
         for value in values.into_iter().take(operands(operation)) {
             self.uses[value] -= 1;
             if let (0, true, Some(register)) =

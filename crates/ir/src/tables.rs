@@ -3,34 +3,30 @@
 //! The laws are the core's own. Run over [`Traced`] numbers, with the model's table in the place of a
 //! compiled model, each writes down its step once; the program of that step is what runs.
 
-use super::called::Called;
-use super::choices::{AnyGain, AnyMethod, AnySaturation, Manner, MovingGain};
-use super::compile::Compiled;
-use super::design::order_refused;
-use super::errors::refused;
-use super::interrupt::StopFlag;
-use super::plan::{Plan, StudyResult};
-use super::recursion::{AnyObserver, Block, Recursion};
-use super::spec::Spec;
-use super::systems::{AnyModel, read_van_der_pol};
-use super::table::Table;
-use super::tabled::{Gains, LawTables, MAX_INPUTS, flat};
-use super::trace::{self, PlacedGains, Setting, Traced, call, input, inputs, named, trace};
-use crate::Scalar;
+use crate::called::Called;
+use crate::choices::{AnyGain, AnyMethod, AnySaturation, Manner, MovingGain};
+use crate::compile::Compiled;
+use crate::order::order_refused;
+use crate::error::{Result, refused};
+use crate::recursion::{AnyObserver, Block, Recursion};
+use crate::spec::Spec;
+use crate::systems::{AnyModel, read_van_der_pol};
+use crate::table::Table;
+use crate::tabled::{Gains, LawTables, MAX_INPUTS, flat};
+use crate::trace::{self, PlacedGains, Setting, Traced, call, input, inputs, named, trace};
+use hgo_rs::Scalar;
 use crate::dispatch_order;
-use crate::gain::ConstantGain;
-use crate::memory::Memory;
-use crate::model::{Model, PhaseVariable, SampledModel, StrictFeedback, last};
-use crate::models::Correction;
-use crate::observer::{Observer, Status, Timing};
-use crate::observers::{
+use hgo_rs::gain::ConstantGain;
+use hgo_rs::memory::Memory;
+use hgo_rs::model::{Model, PhaseVariable, SampledModel, StrictFeedback, last};
+use hgo_rs::models::Correction;
+use hgo_rs::observer::{Observer, Status, Timing};
+use hgo_rs::observers::{
     LowPower, ModifiedObserver, ReducedOrderObserver, RepelledCollection, SampledDataObserver,
     StandardObserver,
 };
-use crate::program::{REGISTERS, Registers};
+use hgo_rs::program::{REGISTERS, Registers};
 use nalgebra::{SMatrix, SVector};
-use pyo3::prelude::*;
-use pyo3::types::PyDict;
 use std::cmp::Ordering;
 use std::sync::Arc;
 
@@ -54,23 +50,20 @@ pub struct OwnModel {
 }
 
 impl OwnModel {
-    fn read(spec: &Spec<'_>) -> PyResult<Self> {
+    fn read(spec: &Spec<'_>) -> Result<Self> {
         spec.only(&["kind", "form", "n", "n_u", "table", "parameters", "names", "orders", "n_z"])?;
         let (form, n, n_u) = (spec.text("form")?, spec.count("n")?, spec.count("n_u")?);
         let table = Table::read(&spec.sub("table")?)?;
-        let parameters = spec.numbers("parameters")?.values;
+        let parameters = spec.numbers("parameters")?.values.clone();
         if let Some(bad) = parameters.iter().find(|value| !value.is_finite()) {
-            return Err(refused(&format!("a parameter of the model is {bad}; it must be finite")));
+            return Err(refused(format!("a parameter of the model is {bad}; it must be finite")));
         }
         if n_u > MAX_INPUTS {
             let message =
                 format!("n_u = {n_u} is not allowed: a model has 0 to {MAX_INPUTS} inputs");
             return Err(refused(&message));
         }
-        let orders: Vec<usize> = match spec.get("orders")? {
-            Some(orders) => orders.extract()?,
-            None => vec![n],
-        };
+        let orders = spec.wholes("orders")?.unwrap_or_else(|| vec![n]);
         if orders.iter().sum::<usize>() != n || orders.contains(&0) {
             let message =
                 format!("orders = {orders:?} is not allowed: they must add up to n = {n}");
@@ -93,7 +86,7 @@ impl OwnModel {
         };
         let given = given + parameters.len();
         if table.inputs.len() != given || table.outputs.len() != made {
-            return Err(refused(&format!(
+            return Err(refused(format!(
                 "the model's table has {} inputs and {} outputs; its form {form:?} has {given} and \
                  {made}",
                 table.inputs.len(),
@@ -311,16 +304,16 @@ struct PlacedChain {
 }
 
 /// What an observer knows, as its spec says it.
-enum Given<'py, 'a> {
-    Paper(Option<Spec<'py>>),
+enum Given<'a> {
+    Paper(Option<Spec<'a>>),
     Own(Box<OwnModel>),
     /// Chain number `chain` of a model with several outputs.
     Chain(&'a OwnModel, usize),
 }
 
-impl<'py> Given<'py, '_> {
-    fn read(spec: &Spec<'py>) -> PyResult<Self> {
-        if spec.get("model")?.is_none() {
+impl<'a> Given<'a> {
+    fn read(spec: &Spec<'a>) -> Result<Self> {
+        if !spec.has("model") {
             return Ok(Self::Paper(None));
         }
         let model = spec.sub("model")?;
@@ -331,7 +324,7 @@ impl<'py> Given<'py, '_> {
     }
 
     /// Number of known inputs.
-    fn n_u(&self) -> PyResult<usize> {
+    fn n_u(&self) -> Result<usize> {
         match self {
             Self::Paper(None) => Ok(0),
             Self::Paper(Some(model)) => Ok(usize::from(model.text("kind")? == "input")),
@@ -349,7 +342,7 @@ impl<'py> Given<'py, '_> {
     }
 
     /// Within a trace: inputs for the parameters, and the model over them.
-    fn install(&self, n: usize) -> PyResult<Known> {
+    fn install(&self, n: usize) -> Result<Known> {
         let (order, known) = match self {
             Self::Paper(None) => (None, Known::Paper(AnyModel::Unknown)),
             Self::Paper(Some(spec)) => {
@@ -358,7 +351,7 @@ impl<'py> Given<'py, '_> {
             }
             Self::Own(own) => {
                 if own.form != "phase" && own.form != "triangular" {
-                    return Err(refused(&format!(
+                    return Err(refused(format!(
                         "a model of form {:?} does not fit this observer: it needs the phase-variable \
                          or the triangular form",
                         own.form
@@ -380,7 +373,7 @@ impl<'py> Given<'py, '_> {
         };
         match order {
             Some(order) if order != n => {
-                Err(refused(&format!("n = {n} does not fit the model, which has order {order}")))
+                Err(refused(format!("n = {n} does not fit the model, which has order {order}")))
             }
             _ => Ok(known),
         }
@@ -393,8 +386,8 @@ fn half_table<O>(
     setting: Setting,
     n_u: usize,
     corrects: bool,
-    build: impl FnOnce() -> PyResult<O>,
-) -> PyResult<Table>
+    build: impl FnOnce() -> Result<O>,
+) -> Result<Table>
 where
     O: Observer<Traced, Input: Memory<Traced>>,
 {
@@ -420,11 +413,11 @@ where
 impl Tables {
     /// Of a continuous law.
     fn continuous(
-        given: &Given<'_, '_>,
+        given: &Given<'_>,
         setting: Setting,
         manner: Manner,
         law: &LawTables,
-    ) -> PyResult<Self> {
+    ) -> Result<Self> {
         let current = manner.timing == Timing::Current;
         let memory = law.memory(manner.timing);
         let mut initial = law.initial.clone();
@@ -456,7 +449,7 @@ impl Tables {
 }
 
 /// What a recursion of its own is made of.
-fn shape<O>(n_u: usize, build: impl FnOnce() -> PyResult<O>) -> PyResult<Shape>
+fn shape<O>(n_u: usize, build: impl FnOnce() -> Result<O>) -> Result<Shape>
 where
     O: Observer<Traced, Input: Memory<Traced>>,
 {
@@ -471,7 +464,7 @@ where
 }
 
 /// A gain that does not move.
-fn constant(spec: &Spec<'_>) -> PyResult<ConstantGain<f64>> {
+fn constant(spec: &Spec<'_>) -> Result<ConstantGain<f64>> {
     match AnyGain::read(spec)? {
         AnyGain::Constant(gain) => Ok(gain),
         AnyGain::Moving(_) => Err(refused("a gain that moves has no gains for a length alone")),
@@ -480,9 +473,9 @@ fn constant(spec: &Spec<'_>) -> PyResult<ConstantGain<f64>> {
 
 fn standard<const N: usize>(
     spec: &Spec<'_>,
-    given: &Given<'_, '_>,
+    given: &Given<'_>,
     setting: Setting,
-) -> PyResult<Tables> {
+) -> Result<Tables> {
     spec.only(&["kind", "n", "k", "gain", "model", "method", "timing"])?;
     let (k, manner) = (spec.vector::<N>("k", N)?, Manner::read(spec)?);
     let gain = spec.sub("gain")?;
@@ -520,10 +513,10 @@ fn standard<const N: usize>(
 
 fn low_power<const N: usize>(
     spec: &Spec<'_>,
-    given: &Given<'_, '_>,
+    given: &Given<'_>,
     setting: Setting,
     saturated: bool,
-) -> PyResult<Tables> {
+) -> Result<Tables> {
     let manner = Manner::read(spec)?;
     if matches!(given, Given::Own(own) if own.form == "triangular") {
         return Err(refused(
@@ -578,10 +571,10 @@ fn low_power<const N: usize>(
 
 fn collection<const C: usize>(
     spec: &Spec<'_>,
-    given: &Given<'_, '_>,
+    given: &Given<'_>,
     setting: Setting,
     modified: bool,
-) -> PyResult<Tables> {
+) -> Result<Tables> {
     const N: usize = 2;
     spec.only(&["kind", "n", "k", "k_bar", "copies", "gain", "model", "method", "timing"])?;
     let (k, k_bar) = (spec.vector::<N>("k", N)?, spec.vector::<N>("k_bar", N)?);
@@ -608,10 +601,10 @@ fn collection<const C: usize>(
 
 /// Tables of a sampled-data observer that `build` makes.
 fn sampled<O>(
-    given: &Given<'_, '_>,
+    given: &Given<'_>,
     setting: Setting,
-    build: impl Fn() -> PyResult<O>,
-) -> PyResult<Tables>
+    build: impl Fn() -> Result<O>,
+) -> Result<Tables>
 where
     O: Observer<Traced>,
     O::Input: Memory<Traced>,
@@ -631,10 +624,10 @@ where
 }
 
 fn own_sampled<const N: usize>(
-    given: &Given<'_, '_>,
+    given: &Given<'_>,
     own: &OwnModel,
     setting: Setting,
-) -> PyResult<Tables> {
+) -> Result<Tables> {
     if own.form != "sampled" {
         return Err(refused(
             "the sampled-data observer needs a model of sampled-data form: f, K_T and h",
@@ -650,15 +643,15 @@ fn own_sampled<const N: usize>(
 
 fn reduced_order<const NX: usize, const NZ: usize>(
     spec: &Spec<'_>,
-    given: &Given<'_, '_>,
+    given: &Given<'_>,
     own: &OwnModel,
     setting: Setting,
-) -> PyResult<Tables> {
+) -> Result<Tables> {
     type Reduced<const NX: usize, const NZ: usize> =
         ReducedOrderObserver<Traced, OwnStrictFeedback, NX, NZ, MAX_INPUTS>;
     let (h_bar, epsilon) = (spec.vector::<NZ>("h_bar", NZ)?, spec.f64("epsilon")?);
     let n_u = own.n_u;
-    let build = || -> PyResult<Reduced<NX, NZ>> {
+    let build = || -> Result<Reduced<NX, NZ>> {
         let parameters = own.names().iter().map(|name| input(name)).collect();
         let model =
             OwnStrictFeedback { function: trace::function(own.table.clone(), parameters), n_u };
@@ -683,7 +676,7 @@ fn reduced_order<const NX: usize, const NZ: usize>(
 
 impl Tables {
     /// Of the observer that a spec describes.
-    pub fn read(spec: &Spec<'_>, setting: Setting) -> PyResult<Self> {
+    pub fn read(spec: &Spec<'_>, setting: Setting) -> Result<Self> {
         if spec.text("kind")? == "chains" {
             return Self::of_chains(spec, setting);
         }
@@ -692,7 +685,7 @@ impl Tables {
 
     /// Of an observer of several outputs: one observer for each chain, which takes the states of the
     /// other chains as they stand at the beginning of a step.
-    fn of_chains(spec: &Spec<'_>, setting: Setting) -> PyResult<Self> {
+    fn of_chains(spec: &Spec<'_>, setting: Setting) -> Result<Self> {
         spec.only(&["kind", "observers", "model"])?;
         let own = OwnModel::read(&spec.sub("model")?)?;
         if own.form != "chains" {
@@ -700,13 +693,13 @@ impl Tables {
         }
         let specs = spec.list("observers")?;
         if specs.len() > CHAINS {
-            return Err(refused(&format!(
+            return Err(refused(format!(
                 "{} outputs are not allowed: 1 to {CHAINS}",
                 specs.len()
             )));
         }
         if specs.len() != own.orders.len() {
-            return Err(refused(&format!(
+            return Err(refused(format!(
                 "{} observers do not fit a model of {} chains",
                 specs.len(),
                 own.orders.len()
@@ -716,7 +709,7 @@ impl Tables {
             .iter()
             .enumerate()
             .map(|(chain, spec)| Self::of(spec, &Given::Chain(&own, chain), setting))
-            .collect::<PyResult<_>>()?;
+            .collect::<Result<_>>()?;
         if chains.iter().any(|of| of.shape.current != chains[0].shape.current) {
             return Err(refused("the observers of a model of chains must have the same timing"));
         }
@@ -782,7 +775,7 @@ impl Tables {
         })
     }
 
-    fn of(spec: &Spec<'_>, given: &Given<'_, '_>, setting: Setting) -> PyResult<Self> {
+    fn of(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Result<Self> {
         let kind = spec.text("kind")?;
         if kind == "sampled-data" {
             spec.only(&["kind", "model", "gain"])?;
@@ -811,7 +804,7 @@ impl Tables {
                 ($(($x:literal, $z:literal)),+) => {
                     match (own.n, own.n_z) {
                         $(($x, $z) => reduced_order::<$x, $z>(spec, given, own, setting),)+
-                        (n_x, n_z) => Err(refused(&format!(
+                        (n_x, n_z) => Err(refused(format!(
                             "{n_x} measured and {n_z} unmeasured states are not allowed: the \
                              reduced-order observer takes 1 to 4, and no more unmeasured than measured"
                         ))),
@@ -840,7 +833,7 @@ impl Tables {
                     3 => collection::<3>(spec, given, setting, modified),
                     4 => collection::<4>(spec, given, setting, modified),
                     5 => collection::<5>(spec, given, setting, modified),
-                    copies => Err(refused(&format!(
+                    copies => Err(refused(format!(
                         "copies = {copies} is not allowed: 2 to 5 from Python"
                     ))),
                 }
@@ -908,7 +901,7 @@ pub struct Programmed {
 }
 
 /// An observer with a model of the user's own.
-pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
+pub fn build(spec: &Spec<'_>) -> Result<Box<dyn AnyObserver>> {
     let setting = Setting { gains: PlacedGains::Given, ..Setting::usual(false) };
     let tables = Tables::read(spec, setting)?;
     let calls = |table: &Table| !table.calls.is_empty();
@@ -952,7 +945,7 @@ impl Tables {
     }
     /// What takes the sample, whether the law has started or not: the correction with current timing,
     /// else the way to the next sample.
-    pub fn taking(&self) -> PyResult<Table> {
+    pub fn taking(&self) -> Result<Table> {
         let usual = self.correct.as_ref().unwrap_or(&self.advance);
         let Some((index, [unstarted, _])) = &self.unstarted else { return Ok(usual.clone()) };
         trace(Setting::usual(false), || {
@@ -978,7 +971,7 @@ impl Tables {
     }
 
     /// A correction and the way on as one step: (next memory, innovation, memory after the correction).
-    fn whole(&self, correct: &Table) -> PyResult<Table> {
+    fn whole(&self, correct: &Table) -> Result<Table> {
         let m = self.shape.memory;
         trace(Setting::usual(false), || {
             let given: Vec<Traced> = correct.inputs.iter().map(|name| input(name)).collect();
@@ -995,8 +988,8 @@ impl Tables {
     /// timing, and the way to the next one.
     fn halves<S>(
         &self,
-        make: impl Fn(&Table) -> PyResult<S>,
-    ) -> PyResult<(Option<Steps<S>>, Steps<S>)> {
+        make: impl Fn(&Table) -> Result<S>,
+    ) -> Result<(Option<Steps<S>>, Steps<S>)> {
         let Some(correct) = &self.correct else {
             return Ok((None, self.forms(&self.advance, make)?));
         };
@@ -1006,8 +999,8 @@ impl Tables {
     }
 
     /// What `make` makes of a table that takes the sample, in all forms that it has.
-    fn forms<S>(&self, usual: &Table, make: impl Fn(&Table) -> PyResult<S>) -> PyResult<Steps<S>> {
-        let step = |table: &Table| Ok::<_, PyErr>(Arc::new(make(table)?));
+    fn forms<S>(&self, usual: &Table, make: impl Fn(&Table) -> Result<S>) -> Result<Steps<S>> {
+        let step = |table: &Table| Ok::<_, crate::Error>(Arc::new(make(table)?));
         let unstarted = match &self.unstarted {
             None => None,
             Some((index, [with, without])) => Some((*index, [step(with)?, step(without)?])),
@@ -1017,7 +1010,7 @@ impl Tables {
     }
 
     /// The program of a step.
-    fn program(&self, table: &Table, shown: usize) -> PyResult<Step> {
+    fn program(&self, table: &Table, shown: usize) -> Result<Step> {
         let (compiled, m) = (table.compile()?, self.shape.memory);
         let of = |from: usize| compiled.outputs.iter().skip(from).take(m);
         let next = (MEMORY..).zip(of(0).zip(of(shown)));
@@ -1301,7 +1294,7 @@ fn status(moved: bool, present: bool) -> Status {
 }
 
 impl Recursion for Programmed {
-    fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> PyResult<Status> {
+    fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> Result<Status> {
         let Some(correct) = &self.correct else {
             return Ok(status(true, y.iter().all(|y| y.is_finite())));
         };
@@ -1317,11 +1310,11 @@ impl Recursion for Programmed {
         u: &[f64],
         t: f64,
         dt: f64,
-    ) -> PyResult<Status> {
+    ) -> Result<Status> {
         Ok(self.one(&self.advance, memory, (y, u), (t, dt)))
     }
 
-    fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> PyResult<f64> {
+    fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> Result<f64> {
         Ok(match memory.len() {
             1 => self.advance_by(1, memory, block),
             2 => self.advance_by(2, memory, block),
@@ -1355,146 +1348,5 @@ impl AnyObserver for Programmed {
     fn recursion(&self) -> &dyn Recursion {
         self
     }
-    /// Studies of programs begin at [`simulate`], which has the plant's table too.
-    fn study(&self, _plan: &Plan, _stop: &StopFlag) -> PyResult<StudyResult> {
-        Err(refused("this computation takes the papers' plants and observers only"))
-    }
 }
 
-/// A part of the step of the observer that `spec` describes, as a table over (t, dt, z, y, u,
-/// parameters), without the inputs that the part does not take. "step", with predictor timing: (z after
-/// the step, innovation). With current timing "correct", the use of a sample, of (t, z, y): (z, innovation);
-/// and "predict", the way to the next one, of (t, dt, z, u): z. With `missing` the part that takes the
-/// sample where it is missing. With `dt`, corrections that are placed (zoh, bilinear) are right for times
-/// of this length only.
-#[pyfunction]
-#[pyo3(signature = (spec, single=false, missing=false, dt=None, part="step"))]
-pub fn trace_step<'py>(
-    py: Python<'py>,
-    spec: &Bound<'py, PyAny>,
-    single: bool,
-    missing: bool,
-    dt: Option<f64>,
-    part: &str,
-) -> PyResult<Bound<'py, PyDict>> {
-    let gains = dt.map_or(PlacedGains::Computed, PlacedGains::For);
-    let setting = Setting { gains, ..Setting::usual(single) };
-    let tables = Tables::read(&Spec::new(spec, "observer")?, setting)?;
-    let of_missing = tables.missing.filter(|_| missing);
-    let Shape { memory, n_y, n_u, .. } = tables.shape;
-    let y = MEMORY + memory..MEMORY + memory + n_y;
-    let u = y.end..y.end + n_u;
-    let table = match (part, tables.correct) {
-        ("step", None) => of_missing.unwrap_or(tables.advance),
-        ("correct", Some(correct)) => {
-            let step = MEMORY - 1; // its length
-            of_missing.unwrap_or(correct).without_inputs(|i| i == step || u.contains(&i))
-        }
-        ("predict", Some(_)) => tables.advance.without_inputs(|i| y.contains(&i)),
-        (other, correct) => {
-            let parts = if correct.is_some() { "correct or predict" } else { "step" };
-            return Err(refused(&format!("part = {other:?} is not allowed: {parts}")));
-        }
-    };
-    table.to_dict(py)
-}
-
-/// Memories along a record in single precision: times (N,), samples (N, n_y), inputs (N, n_u), memory
-/// to start from. Row k stands before sample k, or after it if the law filters.
-#[pyfunction]
-#[allow(clippy::cast_possible_truncation, clippy::needless_pass_by_value)]
-pub fn run_single(
-    spec: &Bound<'_, PyAny>,
-    t: Vec<f64>,
-    y: &Bound<'_, PyAny>,
-    u: &Bound<'_, PyAny>,
-    memory0: Vec<f64>,
-) -> PyResult<Vec<Vec<f32>>> {
-    let tables = Tables::read(&Spec::new(spec, "observer")?, Setting::usual(true))?;
-    let Shape { memory, n_y, n_u, .. } = tables.shape;
-    let (y, u) = (super::spec::numbers(y)?.values, super::spec::numbers(u)?.values);
-    let samples = t.len();
-    if y.len() != samples * n_y || u.len() != samples * n_u || memory0.len() != memory {
-        let message = "t, y, u and memory0 must have N, N n_y, N n_u and m entries";
-        return Err(refused(message));
-    }
-    let compile = |table: &Table| {
-        table.compile().map(|compiled| (tables.at_rest::<f32>(&compiled), compiled))
-    };
-    let correct = tables.correct.as_ref().map(compile).transpose()?;
-    let advance = compile(&tables.advance)?;
-    let missing = tables.missing.as_ref().map(compile).transpose()?;
-    let unstarted = match &tables.unstarted {
-        Some((index, [with, without])) => Some((*index, [compile(with)?, compile(without)?])),
-        None => None,
-    };
-    let mut z: Vec<f32> = memory0.iter().map(|value| *value as f32).collect();
-    let mut rows = Vec::with_capacity(samples);
-    for k in 0..samples {
-        let (y, u) = (&y[k * n_y..(k + 1) * n_y], &u[k * n_u..(k + 1) * n_u]);
-        let present = y.iter().all(|y| y.is_finite());
-        let take = |z: &[f32], usual| {
-            let fresh = unstarted.as_ref().filter(|(index, _)| z[*index] <= 0.0);
-            match fresh {
-                Some((_, forms)) => &forms[usize::from(!present)],
-                None => missing.as_ref().filter(|_| !present).unwrap_or(usual),
-            }
-        };
-        let dt = t.get(k + 1).map(|next| (next - t[k]) as f32);
-        let evaluate = |z: &mut Vec<f32>, of: &(Registers<f32>, Compiled), dt: f32| {
-            let (at_rest, step) = of;
-            let mut r = *at_rest;
-            let sample = y.iter().chain(u).map(|value| *value as f32);
-            let given = [t[k] as f32, dt].into_iter().chain(z.iter().copied()).chain(sample);
-            r.0.iter_mut().zip(given).for_each(|(slot, value)| *slot = value);
-            step.program().run(&mut r);
-            let next = step.outputs.iter().take(memory).map(|output| r.0[usize::from(*output)]);
-            let next: Vec<f32> = next.collect();
-            if !next.iter().all(|value| value.is_finite()) {
-                return Err(refused(&format!("the model has no value at sample {k}")));
-            }
-            *z = next;
-            Ok(())
-        };
-        if let Some(correct) = &correct {
-            let of = take(&z, correct);
-            evaluate(&mut z, of, 0.0)?;
-        }
-        rows.push(z.clone());
-        if let Some(dt) = dt {
-            let of = if correct.is_some() { &advance } else { take(&z, &advance) };
-            evaluate(&mut z, of, dt)?;
-        }
-    }
-    Ok(rows)
-}
-
-/// Outputs of a table for rows of inputs, in double or single precision.
-#[pyfunction]
-#[pyo3(signature = (table, inputs, single=false))]
-pub fn evaluate_table(
-    table: &Bound<'_, PyAny>,
-    inputs: &Bound<'_, PyAny>,
-    single: bool,
-) -> PyResult<Vec<Vec<f64>>> {
-    let table = Table::read(&Spec::new(table, "table")?)?;
-    let given = super::spec::numbers(inputs)?;
-    let columns = table.inputs.len();
-    if given.shape.len() != 2 || given.shape[1] != columns {
-        let shape = given.shape;
-        return Err(refused(&format!("inputs have shape {shape:?}; they must be (N, {columns})")));
-    }
-    let compiled = table.compile()?;
-    let rows = given.values.chunks_exact(columns.max(1));
-    #[allow(clippy::cast_possible_truncation)]
-    Ok(rows
-        .map(|row| {
-            if single {
-                let row: Vec<f32> = row.iter().map(|value| *value as f32).collect();
-                compiled.evaluate(&row).into_iter().map(f64::from).collect()
-            } else {
-                compiled.evaluate(row)
-            }
-        })
-        .collect())
-}

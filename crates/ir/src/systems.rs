@@ -1,11 +1,11 @@
 //! The systems that Python can name: what an observer knows, and the plants.
 
-use super::spec::Spec;
-use crate::Scalar;
-use crate::model::{InputGain, Model, PhaseVariable, last, no_input};
-use crate::models::{Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, VanDerPol};
+use crate::error::Result;
+use crate::spec::Spec;
+use hgo_rs::Scalar;
+use hgo_rs::model::{InputGain, Model, PhaseVariable, last, no_input};
+use hgo_rs::models::{Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, VanDerPol};
 use nalgebra::SVector;
-use pyo3::prelude::*;
 
 /// The model that an observer knows, chosen at run time; its order was checked against the
 /// observer's when it was built.
@@ -68,7 +68,7 @@ impl<T: Scalar> AnyModel<T> {
 }
 
 impl<T: Scalar> AnyModel<T> {
-    pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
+    pub fn read(spec: &Spec<'_>) -> Result<Self> {
         let kind = spec.text("kind")?;
         Ok(match kind.as_str() {
             "none" => {
@@ -77,7 +77,7 @@ impl<T: Scalar> AnyModel<T> {
             }
             "input" => {
                 spec.only(&["kind", "b0"])?;
-                let b0 = crate::error::finite("b0", spec.f64("b0")?)?;
+                let b0 = hgo_rs::error::finite("b0", spec.f64("b0")?)?;
                 Self::Input(InputGain { b0: T::from_f64(b0) })
             }
             "lee" => Self::Lee(read_lee(spec)?),
@@ -101,12 +101,12 @@ impl<T: Scalar> AnyModel<T> {
     }
 }
 
-pub fn read_lee(spec: &Spec<'_>) -> PyResult<Lee> {
+pub fn read_lee(spec: &Spec<'_>) -> Result<Lee> {
     spec.only(&["kind"])?;
     Ok(Lee)
 }
 
-pub fn read_sanfelice_praly<T: Scalar>(spec: &Spec<'_>) -> PyResult<SanfelicePraly<T>> {
+pub fn read_sanfelice_praly<T: Scalar>(spec: &Spec<'_>) -> Result<SanfelicePraly<T>> {
     spec.only(&["kind", "nu1", "nu2"])?;
     let [nu1, nu2] = [spec.f64("nu1")?, spec.f64_or("nu2", 0.1)?].map(T::from_f64);
     Ok(SanfelicePraly::new(nu1, nu2)?)
@@ -115,7 +115,7 @@ pub fn read_sanfelice_praly<T: Scalar>(spec: &Spec<'_>) -> PyResult<SanfelicePra
 pub fn read_van_der_pol<T: Scalar>(
     spec: &Spec<'_>,
     correction: Correction,
-) -> PyResult<VanDerPol<T>> {
+) -> Result<VanDerPol<T>> {
     spec.only(&["kind", "epsilon", "sigma", "multiplicative"])?;
     let diffusion = if spec.flag_or("multiplicative", false)? {
         Diffusion::Multiplicative
@@ -127,14 +127,14 @@ pub fn read_van_der_pol<T: Scalar>(
     Ok(VanDerPol::new(epsilon, sigma, diffusion, correction)?)
 }
 
-pub fn read_crackle<T: Scalar>(spec: &Spec<'_>) -> PyResult<Crackle<T>> {
+pub fn read_crackle<T: Scalar>(spec: &Spec<'_>) -> Result<Crackle<T>> {
     spec.only(&["kind", "phi_max"])?;
     Ok(Crackle::new(T::from_f64(spec.f64_or("phi_max", 3.0)?))?)
 }
 
-pub fn read_ship<T: Scalar>(spec: &Spec<'_>) -> PyResult<Ship<T>> {
+pub fn read_ship<T: Scalar>(spec: &Spec<'_>) -> Result<Ship<T>> {
     spec.only(&["kind", "delta", "w"])?;
-    let w = if spec.get("w")?.is_some() { spec.vector::<3>("w", 3)? } else { [0.0; 3] };
+    let w = if spec.has("w") { spec.vector::<3>("w", 3)? } else { [0.0; 3] };
     Ok(Ship::new(T::from_f64(spec.f64_or("delta", 0.0)?), w.map(T::from_f64))?)
 }
 
@@ -153,7 +153,7 @@ pub enum AnyPlant<T = f64> {
 }
 
 impl<T: Scalar> AnyPlant<T> {
-    pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
+    pub fn read(spec: &Spec<'_>) -> Result<Self> {
         let kind = spec.text("kind")?;
         Ok(match kind.as_str() {
             "lee" => Self::Lee(read_lee(spec)?),
