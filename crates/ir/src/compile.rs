@@ -5,6 +5,7 @@
 //! move a state have, become one for a row. Then instructions that wait for one another are put apart.
 
 use crate::error::{Result, refused};
+use crate::value::Numbers;
 use crate::table::{NOT_COMPILED, Table, Slot, operands};
 use hgo_rs::Scalar;
 use hgo_rs::program::{Instruction, Operation, Program, REGISTERS, ROW, Registers};
@@ -31,6 +32,28 @@ impl Table {
                  lower the order"
             ))
         })
+    }
+
+    /// Its outputs for rows of inputs, in double or single precision.
+    pub fn evaluate_rows(&self, inputs: &Numbers, single: bool) -> Result<Vec<Vec<f64>>> {
+        let columns = self.inputs.len();
+        let Numbers { values, shape } = inputs;
+        if shape.len() != 2 || shape[1] != columns {
+            return Err(refused(format!("inputs have shape {shape:?}; they must be (N, {columns})")));
+        }
+        let compiled = self.compile()?;
+        let rows = values.chunks_exact(columns.max(1));
+        #[allow(clippy::cast_possible_truncation)]
+        Ok(rows
+            .map(|row| {
+                if single {
+                    let row: Vec<f32> = row.iter().map(|value| *value as f32).collect();
+                    compiled.evaluate(&row).into_iter().map(f64::from).collect()
+                } else {
+                    compiled.evaluate(row)
+                }
+            })
+            .collect())
     }
 
     /// Operations with those made one that no other shares the result of: a product and a sum, a

@@ -1350,3 +1350,94 @@ impl AnyObserver for Programmed {
     }
 }
 
+impl Tables {
+    /// A part of the step as a table over (t, dt, z, y, u, parameters), without the inputs that the part
+    /// does not take. "step", with predictor timing: (z after the step, innovation). With current timing
+    /// "correct", the use of a sample, of (t, z, y): (z, innovation); and "predict", the way to the next
+    /// one, of (t, dt, z, u): z. With `missing` the part that takes the sample where it is missing.
+    pub fn part(self, part: &str, missing: bool) -> Result<Table> {
+        let of_missing = self.missing.filter(|_| missing);
+        let Shape { memory, n_y, n_u, .. } = self.shape;
+        let y = MEMORY + memory..MEMORY + memory + n_y;
+        let u = y.end..y.end + n_u;
+        match (part, self.correct) {
+            ("step", None) => Ok(of_missing.unwrap_or(self.advance)),
+            ("correct", Some(correct)) => {
+                let step = MEMORY - 1; // its length
+                let correct = of_missing.unwrap_or(correct);
+                Ok(correct.without_inputs(|i| i == step || u.contains(&i)))
+            }
+            ("predict", Some(_)) => Ok(self.advance.without_inputs(|i| y.contains(&i))),
+            (other, correct) => {
+                let parts = if correct.is_some() { "correct or predict" } else { "step" };
+                Err(refused(format!("part = {other:?} is not allowed: {parts}")))
+            }
+        }
+    }
+
+    /// Memories along a record in single precision: times (N,), samples (N, n_y), inputs (N, n_u), memory
+    /// to start from. Row k stands before sample k, or after it if the law filters.
+    #[allow(clippy::cast_possible_truncation)]
+    pub fn run_single(
+        &self,
+        t: &[f64],
+        (y, u): (&[f64], &[f64]),
+        memory0: &[f64],
+    ) -> Result<Vec<Vec<f32>>> {
+        let Shape { memory, n_y, n_u, .. } = self.shape;
+        let samples = t.len();
+        if y.len() != samples * n_y || u.len() != samples * n_u || memory0.len() != memory {
+            let message = "t, y, u and memory0 must have N, N n_y, N n_u and m entries";
+            return Err(refused(message));
+        }
+        let compile = |table: &Table| {
+            table.compile().map(|compiled| (self.at_rest::<f32>(&compiled), compiled))
+        };
+        let correct = self.correct.as_ref().map(compile).transpose()?;
+        let advance = compile(&self.advance)?;
+        let missing = self.missing.as_ref().map(compile).transpose()?;
+        let unstarted = match &self.unstarted {
+            Some((index, [with, without])) => Some((*index, [compile(with)?, compile(without)?])),
+            None => None,
+        };
+        let mut z: Vec<f32> = memory0.iter().map(|value| *value as f32).collect();
+        let mut rows = Vec::with_capacity(samples);
+        for k in 0..samples {
+            let (y, u) = (&y[k * n_y..(k + 1) * n_y], &u[k * n_u..(k + 1) * n_u]);
+            let present = y.iter().all(|y| y.is_finite());
+            let take = |z: &[f32], usual| {
+                let fresh = unstarted.as_ref().filter(|(index, _)| z[*index] <= 0.0);
+                match fresh {
+                    Some((_, forms)) => &forms[usize::from(!present)],
+                    None => missing.as_ref().filter(|_| !present).unwrap_or(usual),
+                }
+            };
+            let dt = t.get(k + 1).map(|next| (next - t[k]) as f32);
+            let evaluate = |z: &mut Vec<f32>, of: &(Registers<f32>, Compiled), dt: f32| {
+                let (at_rest, step) = of;
+                let mut r = *at_rest;
+                let sample = y.iter().chain(u).map(|value| *value as f32);
+                let given = [t[k] as f32, dt].into_iter().chain(z.iter().copied()).chain(sample);
+                r.0.iter_mut().zip(given).for_each(|(slot, value)| *slot = value);
+                step.program().run(&mut r);
+                let next = step.outputs.iter().take(memory).map(|output| r.0[usize::from(*output)]);
+                let next: Vec<f32> = next.collect();
+                if !next.iter().all(|value| value.is_finite()) {
+                    return Err(refused(format!("the model has no value at sample {k}")));
+                }
+                *z = next;
+                Ok(())
+            };
+            if let Some(correct) = &correct {
+                let of = take(&z, correct);
+                evaluate(&mut z, of, 0.0)?;
+            }
+            rows.push(z.clone());
+            if let Some(dt) = dt {
+                let of = if correct.is_some() { &advance } else { take(&z, &advance) };
+                evaluate(&mut z, of, dt)?;
+            }
+        }
+        Ok(rows)
+    }
+}

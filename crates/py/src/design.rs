@@ -1,73 +1,11 @@
 //! Coefficients from poles, at the Python border.
 
-use super::errors::refused;
-use crate::observers::MAX_ORDER;
-use crate::polynomial;
+use crate::errors::{Result, refused};
+use hgo_ir::dispatch_order;
+use hgo_ir::order::order_refused;
+use hgo_rs::observers::MAX_ORDER;
+use hgo_rs::polynomial;
 use pyo3::prelude::*;
-
-/// Call `$body` with the constant `$n` equal to the run-time order, 1 to 12.
-#[macro_export]
-#[doc(hidden)]
-macro_rules! dispatch_order {
-    ($order:expr, $n:ident => $body:expr, else $other:expr) => {
-        match $order {
-            1 => {
-                const $n: usize = 1;
-                $body
-            }
-            2 => {
-                const $n: usize = 2;
-                $body
-            }
-            3 => {
-                const $n: usize = 3;
-                $body
-            }
-            4 => {
-                const $n: usize = 4;
-                $body
-            }
-            5 => {
-                const $n: usize = 5;
-                $body
-            }
-            6 => {
-                const $n: usize = 6;
-                $body
-            }
-            7 => {
-                const $n: usize = 7;
-                $body
-            }
-            8 => {
-                const $n: usize = 8;
-                $body
-            }
-            9 => {
-                const $n: usize = 9;
-                $body
-            }
-            10 => {
-                const $n: usize = 10;
-                $body
-            }
-            11 => {
-                const $n: usize = 11;
-                $body
-            }
-            12 => {
-                const $n: usize = 12;
-                $body
-            }
-            _ => $other,
-        }
-    };
-}
-
-/// Refusal of an order outside 1 to 12.
-pub fn order_refused(order: usize) -> PyErr {
-    refused(&format!("n = {order} is not allowed: the order must be 1 to {MAX_ORDER}"))
-}
 
 fn pairs<const N: usize>(poles: &[(f64, f64)]) -> [(f64, f64); N] {
     std::array::from_fn(|i| poles.get(i).copied().unwrap_or((0.0, 0.0)))
@@ -76,10 +14,10 @@ fn pairs<const N: usize>(poles: &[(f64, f64)]) -> [(f64, f64); N] {
 /// Coefficients [k_1 ... k_n] from poles given as (real, imaginary) pairs.
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value)]
-pub fn coefficients_from_poles(poles: Vec<(f64, f64)>) -> PyResult<Vec<f64>> {
+pub fn coefficients_from_poles(poles: Vec<(f64, f64)>) -> Result<Vec<f64>> {
     dispatch_order!(poles.len(), N => {
         Ok(polynomial::coefficients_from_poles::<f64, N>(pairs(&poles))?.to_vec())
-    }, else Err(order_refused(poles.len())))
+    }, else Err(order_refused(poles.len()).into()))
 }
 
 /// Whether s^n + c_1 s^(n-1) + ... + c_n has all roots in the left half plane.
@@ -98,18 +36,18 @@ fn without_last(alpha: &[f64], beta: &[f64]) -> AlphaBeta {
 /// (alpha, beta) from the trailing coefficients of a Hurwitz polynomial of degree 2n - 1.
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value)]
-pub fn low_power_coefficients(coefficients: Vec<f64>) -> PyResult<AlphaBeta> {
+pub fn low_power_coefficients(coefficients: Vec<f64>) -> Result<AlphaBeta> {
     let order = coefficients.len().div_ceil(2);
     dispatch_order!(order, N => {
         let (alpha, beta) = polynomial::low_power_coefficients::<f64, N>(&coefficients)?;
         Ok(without_last(&alpha, &beta))
-    }, else Err(order_refused(order)))
+    }, else Err(order_refused(order).into()))
 }
 
 /// (alpha, beta) from 2n - 1 poles given as (real, imaginary) pairs.
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value)]
-pub fn low_power_coefficients_from_poles(poles: Vec<(f64, f64)>) -> PyResult<AlphaBeta> {
+pub fn low_power_coefficients_from_poles(poles: Vec<(f64, f64)>) -> Result<AlphaBeta> {
     macro_rules! made {
         ($n:literal) => {{
             let made = polynomial::low_power_coefficients_from_poles::<f64, $n, { 2 * $n - 1 }>(
@@ -141,10 +79,10 @@ pub fn low_power_coefficients_from_poles(poles: Vec<(f64, f64)>) -> PyResult<Alp
 /// Trailing coefficients of the characteristic polynomial of M_n for alpha (n) and beta (n - 1).
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value)]
-pub fn low_power_polynomial(alpha: Vec<f64>, beta: Vec<f64>) -> PyResult<Vec<f64>> {
+pub fn low_power_polynomial(alpha: Vec<f64>, beta: Vec<f64>) -> Result<Vec<f64>> {
     let order = alpha.len();
     if order == 0 || order > MAX_ORDER {
-        return Err(order_refused(order));
+        return Err(order_refused(order).into());
     }
     if beta.len() + 1 != order {
         let message = format!("beta has {} entries; it must have {}", beta.len(), order - 1);

@@ -1,25 +1,26 @@
 //! The functions of `hgo_rs._core`.
 
-use super::errors::refused;
-use super::interrupt::{StopFlag, interruptible};
-use super::observers::build;
-use super::plan::{Plan, STOCHASTIC_METHODS, row, stochastic, vectors};
-use super::program_study;
-use super::spec::{Spec, matrix, numbers};
-use super::systems::AnyPlant;
-use crate::covariance::ErrorCovariance;
-use crate::ensemble::coupled_block;
-use crate::gain::ConstantGain;
-use crate::lanes::LANES;
-use crate::memory::Memory;
-use crate::metrics::Moments;
-use crate::model::{Plant, StochasticIntegrator, Unknown};
-use crate::models::VanDerPol;
-use crate::noise::{Channel, Draw, Noise, SecondOrderSections, Stream};
-use crate::observer::{Discretised, Euler};
-use crate::observers::StandardObserver;
-use crate::simulate::Experiment;
-use crate::vectors::{Task, Vectors};
+use crate::errors::{Result, refused};
+use crate::interrupt::{StopFlag, interruptible};
+use crate::observers::build;
+use crate::plan::{Plan, STOCHASTIC_METHODS, row, stochastic, vectors};
+use crate::program_study;
+use crate::values::{matrix, numbers, read_dict};
+use hgo_ir::Spec;
+use hgo_ir::systems::AnyPlant;
+use hgo_rs::covariance::ErrorCovariance;
+use hgo_rs::ensemble::coupled_block;
+use hgo_rs::gain::ConstantGain;
+use hgo_rs::lanes::LANES;
+use hgo_rs::memory::Memory;
+use hgo_rs::metrics::Moments;
+use hgo_rs::model::{Plant, StochasticIntegrator, Unknown};
+use hgo_rs::models::VanDerPol;
+use hgo_rs::noise::{Channel, Draw, Noise, SecondOrderSections, Stream};
+use hgo_rs::observer::{Discretised, Euler};
+use hgo_rs::observers::StandardObserver;
+use hgo_rs::simulate::Experiment;
+use hgo_rs::vectors::{Task, Vectors};
 use nalgebra::Vector2;
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
@@ -28,13 +29,14 @@ use rayon::prelude::*;
 
 /// Run an experiment described by a spec.
 #[pyfunction]
-pub fn simulate<'py>(py: Python<'py>, spec: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
-    let spec = Spec::new(spec, "simulation")?;
+pub fn simulate<'py>(py: Python<'py>, spec: &Bound<'py, PyAny>) -> Result<Bound<'py, PyDict>> {
+    let value = read_dict(spec, "simulation")?;
+    let spec = Spec::new(&value, "simulation")?;
     if program_study::is_programmed(&spec)? {
         return program_study::simulate(py, &spec);
     }
     let observer = build(&spec.sub("observer")?)?;
-    let plan = Plan::read(&spec, observer.initial().len(), &[])?;
+    let plan = Plan::read(&spec, observer.law().initial().len(), &[])?;
     vectors(&plan)?; // an instruction set that is asked for is there, whether this study needs it or not
     let result = interruptible(py, |stop| observer.study(&plan, stop))?;
     result.into_dict(py, &plan)
@@ -71,16 +73,17 @@ impl Task for Coupled<'_> {
 pub fn coupled_paths<'py>(
     py: Python<'py>,
     spec: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let spec = Spec::new(spec, "coupled paths")?;
+) -> Result<Bound<'py, PyDict>> {
+    let value = read_dict(spec, "coupled paths")?;
+    let spec = Spec::new(&value, "coupled paths")?;
     spec.only(&["plant", "x0", "t_end", "coarse", "fine", "method", "runs", "seed", "first_run"])?;
     let AnyPlant::VanDerPol(plant) = AnyPlant::read(&spec.sub("plant")?)? else {
         return Err(refused("plant must have process noise: choose van-der-pol"));
     };
-    let runs = if spec.get("runs")?.is_some() { spec.count("runs")? } else { 1 };
+    let runs = if spec.has("runs") { spec.count("runs")? } else { 1 };
     let x0 = spec.rows("x0", 2, runs)?;
-    let t_end = crate::error::positive("t_end", spec.f64("t_end")?)?;
-    let count = |key: &str| -> PyResult<u32> {
+    let t_end = hgo_rs::error::positive("t_end", spec.f64("t_end")?)?;
+    let count = |key: &str| -> Result<u32> {
         let value = spec.whole(key)?;
         u32::try_from(value)
             .ok()
@@ -126,9 +129,10 @@ pub fn coupled_paths<'py>(
 pub fn mean_covariance<'py>(
     py: Python<'py>,
     spec: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyDict>> {
+) -> Result<Bound<'py, PyDict>> {
     const N: usize = 2;
-    let spec = Spec::new(spec, "covariance")?;
+    let value = read_dict(spec, "covariance")?;
+    let spec = Spec::new(&value, "covariance")?;
     let observer_spec = spec.sub("observer")?;
     let (k, gain) = (observer_spec.vector::<N>("k", N)?, observer_spec.sub("gain")?);
     let linear = observer_spec.text("kind")? == "standard"
@@ -142,9 +146,9 @@ pub fn mean_covariance<'py>(
     }
     let ell = gain.f64("ell")?;
     let observer = build(&observer_spec)?;
-    let plan = Plan::read(&spec, observer.initial().len(), &["variance"])?;
-    let variance = match (spec.get("variance")?, plan.noise_variance()) {
-        (Some(_), _) => crate::error::positive("variance", spec.f64("variance")?)?,
+    let plan = Plan::read(&spec, observer.law().initial().len(), &["variance"])?;
+    let variance = match (spec.get("variance"), plan.noise_variance()) {
+        (Some(_), _) => hgo_rs::error::positive("variance", spec.f64("variance")?)?,
         (None, Some(variance)) => variance,
         (None, None) => {
             return Err(refused(
@@ -201,7 +205,7 @@ pub fn random<'py>(
     seed: u64,
     run: u64,
     channel: u64,
-) -> PyResult<Bound<'py, PyAny>> {
+) -> Result<Bound<'py, PyAny>> {
     let channel = match channel {
         0 => Channel::Measurement,
         1 => Channel::Process,
@@ -228,7 +232,7 @@ pub fn filtered<'py>(
     py: Python<'py>,
     values: &Bound<'py, PyAny>,
     sections: &Bound<'py, PyAny>,
-) -> PyResult<Bound<'py, PyArray1<f64>>> {
+) -> Result<Bound<'py, PyArray1<f64>>> {
     let mut signal = numbers(values)?.values;
     let rows = numbers(sections)?;
     if rows.shape.get(1) != Some(&6) {

@@ -4,21 +4,21 @@
 //! What is chosen at run time stays so, one law's halves behind one table of functions: there are too
 //! many combinations to compile each as one loop.
 
-use super::choices::{AnyMethod, Manner, NOT_PLACED};
-use super::errors::refused;
-use super::interrupt::StopFlag;
-use super::plan::{NO_PLANT, PREDICTOR_ONLY, Plan, StudyResult};
-use super::recursion::{AnyObserver, Block, Recursion};
-use super::systems::AnyPlant;
-use crate::Scalar;
-use crate::injection::{Injected, Placed};
-use crate::memory::Memory;
-use crate::observer::{
+use hgo_ir::choices::{AnyMethod, Manner, NOT_PLACED};
+use crate::errors::{Result, refused};
+use crate::interrupt::StopFlag;
+use crate::observers::Studied;
+use crate::plan::{NO_PLANT, PREDICTOR_ONLY, Plan, StudyResult};
+use hgo_ir::recursion::{AnyObserver, Block, Recursion};
+use hgo_ir::systems::AnyPlant;
+use hgo_rs::Scalar;
+use hgo_rs::injection::{Injected, Placed};
+use hgo_rs::memory::Memory;
+use hgo_rs::observer::{
     ContinuousLaw, Discretisation, Discretised, Observer, Scheme, Status, Timing,
 };
-use crate::schedule::Schedule;
+use hgo_rs::schedule::Schedule;
 use nalgebra::SVector;
-use pyo3::prelude::*;
 use std::sync::{Arc, Mutex};
 
 /// No memory of a law of order 2 or 5 is longer than this.
@@ -27,7 +27,7 @@ const WIDEST: usize = 24;
 /// The two halves of a step, on the law's memory as a flat vector.
 pub trait Halves: Send + Sync {
     fn initial(&self) -> Vec<f64>;
-    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64) -> PyResult<()>;
+    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64) -> hgo_ir::Result<()>;
     fn correct(&self, memory: &mut [f64], y: f64, dt: f64);
     /// [`Scheme::OVER_GAPS`].
     fn over_gaps(&self) -> bool;
@@ -35,7 +35,7 @@ pub trait Halves: Send + Sync {
     fn prepared(&self, dt: f64) -> Option<Box<dyn Halves>>;
 }
 
-/// A method of [`crate::observer::METHODS`]: a step without a sample, and its correction.
+/// A method of [`hgo_rs::observer::METHODS`]: a step without a sample, and its correction.
 pub struct Known<L> {
     pub free: Box<dyn Recursion>,
     pub law: L,
@@ -48,13 +48,13 @@ where
     fn initial(&self) -> Vec<f64> {
         flat(&self.law.initial())
     }
-    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64) -> PyResult<()> {
+    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64) -> hgo_ir::Result<()> {
         self.free.advance(memory, &[f64::NAN], u, t, dt).map(|_| ())
     }
     fn correct(&self, memory: &mut [f64], y: f64, dt: f64) {
         let (law, z) = (&self.law, L::State::read(memory));
         // the same for every method
-        law.admissible(crate::observer::Euler.correct(law, &z, y, dt)).write(memory);
+        law.admissible(hgo_rs::observer::Euler.correct(law, &z, y, dt)).write(memory);
     }
     fn over_gaps(&self) -> bool {
         false
@@ -73,7 +73,7 @@ where
     fn initial(&self) -> Vec<f64> {
         flat(&self.law.initial())
     }
-    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64) -> PyResult<()> {
+    fn predict(&self, memory: &mut [f64], u: &[f64], t: f64, dt: f64) -> hgo_ir::Result<()> {
         let (law, z, u) = (&self.law, L::State::read(memory), L::Input::read(u));
         law.admissible(self.scheme.predict(law, t, &z, &u, dt)).write(memory);
         Ok(())
@@ -97,7 +97,7 @@ fn flat(z: &impl Memory<f64>) -> Vec<f64> {
 }
 
 /// An observer of two halves. Memory: the law's; with current timing then the time that the next
-/// correction is for, as in [`crate::observer::Current`].
+/// correction is for, as in [`hgo_rs::observer::Current`].
 pub struct Halved {
     pub halves: Box<dyn Halves>,
     pub n: usize,
@@ -150,7 +150,7 @@ impl Halved {
         y: f64,
         u: &[f64],
         (t, dt): (f64, f64),
-    ) -> PyResult<()> {
+    ) -> hgo_ir::Result<()> {
         let (law, held) = memory.split_at_mut(self.law_len);
         match held {
             [elapsed] => *elapsed = if self.over_gaps { *elapsed + dt } else { dt },
@@ -165,7 +165,7 @@ fn sample(y: &[f64]) -> f64 {
 }
 
 impl Recursion for Halved {
-    fn correct(&self, memory: &mut [f64], y: &[f64], _: f64) -> PyResult<Status> {
+    fn correct(&self, memory: &mut [f64], y: &[f64], _: f64) -> hgo_ir::Result<Status> {
         let y = sample(y);
         if let Some(elapsed) = memory.get(self.law_len) {
             let usual = self.usual(*elapsed);
@@ -181,7 +181,7 @@ impl Recursion for Halved {
         u: &[f64],
         t: f64,
         dt: f64,
-    ) -> PyResult<Status> {
+    ) -> hgo_ir::Result<Status> {
         let y = sample(y);
         let usual = if self.timing == Timing::Predictor { self.usual(dt) } else { None };
         let halves = usual.as_deref().unwrap_or(&*self.halves);
@@ -189,7 +189,7 @@ impl Recursion for Halved {
         Ok(Status::of(&y))
     }
 
-    fn over_block(&self, memory: &mut [f64], mut block: Block<'_>) -> PyResult<f64> {
+    fn over_block(&self, memory: &mut [f64], mut block: Block<'_>) -> hgo_ir::Result<f64> {
         let usual = block.dt.first().and_then(|dt| self.usual(*dt));
         let halves = usual.as_deref().unwrap_or(&*self.halves);
         let m = memory.len();
@@ -236,7 +236,13 @@ impl AnyObserver for Halved {
     fn recursion(&self) -> &dyn Recursion {
         self
     }
-    fn study(&self, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult> {
+}
+
+impl Studied for Halved {
+    fn law(&self) -> &dyn AnyObserver {
+        self
+    }
+    fn study(&self, plan: &Plan, stop: &StopFlag) -> Result<StudyResult> {
         match (self.n, self.timing) {
             (2, Timing::Predictor) => of_halved(&Watched::<2, false>::new(self), plan, stop),
             (2, Timing::Current) => of_halved(&Watched::<2, true>::new(self), plan, stop),
@@ -303,38 +309,36 @@ impl<const N: usize, const CURRENT: bool> Observer<f64> for Watched<'_, N, CURRE
     }
 }
 
-impl Manner {
-    /// The halves of a law whose eigenvalues cannot be placed.
-    pub fn known_halves<L>(
-        self,
-        law: L,
-        free: impl FnOnce(Discretisation) -> Box<dyn Recursion>,
-    ) -> PyResult<Box<dyn Halves>>
-    where
-        L: ContinuousLaw<f64, Input: Memory<f64>> + Send + Sync + 'static,
-    {
-        match self.method {
-            AnyMethod::Known(scheme) => Ok(Box::new(Known { free: free(scheme), law })),
-            AnyMethod::Placed(_) => Err(refused(NOT_PLACED)),
-        }
+/// The halves of a law whose eigenvalues cannot be placed.
+pub fn known_halves<L>(
+    manner: Manner,
+    law: L,
+    free: impl FnOnce(Discretisation) -> Box<dyn Recursion>,
+) -> Result<Box<dyn Halves>>
+where
+    L: ContinuousLaw<f64, Input: Memory<f64>> + Send + Sync + 'static,
+{
+    match manner.method {
+        AnyMethod::Known(scheme) => Ok(Box::new(Known { free: free(scheme), law })),
+        AnyMethod::Placed(_) => Err(refused(NOT_PLACED)),
     }
+}
 
-    /// The halves of a law whose eigenvalues can be placed.
-    pub fn halves<L>(
-        self,
-        law: L,
-        free: impl FnOnce(Discretisation) -> Box<dyn Recursion>,
-    ) -> PyResult<Box<dyn Halves>>
-    where
-        L: Injected<f64, Input: Memory<f64>> + Send + Sync + 'static,
-        L::Poles: Send + Sync,
-        L::Gains: Send + Sync,
-    {
-        match self.method {
-            AnyMethod::Known(_) => self.known_halves(law, free),
-            AnyMethod::Placed(placement) => {
-                Ok(Box::new(Discretised { law, scheme: Placed::new(&law, placement)? }))
-            }
+/// The halves of a law whose eigenvalues can be placed.
+pub fn halves<L>(
+    manner: Manner,
+    law: L,
+    free: impl FnOnce(Discretisation) -> Box<dyn Recursion>,
+) -> Result<Box<dyn Halves>>
+where
+    L: Injected<f64, Input: Memory<f64>> + Send + Sync + 'static,
+    L::Poles: Send + Sync,
+    L::Gains: Send + Sync,
+{
+    match manner.method {
+        AnyMethod::Known(_) => known_halves(manner, law, free),
+        AnyMethod::Placed(placement) => {
+            Ok(Box::new(Discretised { law, scheme: Placed::new(&law, placement)? }))
         }
     }
 }
@@ -344,7 +348,7 @@ fn of_halved<const N: usize, const CURRENT: bool>(
     observer: &Watched<'_, N, CURRENT>,
     plan: &Plan,
     stop: &StopFlag,
-) -> PyResult<StudyResult> {
+) -> Result<StudyResult> {
     if plan.is_joint() {
         return Err(refused(PREDICTOR_ONLY));
     }

@@ -1,5 +1,6 @@
 //! Ctrl-C during long work.
 
+use crate::errors::Result;
 use pyo3::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
@@ -22,8 +23,8 @@ impl StopFlag {
 /// Run `work` without the interpreter lock; Ctrl-C stops it.
 pub fn interruptible<R: Send>(
     py: Python<'_>,
-    work: impl FnOnce(&StopFlag) -> PyResult<R> + Send,
-) -> PyResult<R> {
+    work: impl FnOnce(&StopFlag) -> Result<R> + Send,
+) -> Result<R> {
     let stop = StopFlag(AtomicBool::new(false));
     let (result, signal) = py.detach(|| {
         std::thread::scope(|scope| {

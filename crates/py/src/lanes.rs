@@ -4,29 +4,29 @@
 //! that nothing is left to choose in the loop over runs. What is not named runs one run at a time,
 //! with the same bits.
 
-use super::choices::{AnySaturation, MovingGain};
-use super::interrupt::StopFlag;
-use super::plan::{AnySchedule, BlockOf, Plan, StudyResult};
-use super::systems::{AnyModel, AnyPlant};
-use crate::gain::ConstantGain;
-use crate::integrate::Integrator;
-use crate::lanes::LaneMetrics;
-use crate::model::{Plant, Unknown};
-use crate::models::{Ship, VanDerPol};
-use crate::observer::{
+use hgo_ir::choices::{AnySaturation, MovingGain};
+use crate::interrupt::StopFlag;
+use crate::plan::{AnySchedule, BlockOf, Plan, StudyResult};
+use hgo_ir::systems::{AnyModel, AnyPlant};
+use hgo_rs::gain::ConstantGain;
+use hgo_rs::integrate::Integrator;
+use hgo_rs::lanes::LaneMetrics;
+use hgo_rs::model::{Plant, Unknown};
+use hgo_rs::models::{Ship, VanDerPol};
+use hgo_rs::observer::{
     BogackiShampine, ContinuousLaw, Discretisation, Discretised, Euler, Observer, Rk4,
 };
-use crate::observers::{
+use hgo_rs::observers::{
     LowPower, NoSaturation, ReducedOrderObserver, SampledDataObserver, StandardObserver,
 };
-use crate::simulate::Experiment;
-use crate::vectors::Task;
+use hgo_rs::simulate::Experiment;
+use hgo_rs::vectors::Task;
 use nalgebra::SVector;
-use pyo3::prelude::*;
+use crate::errors::Result;
 use std::any::Any;
 
 /// What a study of a continuous law gives, if its types are named here.
-type Studied = Option<PyResult<StudyResult>>;
+type Studied = Option<Result<StudyResult>>;
 
 type NoInput = SVector<f64, 0>;
 

@@ -2,9 +2,6 @@
 //!
 //! Specs (plain dicts) come in, arrays go out; every law that runs here is the core's own.
 
-mod called;
-mod choices;
-mod compile;
 mod design;
 mod errors;
 mod functions;
@@ -15,15 +12,10 @@ mod observers;
 mod online;
 mod plan;
 mod program_study;
-mod programs;
 mod record;
-mod recursion;
-mod spec;
 mod study;
-mod systems;
-mod table;
-mod tabled;
-mod trace;
+mod tables;
+mod values;
 
 use pyo3::prelude::*;
 
@@ -31,19 +23,19 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use super::design::{
+    use crate::design::{
         coefficients_from_poles, is_hurwitz, low_power_coefficients,
         low_power_coefficients_from_poles, low_power_polynomial,
     };
     #[pymodule_export]
-    use super::functions::{coupled_paths, filtered, mean_covariance, random, simulate};
+    use crate::functions::{coupled_paths, filtered, mean_covariance, random, simulate};
     #[pymodule_export]
-    use super::observers::Observer;
+    use crate::observers::Observer;
     #[pymodule_export]
-    use super::online::Online;
+    use crate::online::Online;
     #[pymodule_export]
-    use super::programs::{evaluate_table, run_single, trace_step};
+    use crate::tables::{evaluate_table, run_single, trace_step};
     /// The source of the elementary functions: `hgo_rs.exports` prints them into other programs.
     #[pymodule_export]
-    const ELEMENTARY: &str = include_str!("../elementary.rs");
+    const ELEMENTARY: &str = include_str!("../../../src/elementary.rs");
 }

@@ -1,26 +1,27 @@
 //! From a spec to an observer of the core, and the class `Observer` that Python steps and runs.
 
-use super::choices::{AnyGain, AnySaturation, Manner, MovingGain};
-use super::design::order_refused;
-use super::errors::refused;
-use super::halves::Halved;
-use super::interrupt::StopFlag;
-use super::plan::{NO_PLANT, Plan, StudyResult};
-use super::programs;
-use super::record::{self, Clock};
-use super::recursion::{AnyObserver, Recursion};
-use super::spec::{Spec, contiguous};
-use super::study;
-use super::systems::{AnyModel, read_ship, read_van_der_pol};
-use crate::dispatch_order;
-use crate::memory::Memory;
-use crate::model::Unknown;
-use crate::models::Correction;
-use crate::observer::{
+use hgo_ir::choices::{AnyGain, AnySaturation, Manner, MovingGain};
+use hgo_ir::order::order_refused;
+use crate::errors::{Result, refused};
+use crate::halves::{Halved, halves, known_halves};
+use crate::interrupt::StopFlag;
+use crate::plan::{NO_PLANT, Plan, StudyResult};
+use crate::record::{self, Clock};
+use hgo_ir::recursion::{AnyObserver, Recursion};
+use crate::values::{contiguous, read_dict};
+use hgo_ir::Spec;
+use crate::study;
+use hgo_ir::tables;
+use hgo_ir::systems::{AnyModel, read_ship, read_van_der_pol};
+use hgo_ir::dispatch_order;
+use hgo_rs::memory::Memory;
+use hgo_rs::model::Unknown;
+use hgo_rs::models::Correction;
+use hgo_rs::observer::{
     BogackiShampine, ContinuousLaw, Discretisation, Discretised, Euler, Observer as CoreObserver,
     Rk4, Rk4InnovationHeld, StaggeredEuler, Status, Timing,
 };
-use crate::observers::{
+use hgo_rs::observers::{
     LowPower, ModifiedObserver, NoSaturation, ReducedOrderObserver, RepelledCollection,
     SampledDataObserver, StandardObserver,
 };
@@ -29,7 +30,24 @@ use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyFloat, PyFloatMethods};
 
-type Study<O> = fn(&O, &Plan, &StopFlag) -> PyResult<StudyResult>;
+/// An observer, and its studies beside the papers' plants.
+pub trait Studied: Send + Sync {
+    fn law(&self) -> &dyn AnyObserver;
+    fn study(&self, plan: &Plan, stop: &StopFlag) -> Result<StudyResult>;
+}
+
+/// Studies of tables begin at [`program_study::simulate`](crate::program_study::simulate), which has
+/// the plant's table too.
+impl Studied for Box<dyn AnyObserver> {
+    fn law(&self) -> &dyn AnyObserver {
+        &**self
+    }
+    fn study(&self, _: &Plan, _: &StopFlag) -> Result<StudyResult> {
+        Err(refused("this computation takes the papers' plants and observers only"))
+    }
+}
+
+type Study<O> = fn(&O, &Plan, &StopFlag) -> Result<StudyResult>;
 
 struct Boxed<O> {
     observer: O,
@@ -64,7 +82,16 @@ where
     fn recursion(&self) -> &dyn Recursion {
         &*self.recursion
     }
-    fn study(&self, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult> {
+}
+
+impl<O> Studied for Boxed<O>
+where
+    O: CoreObserver<f64> + Send + Sync,
+{
+    fn law(&self) -> &dyn AnyObserver {
+        self
+    }
+    fn study(&self, plan: &Plan, stop: &StopFlag) -> Result<StudyResult> {
         (self.study)(&self.observer, plan, stop)
     }
 }
@@ -98,7 +125,7 @@ fn continuous<L>(
     model: AnyModel,
     recursion: Box<dyn Recursion>,
     study: Study<Continuous<L>>,
-) -> Box<dyn AnyObserver>
+) -> Box<dyn Studied>
 where
     L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Send + Sync + 'static,
 {
@@ -133,7 +160,7 @@ fn standard<const N: usize>(
     spec: &Spec<'_>,
     model: AnyModel,
     manner: Manner,
-) -> PyResult<Box<dyn AnyObserver>> {
+) -> Result<Box<dyn Studied>> {
     spec.only(&["kind", "n", "k", "gain", "model", "method", "timing"])?;
     let k = spec.vector::<N>("k", N)?;
     match AnyGain::read(&spec.sub("gain")?)? {
@@ -148,12 +175,12 @@ fn standard<const N: usize>(
                 }
                 _ => recursion(law, scheme),
             };
-            boxed!(N, law, manner, model, whole, manner.halves(law, whole)?)
+            boxed!(N, law, manner, model, whole, halves(manner, law, whole)?)
         }
         AnyGain::Moving(gain) => {
             let law = StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?;
             let whole = |scheme| recursion(law, scheme);
-            boxed!(N, law, manner, model, whole, manner.halves(law, whole)?)
+            boxed!(N, law, manner, model, whole, halves(manner, law, whole)?)
         }
     }
 }
@@ -163,7 +190,7 @@ fn low_power<const N: usize>(
     model: AnyModel,
     manner: Manner,
     saturated: bool,
-) -> PyResult<Box<dyn AnyObserver>> {
+) -> Result<Box<dyn Studied>> {
     let saturation = AnySaturation::<N>::read(spec, saturated)?;
     if matches!(model, AnyModel::SanfelicePraly(_)) {
         return Err(refused(
@@ -185,24 +212,24 @@ fn low_power<const N: usize>(
                 }
                 _ => recursion(law, scheme),
             };
-            boxed!(N, law, manner, model, whole, manner.halves(law, whole)?)
+            boxed!(N, law, manner, model, whole, halves(manner, law, whole)?)
         }
         AnyGain::Moving(gain) => {
             let law = LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
             let whole = |scheme| recursion(law, scheme);
-            boxed!(N, law, manner, model, whole, manner.halves(law, whole)?)
+            boxed!(N, law, manner, model, whole, halves(manner, law, whole)?)
         }
     }
 }
 
-fn copies<L>(law: L, manner: Manner, model: AnyModel) -> PyResult<Box<dyn AnyObserver>>
+fn copies<L>(law: L, manner: Manner, model: AnyModel) -> Result<Box<dyn Studied>>
 where
     L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Send + Sync + 'static,
 {
     match manner.whole() {
         None => {
             let n_u = usize::from(matches!(model, AnyModel::Input(_)));
-            let halves = manner.known_halves(law, |scheme| recursion(law, scheme))?;
+            let halves = known_halves(manner, law, |scheme| recursion(law, scheme))?;
             Ok(Box::new(Halved::new(halves, L::ESTIMATED, n_u, manner.timing)))
         }
         Some(scheme) => {
@@ -217,7 +244,7 @@ fn collection<const C: usize>(
     model: AnyModel,
     manner: Manner,
     modified: bool,
-) -> PyResult<Box<dyn AnyObserver>> {
+) -> Result<Box<dyn Studied>> {
     const N: usize = 2;
     spec.only(&["kind", "n", "k", "k_bar", "copies", "gain", "model", "method", "timing"])?;
     let AnyGain::Moving(MovingGain::Adaptive(gain)) = AnyGain::read(&spec.sub("gain")?)? else {
@@ -233,12 +260,12 @@ fn collection<const C: usize>(
 }
 
 /// An observer from its spec.
-pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
+pub fn build(spec: &Spec<'_>) -> Result<Box<dyn Studied>> {
     let kind = spec.text("kind")?;
     if kind == "chains"
-        || (spec.get("model")?.is_some() && spec.sub("model")?.text_or("kind", "")? == "own")
+        || (spec.has("model") && spec.sub("model")?.text_or("kind", "")? == "own")
     {
-        return programs::build(spec);
+        return Ok(Box::new(tables::build(spec)?));
     }
     match kind.as_str() {
         "sampled-data" => {
@@ -247,12 +274,12 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
             let correction = match gain.as_str() {
                 "derived" => Correction::Derived,
                 "printed" => Correction::Printed,
-                other => return Err(spec.unknown("gain", other, &["derived", "printed"])),
+                other => return Err(spec.unknown("gain", other, &["derived", "printed"]).into()),
             };
             let known = spec.sub("model")?;
             let name = known.text("kind")?;
             if name != "van-der-pol" {
-                return Err(known.unknown("kind", &name, &["van-der-pol"]));
+                return Err(known.unknown("kind", &name, &["van-der-pol"]).into());
             }
             let observer: SampledDataObserver<_, 2> =
                 SampledDataObserver { model: read_van_der_pol(&known, correction)? };
@@ -264,7 +291,7 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
             let known = spec.sub("model")?;
             let name = known.text("kind")?;
             if name != "ship" {
-                return Err(known.unknown("kind", &name, &["ship"]));
+                return Err(known.unknown("kind", &name, &["ship"]).into());
             }
             let h_bar = spec.vector::<3>("h_bar", 3)?;
             let observer =
@@ -274,7 +301,7 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
         }
         _ => {}
     }
-    let model = match spec.get("model")? {
+    let model = match spec.get("model") {
         None => AnyModel::Unknown,
         Some(_) => AnyModel::read(&spec.sub("model")?)?,
     };
@@ -288,12 +315,12 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
     }
     match kind.as_str() {
         "standard" => {
-            dispatch_order!(n, N => standard::<N>(spec, model, manner), else Err(order_refused(n)))
+            dispatch_order!(n, N => standard::<N>(spec, model, manner), else Err(order_refused(n).into()))
         }
         "low-power" | "peaking-free" => {
             let saturated = kind == "peaking-free";
             dispatch_order!(n, N => low_power::<N>(spec, model, manner, saturated),
-                            else Err(order_refused(n)))
+                            else Err(order_refused(n).into()))
         }
         "collection" | "modified" => {
             if n != 2 {
@@ -322,7 +349,7 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
                 "sampled-data",
                 "reduced-order",
             ];
-            Err(spec.unknown("kind", other, &known))
+            Err(spec.unknown("kind", other, &known).into())
         }
     }
 }
@@ -330,41 +357,41 @@ pub fn build(spec: &Spec<'_>) -> PyResult<Box<dyn AnyObserver>> {
 /// An observer of the core, from its spec.
 #[pyclass(frozen, module = "hgo_rs._core")]
 pub struct Observer {
-    inner: Box<dyn AnyObserver>,
+    inner: Box<dyn Studied>,
     memory_len: usize,
 }
 
 impl Observer {
     pub fn law(&self) -> &dyn AnyObserver {
-        &*self.inner
+        self.inner.law()
     }
 }
 
 #[pymethods]
 impl Observer {
     #[new]
-    fn new(spec: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let inner = build(&Spec::new(spec, "observer")?)?;
-        let memory_len = inner.initial().len();
+    fn new(spec: &Bound<'_, PyAny>) -> Result<Self> {
+        let inner = build(&Spec::new(&read_dict(spec, "observer")?, "observer")?)?;
+        let memory_len = inner.law().initial().len();
         Ok(Self { inner, memory_len })
     }
 
     /// Number of estimated states.
     #[getter]
     fn n(&self) -> usize {
-        self.inner.n()
+        self.law().n()
     }
 
     /// Number of measured outputs.
     #[getter]
     fn n_y(&self) -> usize {
-        self.inner.n_y()
+        self.law().n_y()
     }
 
     /// Number of known inputs.
     #[getter]
     fn n_u(&self) -> usize {
-        self.inner.n_u()
+        self.law().n_u()
     }
 
     /// Number of memory entries.
@@ -376,12 +403,12 @@ impl Observer {
     /// Whether the estimate at k uses y(k).
     #[getter]
     fn is_current(&self) -> bool {
-        self.inner.is_current()
+        self.law().is_current()
     }
 
     /// Memory to start from when nothing is known.
     fn initial<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        self.inner.initial().into_pyarray(py)
+        self.law().initial().into_pyarray(py)
     }
 
     /// (memory, status) after one step, from time t over dt; status 0 updated, 1 predicted, 2 model
@@ -394,8 +421,8 @@ impl Observer {
         u: &Bound<'py, PyAny>,
         t: f64,
         dt: f64,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, u8)> {
-        if !self.inner.is_current() {
+    ) -> Result<(Bound<'py, PyArray1<f64>>, u8)> {
+        if !self.law().is_current() {
             return self.advance(py, memory, y, u, t, dt);
         }
         let (moved, status) = self.advance(py, memory, y, u, t, dt)?;
@@ -412,10 +439,10 @@ impl Observer {
         memory: &Bound<'py, PyAny>,
         y: &Bound<'py, PyAny>,
         t: f64,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, u8)> {
+    ) -> Result<(Bound<'py, PyArray1<f64>>, u8)> {
         let mut memory = sized("memory", memory, self.memory_len)?.as_slice()?.to_vec();
-        let y = sized("y", y, self.inner.n_y())?;
-        let status = self.inner.recursion().correct(&mut memory, y.as_slice()?, t)?;
+        let y = sized("y", y, self.law().n_y())?;
+        let status = self.law().recursion().correct(&mut memory, y.as_slice()?, t)?;
         Ok((memory.into_pyarray(py), status as u8))
     }
 
@@ -428,12 +455,12 @@ impl Observer {
         u: &Bound<'py, PyAny>,
         t: f64,
         dt: f64,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, u8)> {
+    ) -> Result<(Bound<'py, PyArray1<f64>>, u8)> {
         let mut memory = sized("memory", memory, self.memory_len)?.as_slice()?.to_vec();
-        let y = sized("y", y, self.inner.n_y())?;
-        let u = sized("u", u, self.inner.n_u())?;
+        let y = sized("y", y, self.law().n_y())?;
+        let u = sized("u", u, self.law().n_u())?;
         let (y, u) = (y.as_slice()?, u.as_slice()?);
-        let status = self.inner.recursion().advance(&mut memory, y, u, t, dt)?;
+        let status = self.law().recursion().advance(&mut memory, y, u, t, dt)?;
         Ok((memory.into_pyarray(py), status as u8))
     }
 
@@ -451,20 +478,20 @@ impl Observer {
         memory0: &Bound<'py, PyAny>,
         innovation: bool,
         until: Option<f64>,
-    ) -> PyResult<Bound<'py, PyDict>> {
+    ) -> Result<Bound<'py, PyDict>> {
         let y = contiguous(y)?;
-        let samples = y.len() / self.inner.n_y();
-        let y = checked_size("y", y, samples * self.inner.n_y())?;
+        let samples = y.len() / self.law().n_y();
+        let y = checked_size("y", y, samples * self.law().n_y())?;
         let period = t.cast::<PyFloat>().ok().map(|t| Clock::Period(t.value()));
         let times = if period.is_none() { Some(sized("t", t, samples)?) } else { None };
-        let u = sized("u", u, samples * self.inner.n_u())?;
+        let u = sized("u", u, samples * self.law().n_u())?;
         let mut memory = sized("memory0", memory0, self.memory_len)?.as_slice()?.to_vec();
         let clock = match &times {
             Some(t) => Clock::Times(t.as_slice()?),
             None => period.unwrap_or(Clock::Times(&[])),
         };
         let record = (clock, y.as_slice()?, u.as_slice()?);
-        let out = record::run(py, &*self.inner, &mut memory, record, until, innovation)?;
+        let out = record::run(py, self.law(), &mut memory, record, until, innovation)?;
         out.set_item("next", memory.into_pyarray(py))?;
         Ok(out)
     }
@@ -475,7 +502,7 @@ fn sized<'py>(
     name: &str,
     object: &Bound<'py, PyAny>,
     len: usize,
-) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
+) -> Result<PyReadonlyArrayDyn<'py, f64>> {
     checked_size(name, contiguous(object)?, len)
 }
 
@@ -483,7 +510,7 @@ fn checked_size<'py>(
     name: &str,
     given: PyReadonlyArrayDyn<'py, f64>,
     len: usize,
-) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
+) -> Result<PyReadonlyArrayDyn<'py, f64>> {
     if given.len() != len {
         let message = format!("{name} has shape {:?}; it must hold {len} numbers", given.shape());
         return Err(refused(&message));

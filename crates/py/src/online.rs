@@ -3,12 +3,12 @@
 //! A call that is surely sound (numbers, no step longer than before) costs its step and its array.
 //! Every other one is handed to the checks in Python, which have the words for what is wrong.
 
-use super::errors::refused;
-use super::observers::Observer;
-use super::programs::CHAINS;
-use super::tabled::MAX_INPUTS;
-use crate::estimator::Clock;
-use crate::observer::Status;
+use crate::errors::{Result, refused};
+use crate::observers::Observer;
+use hgo_ir::tables::CHAINS;
+use hgo_ir::tabled::MAX_INPUTS;
+use hgo_rs::estimator::Clock;
+use hgo_rs::observer::Status;
 use numpy::npyffi::{_PyArray_GET_ITEM_DATA, NPY_ARRAY_WRITEABLE};
 use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::intern;
@@ -68,13 +68,13 @@ struct Asked<'a> {
 }
 
 impl Online {
-    fn law<'a>(&'a self, py: Python<'a>) -> PyResult<&'a Observer> {
+    fn law<'a>(&'a self, py: Python<'a>) -> Result<&'a Observer> {
         let law = self.law.as_ref().ok_or_else(|| refused("Observer.__init__ was not called"))?;
         Ok(law.bind(py).get())
     }
 
     /// Take back the memory that was shown.
-    fn settle(&mut self, py: Python<'_>) -> PyResult<()> {
+    fn settle(&mut self, py: Python<'_>) -> Result<()> {
         match &self.shown {
             Some(shown) if !read(shown.bind(py), &mut self.memory) => Err(refused(&format!(
                 "memory must stay a float64 array of {} entries: it was made another one; assign a \
@@ -86,7 +86,7 @@ impl Online {
     }
 
     /// Do what is asked, unless the estimate would diverge or the model has no value.
-    fn take(&mut self, py: Python<'_>, asked: &Asked<'_>) -> PyResult<Outcome> {
+    fn take(&mut self, py: Python<'_>, asked: &Asked<'_>) -> Result<Outcome> {
         self.settle(py)?;
         let mut next = std::mem::take(&mut self.next);
         next.clone_from(&self.memory);
@@ -100,7 +100,7 @@ impl Online {
     }
 
     /// What is asked, on a copy of the memory; the clock goes on if it is taken.
-    fn moved(&mut self, py: Python<'_>, next: &mut [f64], asked: &Asked<'_>) -> PyResult<Outcome> {
+    fn moved(&mut self, py: Python<'_>, next: &mut [f64], asked: &Asked<'_>) -> Result<Outcome> {
         let Asked { verb, y, u, dt } = *asked;
         let observer = self.law(py)?;
         let law = observer.law();
@@ -207,7 +207,7 @@ impl Online {
     }
 
     #[setter]
-    fn set_memory(slf: &Bound<'_, Self>, memory: &Bound<'_, PyAny>) -> PyResult<()> {
+    fn set_memory(slf: &Bound<'_, Self>, memory: &Bound<'_, PyAny>) -> Result<()> {
         let len = slf.borrow().memory.len();
         let fits = memory.cast_exact::<PyArray1<f64>>().ok().filter(|array| array.len() == len);
         let array = match fits {
@@ -269,7 +269,7 @@ impl Online {
         u: Option<&Bound<'py, PyAny>>,
         dt: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    ) -> Result<Bound<'py, PyArray1<f64>>> {
         call(slf, Verb::Step, Some(y), u, Some(dt), out)
     }
 
@@ -294,7 +294,7 @@ impl Online {
         slf: &Bound<'py, Self>,
         y: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    ) -> Result<Bound<'py, PyArray1<f64>>> {
         call(slf, Verb::Correct, Some(y), None, None, out)
     }
 
@@ -320,7 +320,7 @@ impl Online {
         u: Option<&Bound<'py, PyAny>>,
         dt: Option<&Bound<'py, PyAny>>,
         out: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    ) -> Result<Bound<'py, PyArray1<f64>>> {
         let missing = || refused("dt is missing: predict(u, dt) takes the period's length [s]");
         call(slf, Verb::Predict, None, u, Some(dt.ok_or_else(missing)?), out)
     }
@@ -334,7 +334,7 @@ fn call<'py>(
     u: Option<&Bound<'py, PyAny>>,
     dt: Option<&Bound<'py, PyAny>>,
     out: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Bound<'py, PyArray1<f64>>> {
+) -> Result<Bound<'py, PyArray1<f64>>> {
     let py = slf.py();
     let (n, n_y, n_u, stable_dt, started) = {
         let me = slf.try_borrow()?;
@@ -396,7 +396,7 @@ fn call<'py>(
         }
     };
     if let Some(error) = refusal {
-        return Err(PyErr::from_value(error));
+        return Err(PyErr::from_value(error).into());
     }
     let me = slf.try_borrow()?;
     let x_hat = me.memory.get(..n).unwrap_or(&[]);
@@ -418,7 +418,7 @@ fn ask<'py>(
     check: &Bound<'py, PyString>,
     value: &Bound<'py, PyAny>,
     into: &mut [f64],
-) -> PyResult<()> {
+) -> Result<()> {
     let checked = slf.call_method1(check, (value,))?;
     if read(&checked, into) || into.is_empty() {
         return Ok(());
@@ -431,10 +431,10 @@ fn place<'py>(
     slf: &Bound<'py, Online>,
     out: &Bound<'py, PyAny>,
     n: usize,
-) -> PyResult<Bound<'py, PyArray1<f64>>> {
+) -> Result<Bound<'py, PyArray1<f64>>> {
     match out.cast::<PyArray1<f64>>() {
         Ok(array) if fits(array, n) => Ok(array.clone()),
-        _ => Err(PyErr::from_value(slf.call_method1("_no_place", (out,))?)),
+        _ => Err(PyErr::from_value(slf.call_method1("_no_place", (out,))?).into()),
     }
 }
 
@@ -455,7 +455,7 @@ fn is_writeable(array: &Bound<'_, PyArray1<f64>>) -> bool {
 
 /// Write to an array that `place` let through.
 #[allow(unsafe_code)] // the safe way registers the array, which allocates
-fn write(array: &Bound<'_, PyArray1<f64>>, values: &[f64]) -> PyResult<()> {
+fn write(array: &Bound<'_, PyArray1<f64>>, values: &[f64]) -> Result<()> {
     // SAFETY: attached to the interpreter, and without another reference into an array of Python's
     unsafe { array.as_slice_mut() }?.copy_from_slice(values);
     Ok(())

@@ -1,27 +1,29 @@
 //! Experiments with many runs: threads, interruption, results as arrays.
 
-use super::choices::Manner;
-use super::errors::refused;
-use super::interrupt::StopFlag;
-use super::spec::{Spec, matrix};
-use super::systems::AnyPlant;
-use crate::ensemble::{Block, Columns};
-use crate::integrate::{Integrator, PlantScheme};
-use crate::lanes::{LANES, Lane, LaneMetrics};
-use crate::memory::Memory;
-use crate::metrics::{LogHistogram, Moments, SettlingTime, Wanted, Window};
-use crate::model::{Plant, StochasticIntegrator};
-use crate::noise::{Draw, Noise, Sine};
-use crate::observer::{Discretisation, Hold, Measurement, Observer, RungeKutta};
-use crate::schedule::{FixedStep, Schedule, StochasticApproximation};
-use crate::simulate::{Experiment, Finish, Probe, RunMetrics, Sample};
-use crate::vectors::Vectors;
+use hgo_ir::choices::Manner;
+use crate::errors::{Result, refused};
+use crate::interrupt::StopFlag;
+use crate::values::matrix;
+use hgo_ir::{Numbers, Spec};
+use hgo_ir::systems::AnyPlant;
+use hgo_rs::ensemble::{Block, Columns};
+use hgo_rs::integrate::{Integrator, PlantScheme};
+use hgo_rs::lanes::{LANES, Lane, LaneMetrics};
+use hgo_rs::memory::Memory;
+use hgo_rs::metrics::{LogHistogram, Moments, SettlingTime, Wanted, Window};
+use hgo_rs::model::{Plant, StochasticIntegrator};
+use hgo_rs::noise::{Draw, Noise, Sine};
+use hgo_rs::observer::{Discretisation, Hold, Measurement, Observer, RungeKutta};
+use hgo_rs::schedule::{FixedStep, Schedule, StochasticApproximation};
+use hgo_rs::simulate::{Experiment, Finish, Probe, RunMetrics, Sample};
+use hgo_rs::vectors::Vectors;
 use nalgebra::SVector;
 use numpy::{IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
 use std::slice::ChunksExactMut;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 pub const NO_PLANT: &str = "this observer's order fits none of the plants: simulate takes \
@@ -52,7 +54,7 @@ impl Schedule<f64> for AnySchedule {
 }
 
 impl AnySchedule {
-    fn read(spec: &Spec<'_>) -> PyResult<Self> {
+    fn read(spec: &Spec<'_>) -> Result<Self> {
         let kind = spec.text("kind")?;
         match kind.as_str() {
             "fixed" => {
@@ -68,7 +70,7 @@ impl AnySchedule {
                     spec.f64("p")?,
                 )?))
             }
-            other => Err(spec.unknown("kind", other, &["fixed", "stochastic-approximation"])),
+            other => Err(spec.unknown("kind", other, &["fixed", "stochastic-approximation"]).into()),
         }
     }
 }
@@ -78,7 +80,7 @@ enum DrawKind {
     Uniform(f64, f64),
     Normal(f64, f64),
     /// All values, and how many belong to one run (0: all runs share them).
-    Samples(Vec<f64>, usize),
+    Samples(Arc<Numbers>, usize),
 }
 
 /// An experiment as it was asked for.
@@ -110,16 +112,16 @@ pub struct Plan {
 /// Names of the metrics that can be asked for.
 const METRICS: [&str; 4] = ["mean", "rms", "max", "peak"];
 
-fn read_wanted(spec: &Spec<'_>) -> PyResult<Wanted> {
+fn read_wanted(spec: &Spec<'_>) -> Result<Wanted> {
     let Some(names) = spec.texts("metrics")? else { return Ok(Wanted::ALL) };
     if let Some(unknown) = names.iter().find(|name| !METRICS.contains(&name.as_str())) {
-        return Err(spec.unknown("metrics", unknown, &METRICS));
+        return Err(spec.unknown("metrics", unknown, &METRICS).into());
     }
     let [mean, rms, max, peak] = METRICS.map(|name| names.iter().any(|given| given == name));
     Ok(Wanted { mean, rms, max, peak })
 }
 
-fn window(values: &[f64], name: &str) -> PyResult<Window> {
+fn window(values: &[f64], name: &str) -> Result<Window> {
     match values {
         [from, to] if *from >= 0.0 && to > from && from.fract() == 0.0 && to.fract() == 0.0 =>
         {
@@ -156,14 +158,14 @@ impl Plan {
     ];
 
     /// From a spec, for an observer of `memory_len` entries; `also` are keys that the caller reads.
-    pub fn read(spec: &Spec<'_>, memory_len: usize, also: &[&str]) -> PyResult<Self> {
+    pub fn read(spec: &Spec<'_>, memory_len: usize, also: &[&str]) -> Result<Self> {
         spec.only(&[&Self::KEYS, also].concat())?;
         let plant = AnyPlant::read(&spec.sub("plant")?)?;
         let mode = spec.text_or("mode", "sampled")?;
         let joint = match mode.as_str() {
             "sampled" => false,
             "joint" => true,
-            other => return Err(spec.unknown("mode", other, &["sampled", "joint"])),
+            other => return Err(spec.unknown("mode", other, &["sampled", "joint"]).into()),
         };
         let method = spec.text_or("plant_method", "euler")?;
         let runs = spec.whole_or("runs", 1)?;
@@ -174,12 +176,12 @@ impl Plan {
         if steps == 0 {
             return Err(refused("steps = 0 is not allowed: it must be at least 1"));
         }
-        let (draw, hold, sines) = match spec.get("noise")? {
+        let (draw, hold, sines) = match spec.get("noise") {
             None => (DrawKind::None, 1, Vec::new()),
             Some(_) => Self::read_noise(&spec.sub("noise")?, runs, steps)?,
         };
         let mut windows = Vec::new();
-        if spec.get("windows")?.is_some() {
+        if spec.has("windows") {
             let given = spec.numbers("windows")?;
             if !given.values.is_empty() && !matches!(given.shape.as_slice(), [_, 2]) {
                 return Err(refused(&format!(
@@ -191,13 +193,13 @@ impl Plan {
                 windows.push(window(pair, "windows")?);
             }
         }
-        let histogram = match spec.get("histogram")? {
+        let histogram = match spec.get("histogram") {
             None => None,
             Some(_) => Some(window(&spec.numbers("histogram")?.values, "histogram")?),
         };
-        let settle = match spec.get("settle")? {
+        let settle = match spec.get("settle") {
             None => None,
-            Some(_) => Some(crate::error::positive("settle", spec.f64("settle")?)?),
+            Some(_) => Some(hgo_rs::error::positive("settle", spec.f64("settle")?)?),
         };
         let memory0 = spec.rows("memory0", memory_len, runs)?;
         Ok(Self {
@@ -207,7 +209,7 @@ impl Plan {
             plant_method: method,
             substeps: u32::try_from(spec.whole_or("substeps", 1)?).unwrap_or(u32::MAX),
             schedule: AnySchedule::read(&spec.sub("schedule")?)?,
-            plant_schedule: match spec.get("plant_schedule")? {
+            plant_schedule: match spec.get("plant_schedule") {
                 None => None,
                 Some(_) => Some(AnySchedule::read(&spec.sub("plant_schedule")?)?),
             },
@@ -233,21 +235,21 @@ impl Plan {
         spec: &Spec<'_>,
         runs: usize,
         steps: u64,
-    ) -> PyResult<(DrawKind, u64, Vec<Sine<f64>>)> {
+    ) -> Result<(DrawKind, u64, Vec<Sine<f64>>)> {
         let kind = spec.text("kind")?;
         let finite =
-            |key: &'static str| -> PyResult<f64> { Ok(crate::error::finite(key, spec.f64(key)?)?) };
+            |key: &'static str| -> Result<f64> { Ok(hgo_rs::error::finite(key, spec.f64(key)?)?) };
         let draw = match kind.as_str() {
             "none" => DrawKind::None,
             "uniform" => {
                 let (low, high) = (finite("low")?, finite("high")?);
-                crate::error::require("high", high, high >= low, "it must be at least low")?;
+                hgo_rs::error::require("high", high, high >= low, "it must be at least low")?;
                 DrawKind::Uniform(low, high)
             }
             "normal" => {
                 let std = finite("std")?;
-                crate::error::require("std", std, std >= 0.0, "it must be at least 0")?;
-                DrawKind::Normal(crate::error::finite("mean", spec.f64_or("mean", 0.0)?)?, std)
+                hgo_rs::error::require("std", std, std >= 0.0, "it must be at least 0")?;
+                DrawKind::Normal(hgo_rs::error::finite("mean", spec.f64_or("mean", 0.0)?)?, std)
             }
             "samples" => {
                 let given = spec.numbers("values")?;
@@ -261,10 +263,10 @@ impl Plan {
                         )));
                     }
                 };
-                DrawKind::Samples(given.values, per_run)
+                DrawKind::Samples(given, per_run)
             }
             other => {
-                return Err(spec.unknown("kind", other, &["none", "uniform", "normal", "samples"]));
+                return Err(spec.unknown("kind", other, &["none", "uniform", "normal", "samples"]).into());
             }
         };
         spec.only(match draw {
@@ -274,7 +276,7 @@ impl Plan {
             DrawKind::Samples(..) => &["kind", "hold", "sines", "values"],
         })?;
         let mut sines = Vec::new();
-        if spec.get("sines")?.is_some() {
+        if spec.has("sines") {
             for row in spec.numbers("sines")?.values.chunks(3) {
                 match row {
                     [amplitude, omega, phase] if row.iter().all(|v| v.is_finite()) => {
@@ -294,7 +296,7 @@ impl Plan {
             return Err(refused("hold = 0 is not allowed: a draw is held for at least 1 step"));
         }
         if let DrawKind::Samples(values, per_run) = &draw {
-            let given = if *per_run == 0 { values.len() } else { *per_run } as u64;
+            let given = if *per_run == 0 { values.values.len() } else { *per_run } as u64;
             let needed = steps / hold + 1;
             if given < needed {
                 return Err(refused(&format!(
@@ -323,9 +325,9 @@ impl Plan {
             DrawKind::None => Draw::None,
             DrawKind::Uniform(low, high) => Draw::Uniform { low: *low, high: *high },
             DrawKind::Normal(mean, std) => Draw::Normal { mean: *mean, std: *std },
-            DrawKind::Samples(values, 0) => Draw::Samples(values),
+            DrawKind::Samples(values, 0) => Draw::Samples(&values.values),
             DrawKind::Samples(values, per_run) => {
-                let values = values.get(run * per_run..).unwrap_or(&[]);
+                let values = values.values.get(run * per_run..).unwrap_or(&[]);
                 Draw::RunSamples { values, draws: *per_run }
             }
         };
@@ -343,7 +345,7 @@ impl Plan {
     }
 
     /// The integrator of a joint study, from the observer's spec.
-    pub fn joint_integrator(&self, observer: &Spec<'_>) -> PyResult<Option<Integrator>> {
+    pub fn joint_integrator(&self, observer: &Spec<'_>) -> Result<Option<Integrator>> {
         if !self.joint {
             return Ok(None);
         }
@@ -380,7 +382,7 @@ impl Plan {
             &mut LaneMetrics<'_, f64>,
         ) -> Option<BlockOf<P::State, Z>>
         + Sync,
-    ) -> Option<PyResult<StudyResult>>
+    ) -> Option<Result<StudyResult>>
     where
         P: Plant<f64> + Send + Sync,
         Z: Memory<f64>,
@@ -454,7 +456,7 @@ impl Plan {
     }
 
     /// Refuse what does not go together.
-    fn check<P: Plant<f64>>(&self, plant: P) -> PyResult<()> {
+    fn check<P: Plant<f64>>(&self, plant: P) -> Result<()> {
         self.check_method(&plant)?;
         Ok(self.experiment(plant, 0).check()?)
     }
@@ -478,7 +480,7 @@ impl Plan {
     }
 
     /// Refuse, by its name, a scheme that the plant does not take.
-    fn check_method<P: Plant<f64>>(&self, plant: &P) -> PyResult<()> {
+    fn check_method<P: Plant<f64>>(&self, plant: &P) -> Result<()> {
         let (fits, allowed) = match self.plant_scheme {
             PlantScheme::Held => (true, ""),
             PlantScheme::Deterministic(_) => (
@@ -510,7 +512,7 @@ impl Plan {
         plant: P,
         kept: usize,
         stop: &StopFlag,
-    ) -> PyResult<StudyResult>
+    ) -> Result<StudyResult>
     where
         P: Plant<f64, Output = f64, Input = SVector<f64, 0>> + Send + Sync,
         O: Observer<f64, Measurement = f64, Input = SVector<f64, 1>> + Sync,
@@ -535,7 +537,7 @@ impl Plan {
             &mut Watch<'_>,
         ) -> Finish<P::State, Z>
         + Sync,
-    ) -> PyResult<StudyResult>
+    ) -> Result<StudyResult>
     where
         P: Plant<f64> + Send + Sync,
         Z: Memory<f64>,
@@ -624,7 +626,7 @@ pub fn stochastic(method: &str) -> Option<StochasticIntegrator> {
     }
 }
 
-fn read_plant_scheme(spec: &Spec<'_>, method: &str) -> PyResult<PlantScheme> {
+fn read_plant_scheme(spec: &Spec<'_>, method: &str) -> Result<PlantScheme> {
     Ok(match method {
         "held" => PlantScheme::Held,
         "euler" => PlantScheme::Deterministic(Integrator::Euler),
@@ -632,7 +634,7 @@ fn read_plant_scheme(spec: &Spec<'_>, method: &str) -> PyResult<PlantScheme> {
         "bogacki-shampine" => PlantScheme::Deterministic(Integrator::BogackiShampine),
         other => match stochastic(other) {
             Some(scheme) => PlantScheme::Stochastic(scheme),
-            None => return Err(spec.unknown("plant_method", other, &PLANT_METHODS)),
+            None => return Err(spec.unknown("plant_method", other, &PLANT_METHODS).into()),
         },
     })
 }
@@ -785,13 +787,13 @@ impl StudyResult {
     }
 
     /// As a dict of arrays.
-    pub fn into_dict<'py>(self, py: Python<'py>, plan: &Plan) -> PyResult<Bound<'py, PyDict>> {
+    pub fn into_dict<'py>(self, py: Python<'py>, plan: &Plan) -> Result<Bound<'py, PyDict>> {
         let out = PyDict::new(py);
         let shape = [self.runs.len(), plan.windows.len(), self.signals];
-        let set = |key: &str, of: fn(&Moments<f64>) -> f64| -> PyResult<()> {
+        let set = |key: &str, of: fn(&Moments<f64>) -> f64| -> Result<()> {
             let values: Vec<f64> =
                 self.runs.iter().flat_map(|r| r.moments.iter().map(of)).collect();
-            out.set_item(key, values.into_pyarray(py).reshape(shape)?)
+            Ok(out.set_item(key, values.into_pyarray(py).reshape(shape)?)?)
         };
         let Wanted { mean, rms, max, peak } = plan.wanted;
         for (key, wanted, of) in [
@@ -849,7 +851,7 @@ const FORCE: &str = "HGO_INSTRUCTION_SET";
 
 /// The instructions of a study that gains from them and asks for nothing that only single runs give:
 /// the widest of this processor, or those that the environment allows. `None`: one run at a time.
-pub fn vectors(plan: &Plan) -> PyResult<Option<Vectors>> {
+pub fn vectors(plan: &Plan) -> Result<Option<Vectors>> {
     let refuse = |given: &str, allowed: &str| {
         Err(refused(&format!("{FORCE} = {given:?} is not allowed: {allowed}, or leave it unset")))
     };
@@ -870,7 +872,7 @@ pub fn vectors(plan: &Plan) -> PyResult<Option<Vectors>> {
 }
 
 /// The integrator of plant and observer as one differential equation.
-pub fn joint_integrator(scheme: Discretisation) -> PyResult<Integrator> {
+pub fn joint_integrator(scheme: Discretisation) -> Result<Integrator> {
     match scheme {
         Discretisation::Euler => Ok(Integrator::Euler),
         Discretisation::RungeKutta(RungeKutta { integrator, hold: Hold::Measurement }) => {

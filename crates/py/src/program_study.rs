@@ -4,26 +4,26 @@
 //! noise) goes through the loop of compiled plants and laws, with the tables behind their traits: the
 //! same operations, and so the same bits.
 
-use super::compile::Compiled;
-use super::errors::refused;
-use super::interrupt::{StopFlag, interruptible};
-use super::plan::{AnySchedule, BlockOf, Plan, SAMPLED_ONLY, StudyResult, vectors};
-use super::programs::Tables;
-use super::spec::Spec;
-use super::systems::AnyPlant;
-use super::table::Table;
-use super::trace::{self, PlacedGains, Setting, Traced, input, inputs, named, trace};
-use crate::Scalar;
-use crate::ensemble::Programs;
-use crate::integrate::{Integrator, PlantScheme, WienerIncrement, plant_step};
-use crate::lanes::LaneMetrics;
-use crate::memory::Memory;
-use crate::model::{Plant, StochasticIntegrator};
-use crate::noise::Sine;
-use crate::observer::{ContinuousLaw, Observer, Status, Timing};
-use crate::program::Registers;
-use crate::simulate::Experiment;
-use crate::vectors::Task;
+use hgo_ir::compile::Compiled;
+use crate::errors::{Result, refused};
+use crate::interrupt::{StopFlag, interruptible};
+use crate::plan::{AnySchedule, BlockOf, Plan, SAMPLED_ONLY, StudyResult, vectors};
+use hgo_ir::tables::Tables;
+use hgo_ir::spec::Spec;
+use hgo_ir::systems::AnyPlant;
+use hgo_ir::table::Table;
+use hgo_ir::trace::{self, PlacedGains, Setting, Traced, input, inputs, named, trace};
+use hgo_rs::Scalar;
+use hgo_rs::ensemble::Programs;
+use hgo_rs::integrate::{Integrator, PlantScheme, WienerIncrement, plant_step};
+use hgo_rs::lanes::LaneMetrics;
+use hgo_rs::memory::Memory;
+use hgo_rs::model::{Plant, StochasticIntegrator};
+use hgo_rs::noise::Sine;
+use hgo_rs::observer::{ContinuousLaw, Observer, Status, Timing};
+use hgo_rs::program::Registers;
+use hgo_rs::simulate::Experiment;
+use hgo_rs::vectors::Task;
 use nalgebra::SVector;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -49,14 +49,14 @@ pub struct OwnPlant {
 }
 
 impl OwnPlant {
-    pub fn read(spec: &Spec<'_>) -> PyResult<Self> {
+    pub fn read(spec: &Spec<'_>) -> Result<Self> {
         spec.only(&["kind", "n", "n_u", "noisy", "table", "parameters", "names"])?;
         let (n, noisy) = (spec.count("n")?, spec.flag_or("noisy", false)?);
         if !(1..=X).contains(&n) {
             return Err(refused(&format!("n = {n} is not allowed: a plant has 1 to {X} states")));
         }
         let table = Table::read(&spec.sub("table")?)?;
-        let parameters = spec.numbers("parameters")?.values;
+        let parameters = spec.numbers("parameters")?.values.clone();
         if let Some(bad) = parameters.iter().find(|value| !value.is_finite()) {
             return Err(refused(&format!("a parameter of the plant is {bad}; it must be finite")));
         }
@@ -72,7 +72,7 @@ impl OwnPlant {
     }
 
     /// With the states first that an observer estimates.
-    fn estimated(mut self, truth: &[usize]) -> PyResult<Self> {
+    fn estimated(mut self, truth: &[usize]) -> Result<Self> {
         let twice = (1..truth.len()).any(|i| truth[..i].contains(&truth[i]));
         if twice || truth.iter().any(|i| *i >= self.n) {
             return Err(refused(&format!(
@@ -131,7 +131,7 @@ impl Plant<Traced> for Tabled<'_> {
         x.as_slice()
     }
     fn control(&self, _: Traced, _: &Self::State, _: Traced) -> Self::Input {
-        crate::model::no_input()
+        hgo_rs::model::no_input()
     }
     fn has_process_noise(&self) -> bool {
         self.0.noisy
@@ -149,7 +149,7 @@ impl Plant<Traced> for Tabled<'_> {
 #[derive(Default)]
 struct Failure {
     occurred: AtomicBool,
-    error: Mutex<Option<PyErr>>,
+    error: Mutex<Option<hgo_ir::Error>>,
 }
 
 /// A function of single runs: a program, or a table with calls.
@@ -159,7 +159,7 @@ enum Part {
 }
 
 impl Part {
-    fn of(table: Table, failure: &Arc<Failure>) -> PyResult<Self> {
+    fn of(table: Table, failure: &Arc<Failure>) -> Result<Self> {
         if table.calls.is_empty() {
             return Ok(Self::Compiled(table.compile()?));
         }
@@ -237,7 +237,7 @@ impl Plant<f64> for Evaluated<'_> {
         self.known(x)
     }
     fn control(&self, _: f64, _: &Self::State, _: f64) -> Self::Input {
-        crate::model::no_input()
+        hgo_rs::model::no_input()
     }
     fn has_process_noise(&self) -> bool {
         self.noisy
@@ -366,7 +366,7 @@ struct PlantTables {
 }
 
 impl Parts<Table> {
-    fn made(&self, failure: &Arc<Failure>) -> PyResult<Parts<Part>> {
+    fn made(&self, failure: &Arc<Failure>) -> Result<Parts<Part>> {
         let part = |table: &Table| Part::of(table.clone(), failure);
         Ok(Parts {
             drift: part(&self.drift)?,
@@ -387,12 +387,12 @@ impl Parts<Table> {
 fn plant_tables<P>(
     n: usize,
     scheme: PlantScheme,
-    build: impl Fn() -> PyResult<P>,
-) -> PyResult<PlantTables>
+    build: impl Fn() -> hgo_ir::Result<P>,
+) -> Result<PlantTables>
 where
     P: Plant<Traced, Output = Traced, Input = NoInput<Traced>>,
 {
-    let u = crate::model::no_input();
+    let u = hgo_rs::model::no_input();
     let state = |name| P::State::read(&inputs(name, n));
     let flat = |state: P::State| {
         let mut values = vec![Traced::ZERO; n];
@@ -466,7 +466,7 @@ impl Study<'_> {
     }
 
     /// What takes the sample: (t, dt, z, x, drawn noise, sines, the plant's time) → z⁺.
-    fn observers(&self) -> PyResult<Compiled> {
+    fn observers(&self) -> hgo_ir::Result<Compiled> {
         trace(DOUBLE, || {
             let (t, dt) = (input("t"), input("dt"));
             let z = inputs("z", self.plan.memory_len());
@@ -484,7 +484,7 @@ impl Study<'_> {
     }
 
     /// The way on after the sample, with current timing: (t, dt, z) → z⁺.
-    fn predictors(&self) -> PyResult<Option<Compiled>> {
+    fn predictors(&self) -> hgo_ir::Result<Option<Compiled>> {
         if self.observer.correct().is_none() {
             return Ok(None);
         }
@@ -498,9 +498,9 @@ impl Study<'_> {
     }
 
     /// (t, dt, z, x, drawn noise) → (z⁺, x⁺), as one differential equation.
-    fn both(&self, integrator: Integrator) -> PyResult<Compiled> {
+    fn both(&self, integrator: Integrator) -> hgo_ir::Result<Compiled> {
         let Some((rate, admissible)) = self.observer.law() else {
-            return Err(refused(SAMPLED_ONLY));
+            return Err(hgo_ir::error::refused(SAMPLED_ONLY));
         };
         trace(DOUBLE, || {
             let (t, dt) = (input("t"), input("dt"));
@@ -558,9 +558,9 @@ impl Task for BlockTask<'_, '_> {
 
 /// Whether a simulation runs as programs: its plant or its model is the user's own, or it is a pair
 /// that is not compiled.
-pub fn is_programmed(spec: &Spec<'_>) -> PyResult<bool> {
+pub fn is_programmed(spec: &Spec<'_>) -> Result<bool> {
     let (observer, plant) = (spec.sub("observer")?, spec.sub("plant")?.text_or("kind", "")?);
-    let model = observer.get("model")?.is_some() && {
+    let model = observer.has("model") && {
         observer.sub("model")?.text_or("kind", "")? == "own"
     };
     let copies = matches!(observer.text_or("kind", "")?.as_str(), "collection" | "modified");
@@ -569,17 +569,17 @@ pub fn is_programmed(spec: &Spec<'_>) -> PyResult<bool> {
 }
 
 /// Whether recorded noise has samples that are missing.
-fn samples_miss(spec: &Spec<'_>) -> PyResult<bool> {
-    if spec.get("noise")?.is_none() {
+fn samples_miss(spec: &Spec<'_>) -> Result<bool> {
+    if !spec.has("noise") {
         return Ok(false);
     }
     let noise = spec.sub("noise")?;
-    Ok(noise.get("values")?.is_some()
+    Ok(noise.has("values")
         && noise.numbers("values")?.values.iter().any(|value| !value.is_finite()))
 }
 
 /// Run an experiment with a plant or a model of the user's own.
-pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, PyDict>> {
+pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'_>) -> Result<Bound<'py, PyDict>> {
     let of_observer = spec.sub("observer")?;
     let schedule = spec.sub("schedule")?;
     // gains for the length of a step are constants
@@ -595,7 +595,7 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
     }
     let plant_spec = spec.sub("plant")?;
     let (n, scheme) = (plan.plant.len(), plan.plant_scheme);
-    let truth: Option<Vec<usize>> = spec.get("truth")?.map(|truth| truth.extract()).transpose()?;
+    let truth = spec.wholes("truth")?;
     let own = match (&plan.plant, truth) {
         (AnyPlant::Own { .. }, None) => Some(OwnPlant::read(&plant_spec)?),
         (AnyPlant::Own { .. }, Some(truth)) => {
@@ -614,7 +614,7 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
         ($variant:ident) => {
             plant_tables(n, scheme, || match AnyPlant::<Traced>::read(&plant_spec)? {
                 AnyPlant::$variant(plant) => Ok(plant),
-                _ => Err(refused("another plant")),
+                _ => Err(hgo_ir::error::refused("another plant")),
             })?
         };
     }
@@ -633,7 +633,7 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
     };
     // a correction after missing samples is for all the time since the last one; the low-power laws have
     // no table for any time, and no value then
-    let waits = || -> PyResult<bool> {
+    let waits = || -> Result<bool> {
         let dt = schedule.f64("dt")?;
         let rows = plan.memory0.chunks_exact(plan.memory_len().max(1));
         let mut starts = rows.filter_map(|row| row.last());
@@ -671,7 +671,7 @@ impl Study<'_> {
         Evaluated { n: self.plan.plant.len(), noisy, supports, parts }
     }
 
-    fn in_blocks(&self, py: Python<'_>, integrator: Option<Integrator>) -> PyResult<StudyResult> {
+    fn in_blocks(&self, py: Python<'_>, integrator: Option<Integrator>) -> Result<StudyResult> {
         let (plan, observer) = (self.plan, self.observer);
         let parts = self.plant.parts.made(&Arc::default())?;
         let plants = self.plant.step.compile()?;
@@ -710,7 +710,7 @@ impl Study<'_> {
         })
     }
 
-    fn one_by_one(&self, py: Python<'_>, integrator: Option<Integrator>) -> PyResult<StudyResult> {
+    fn one_by_one(&self, py: Python<'_>, integrator: Option<Integrator>) -> Result<StudyResult> {
         let (plan, observer) = (self.plan, self.observer);
         let failure = Arc::<Failure>::default();
         let parts = self.plant.parts.made(&failure)?;
@@ -765,7 +765,7 @@ impl Study<'_> {
             }
         });
         let failed = failure.error.lock().unwrap_or_else(PoisonError::into_inner).take();
-        failed.map_or(result, Err)
+        failed.map_or(result, |failed| Err(failed.into()))
     }
 
     /// Whether Python functions are called.

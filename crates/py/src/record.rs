@@ -2,9 +2,10 @@
 //!
 //! What is wrong with a record is found here and said in Python, which has the words for it.
 
-use super::recursion::{AnyObserver, Block, Samples, larger};
-use super::spec::empty;
-use crate::observer::Status;
+use hgo_ir::recursion::{AnyObserver, Block, Samples, larger};
+use crate::errors::Result;
+use crate::values::empty;
+use hgo_rs::observer::Status;
 use numpy::PyArrayMethods;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -99,7 +100,7 @@ struct Findings {
 
 impl Pass<'_> {
     /// Take in, check and step over some samples: block by block, while they are in the cache.
-    fn block(&mut self, rows: Range<usize>) -> PyResult<()> {
+    fn block(&mut self, rows: Range<usize>) -> Result<()> {
         let (p, q, m) = (self.observer.n_y(), self.observer.n_u(), self.at.len());
         let (found, len) = (&mut self.found, rows.len());
         let last = rows.end == self.missing.len();
@@ -210,7 +211,7 @@ pub fn run<'py>(
     (clock, given, u): (Clock<'_>, &[f64], &[f64]),
     until: Option<f64>,
     innovation: bool,
-) -> PyResult<Bound<'py, PyDict>> {
+) -> Result<Bound<'py, PyDict>> {
     let (p, m) = (observer.n_y(), memory.len());
     let samples = given.len() / p;
     let y = empty::<f64, 2>(py, [samples, p])?;

@@ -1,16 +1,15 @@
 //! Studies: which observer runs beside which plants.
 
-use super::errors::refused;
-use super::interrupt::StopFlag;
-use super::lanes;
-use super::plan::{NO_PLANT, Plan, SAMPLED_ONLY, StudyResult, joint_integrator, told_nothing};
-use super::systems::AnyPlant;
-use crate::model::Plant;
-use crate::models::{Ship, VanDerPol};
-use crate::observer::{ContinuousLaw, Discretisation, Discretised};
-use crate::observers::{ReducedOrderObserver, SampledDataObserver};
+use crate::errors::{Result, refused};
+use crate::interrupt::StopFlag;
+use crate::lanes;
+use crate::plan::{NO_PLANT, Plan, SAMPLED_ONLY, StudyResult, joint_integrator, told_nothing};
+use hgo_ir::systems::AnyPlant;
+use hgo_rs::model::Plant;
+use hgo_rs::models::{Ship, VanDerPol};
+use hgo_rs::observer::{ContinuousLaw, Discretisation, Discretised};
+use hgo_rs::observers::{ReducedOrderObserver, SampledDataObserver};
 use nalgebra::{SVector, Vector2};
-use pyo3::prelude::*;
 
 type Continuous<L> = Discretised<L, Discretisation>;
 
@@ -20,7 +19,7 @@ fn with_plant<P, L>(
     plant: P,
     plan: &Plan,
     stop: &StopFlag,
-) -> PyResult<StudyResult>
+) -> Result<StudyResult>
 where
     P: Plant<f64, Output = f64, Input = SVector<f64, 0>> + Send + Sync,
     L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync,
@@ -36,7 +35,7 @@ where
 }
 
 /// Laws of order 2 with the plants of order 2.
-pub fn of_order_2<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult>
+pub fn of_order_2<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> Result<StudyResult>
 where
     L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync + 'static,
 {
@@ -52,7 +51,7 @@ where
 }
 
 /// Collections with the plant that they are made for; with others they run as programs.
-pub fn of_copies<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult>
+pub fn of_copies<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> Result<StudyResult>
 where
     L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync + 'static,
 {
@@ -63,7 +62,7 @@ where
 }
 
 /// Laws of order 5 with the plant of order 5.
-pub fn of_order_5<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> PyResult<StudyResult>
+pub fn of_order_5<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> Result<StudyResult>
 where
     L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync + 'static,
 {
@@ -80,7 +79,7 @@ pub fn of_sampled_data(
     observer: &SampledDataObserver<VanDerPol<f64>, 2>,
     plan: &Plan,
     stop: &StopFlag,
-) -> PyResult<StudyResult> {
+) -> Result<StudyResult> {
     let AnyPlant::VanDerPol(plant) = plan.plant else { return Err(refused(NO_PLANT)) };
     if plan.is_joint() {
         return Err(refused(SAMPLED_ONLY));
@@ -97,7 +96,7 @@ pub fn of_reduced_order(
     observer: &ReducedOrderObserver<f64, Ship<f64>, 3, 3, 2>,
     plan: &Plan,
     stop: &StopFlag,
-) -> PyResult<StudyResult> {
+) -> Result<StudyResult> {
     let AnyPlant::Ship(plant) = plan.plant else { return Err(refused(NO_PLANT)) };
     if plan.is_joint() {
         return Err(refused(SAMPLED_ONLY));
