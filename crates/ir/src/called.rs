@@ -1,13 +1,12 @@
 //! Observers whose model is made of Python functions: the core's laws, step by step, with calls where
 //! the model stands.
 
-
-
 use crate::error::Result;
-use crate::tables::{Steps, Tables};
 use crate::recursion::{AnyObserver, Block, Recursion, larger};
+use crate::step::Steps;
 use crate::table::Table;
 use crate::tabled::MAX_INPUTS;
+use crate::tables::Tables;
 use hgo_rs::observer::Status;
 
 /// An observer whose step calls functions.
@@ -57,14 +56,7 @@ impl Recursion for Called {
         self.one(correct, memory, (y, u), (t, 0.0), &mut [])
     }
 
-    fn advance(
-        &self,
-        memory: &mut [f64],
-        y: &[f64],
-        u: &[f64],
-        t: f64,
-        dt: f64,
-    ) -> Result<Status> {
+    fn advance(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Result<Status> {
         self.one(&self.advance, memory, (y, u), (t, dt), &mut [])
     }
 

@@ -11,7 +11,9 @@ use hgo_rs::observers::{HardClip, NoSaturation, Saturation, SmoothSaturation};
 /// The adaptive and the dead-zone law behind one memory r.
 #[derive(Clone, Copy)]
 pub enum MovingGain<T = f64> {
+    /// Sanfelice and Praly (6).
     Adaptive(AdaptiveGain<T>),
+    /// With a dead zone, Sanfelice and Praly (4).
     DeadZone(DeadZoneGain<T>),
 }
 
@@ -26,12 +28,16 @@ impl<T: Scalar> GainLaw<T> for MovingGain<T> {
     }
 }
 
+/// A gain law by its name.
 pub enum AnyGain<T = f64> {
+    /// ℓ.
     Constant(ConstantGain<T>),
+    /// r, which moves.
     Moving(MovingGain<T>),
 }
 
 impl<T: Scalar> AnyGain<T> {
+    /// The gain law that a spec names.
     pub fn read(spec: &Spec<'_>) -> Result<Self> {
         let law = spec.text("law")?;
         if law == "constant" {
@@ -56,10 +62,14 @@ impl<T: Scalar> AnyGain<T> {
     }
 }
 
+/// A saturation by its name.
 #[derive(Clone, Copy)]
 pub enum AnySaturation<const N: usize, T = f64> {
+    /// η as it is.
     None,
+    /// Clipped.
     Hard(HardClip<T, N>),
+    /// Bent towards its level.
     Smooth(SmoothSaturation<T, N>),
 }
 
@@ -109,23 +119,30 @@ const METHODS: [(&str, AnyMethod); 7] = {
     ]
 };
 
+/// Why a law has no placed step.
 pub const NOT_PLACED: &str = "method = 'zoh' or 'bilinear' is not allowed here: it is defined for the \
     standard, the low-power and the peaking-free law; choose another method";
 
 /// How a continuous law is stepped.
 #[derive(Clone, Copy)]
 pub struct Manner {
+    /// How it moves and corrects.
     pub method: AnyMethod,
+    /// What a sample is for: the next estimate, or its own.
     pub timing: Timing,
 }
 
+/// A method by its name.
 #[derive(Clone, Copy)]
 pub enum AnyMethod {
+    /// One of the schemes that the core steps any law with.
     Known(Discretisation),
+    /// One that places the eigenvalues of the correction.
     Placed(Placement),
 }
 
 impl Manner {
+    /// Method and timing of an observer's spec.
     pub fn read(spec: &Spec<'_>) -> Result<Self> {
         let method = spec.text_or("method", "euler")?;
         let Some((_, method)) = METHODS.iter().find(|(name, _)| *name == method) else {

@@ -5,8 +5,8 @@
 //! move a state have, become one for a row. Then instructions that wait for one another are put apart.
 
 use crate::error::{Result, refused};
+use crate::table::{NOT_COMPILED, Slot, Table, operands};
 use crate::value::Numbers;
-use crate::table::{NOT_COMPILED, Table, Slot, operands};
 use hgo_rs::Scalar;
 use hgo_rs::program::{Instruction, Operation, Program, REGISTERS, ROW, Registers};
 use std::cmp::Reverse;
@@ -39,7 +39,9 @@ impl Table {
         let columns = self.inputs.len();
         let Numbers { values, shape } = inputs;
         if shape.len() != 2 || shape[1] != columns {
-            return Err(refused(format!("inputs have shape {shape:?}; they must be (N, {columns})")));
+            return Err(refused(format!(
+                "inputs have shape {shape:?}; they must be (N, {columns})"
+            )));
         }
         let compiled = self.compile()?;
         let rows = values.chunks_exact(columns.max(1));
@@ -352,11 +354,13 @@ impl Allocation {
 #[derive(Clone, Debug)]
 pub struct Compiled {
     instructions: Vec<Instruction>,
+    /// Registers of the outputs.
     pub outputs: Vec<u8>,
     constants: Vec<(u8, f64)>,
 }
 
 impl Compiled {
+    /// The program itself.
     pub fn program(&self) -> Program<'_> {
         Program { instructions: &self.instructions, outputs: &self.outputs }
     }

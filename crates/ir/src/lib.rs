@@ -1,18 +1,42 @@
-//! The laws of `hgo_rs` as tables of operations.
-pub mod called;
+//! The laws of `hgo_rs`, written down as tables of operations.
+//!
+//! A law of the core is run once over [`trace::Traced`] numbers, which remember how they were computed:
+//! what comes out is a [`table::Table`], operations in order, each value computed once, with the law's
+//! bits. A model of the user's own is a table too, and stands within the law's. Tables are compiled for
+//! the core's interpreter, run, or handed on to be printed.
+//!
+//! Specs are plain data ([`Value`]), from Python's objects or from a TOML file; what is refused, and what
+//! a user's function raises, is an [`Error`]. Nothing here knows Python.
+//!
+//! # Floors
+//!
+//! A file imports lower floors only, and of other crates `hgo_rs`: `error`, `value`, `spec`, `order` (0);
+//! `table`, `choices`, `systems`, `recursion` (1); `trace`, `compile` (2); `model`, `tabled` (3); `tables`
+//! (4); `laws`, `step` (5); `called` (6); `observer` (7).
+
+// Every error here is an `Error`, which says what it is about.
+#![allow(clippy::missing_errors_doc)]
+
+mod called;
 pub mod choices;
 pub mod compile;
 pub mod error;
+mod laws;
+mod model;
+pub mod observer;
 pub mod order;
 pub mod recursion;
 pub mod spec;
+mod step;
 pub mod systems;
 pub mod table;
-pub mod tabled;
+mod tabled;
 pub mod tables;
 pub mod trace;
 pub mod value;
 
 pub use error::{Error, Result};
 pub use spec::Spec;
+pub use tabled::MAX_INPUTS;
+pub use tables::CHAINS;
 pub use value::{Function, Numbers, Value};

@@ -1,22 +1,15 @@
 //! Observers whose types are chosen at run time, and their steps over a block of samples.
 
-
-
 use crate::error::Result;
 use hgo_rs::memory::Memory;
 use hgo_rs::observer::{Observer as CoreObserver, Status};
 
 /// A law in discrete time, with its memory as a flat vector. The verbs are [`CoreObserver`]'s.
 pub trait Recursion: Send + Sync {
+    /// Use the sample of time t.
     fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> Result<Status>;
-    fn advance(
-        &self,
-        memory: &mut [f64],
-        y: &[f64],
-        u: &[f64],
-        t: f64,
-        dt: f64,
-    ) -> Result<Status>;
+    /// Move from time t over dt; with predictor timing by the sample of t.
+    fn advance(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Result<Status>;
     /// See [`over_block`].
     fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> Result<f64>;
 }
@@ -32,14 +25,7 @@ where
         z.write(memory);
         Ok(status)
     }
-    fn advance(
-        &self,
-        memory: &mut [f64],
-        y: &[f64],
-        u: &[f64],
-        t: f64,
-        dt: f64,
-    ) -> Result<Status> {
+    fn advance(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Result<Status> {
         let mut z = O::State::read(memory);
         let (y, u) = (O::Measurement::read(y), O::Input::read(u));
         let status = CoreObserver::advance(self, &mut z, &y, &u, t, dt);
@@ -53,11 +39,17 @@ where
 
 /// Any observer.
 pub trait AnyObserver: Send + Sync {
+    /// Estimated states.
     fn n(&self) -> usize;
+    /// Measured outputs.
     fn n_y(&self) -> usize;
+    /// Known inputs.
     fn n_u(&self) -> usize;
+    /// Whether the estimate at k uses y(k).
     fn is_current(&self) -> bool;
+    /// Memory to start from when nothing is known.
     fn initial(&self) -> Vec<f64>;
+    /// Its steps.
     fn recursion(&self) -> &dyn Recursion;
 }
 
@@ -84,15 +76,19 @@ impl<'a> Samples<'a> {
 
 /// Some samples of a record, a row each. Every sample is to be taken.
 pub struct Block<'a> {
+    /// Times of the samples [s].
     pub t: &'a [f64],
     /// Steps to the next samples; the last sample of a record has none.
     pub dt: &'a [f64],
+    /// The samples.
     pub y: Samples<'a>,
+    /// Inputs, held from each sample on.
     pub u: &'a [f64],
     /// The memory at each sample: before its use, or after it if the law filters.
     pub memory: &'a mut [f64],
     /// Empty where it is not asked for.
     pub innovation: &'a mut [f64],
+    /// What became of each sample: [`Status`] as a number.
     pub status: &'a mut [u8],
 }
 

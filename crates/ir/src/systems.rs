@@ -11,11 +11,17 @@ use nalgebra::SVector;
 /// observer's when it was built.
 #[derive(Clone, Copy)]
 pub enum AnyModel<T = f64> {
+    /// Nothing.
     Unknown,
+    /// Its input.
     Input(InputGain<T>),
+    /// Lee, Choi and Khalil.
     Lee(Lee),
+    /// Sanfelice and Praly.
     SanfelicePraly(SanfelicePraly<T>),
+    /// Fu, Kang and Li.
     VanDerPol(VanDerPol<T>),
+    /// Astolfi, Marconi, Praly and Teel.
     Crackle(Crackle<T>),
 }
 
@@ -68,6 +74,7 @@ impl<T: Scalar> AnyModel<T> {
 }
 
 impl<T: Scalar> AnyModel<T> {
+    /// The model that a spec names.
     pub fn read(spec: &Spec<'_>) -> Result<Self> {
         let kind = spec.text("kind")?;
         Ok(match kind.as_str() {
@@ -101,17 +108,20 @@ impl<T: Scalar> AnyModel<T> {
     }
 }
 
+/// The plant of Lee, Choi and Khalil.
 pub fn read_lee(spec: &Spec<'_>) -> Result<Lee> {
     spec.only(&["kind"])?;
     Ok(Lee)
 }
 
+/// The plant of Sanfelice and Praly.
 pub fn read_sanfelice_praly<T: Scalar>(spec: &Spec<'_>) -> Result<SanfelicePraly<T>> {
     spec.only(&["kind", "nu1", "nu2"])?;
     let [nu1, nu2] = [spec.f64("nu1")?, spec.f64_or("nu2", 0.1)?].map(T::from_f64);
     Ok(SanfelicePraly::new(nu1, nu2)?)
 }
 
+/// The plant of Fu, Kang and Li, with a form of its correction term.
 pub fn read_van_der_pol<T: Scalar>(
     spec: &Spec<'_>,
     correction: Correction,
@@ -127,11 +137,13 @@ pub fn read_van_der_pol<T: Scalar>(
     Ok(VanDerPol::new(epsilon, sigma, diffusion, correction)?)
 }
 
+/// The plant of order 5 of Astolfi, Marconi, Praly and Teel.
 pub fn read_crackle<T: Scalar>(spec: &Spec<'_>) -> Result<Crackle<T>> {
     spec.only(&["kind", "phi_max"])?;
     Ok(Crackle::new(T::from_f64(spec.f64_or("phi_max", 3.0)?))?)
 }
 
+/// The ship of Katayama.
 pub fn read_ship<T: Scalar>(spec: &Spec<'_>) -> Result<Ship<T>> {
     spec.only(&["kind", "delta", "w"])?;
     let w = if spec.has("w") { spec.vector::<3>("w", 3)? } else { [0.0; 3] };
@@ -141,18 +153,25 @@ pub fn read_ship<T: Scalar>(spec: &Spec<'_>) -> Result<Ship<T>> {
 /// The papers' plants.
 #[derive(Clone, Copy)]
 pub enum AnyPlant<T = f64> {
+    /// Lee, Choi and Khalil.
     Lee(Lee),
+    /// Sanfelice and Praly.
     SanfelicePraly(SanfelicePraly<T>),
+    /// Fu, Kang and Li.
     VanDerPol(VanDerPol<T>),
+    /// Astolfi, Marconi, Praly and Teel.
     Crackle(Crackle<T>),
+    /// Katayama.
     Ship(Ship<T>),
     /// One of the user's own, with n states.
     Own {
+        /// Its states.
         n: usize,
     },
 }
 
 impl<T: Scalar> AnyPlant<T> {
+    /// The plant that a spec names.
     pub fn read(spec: &Spec<'_>) -> Result<Self> {
         let kind = spec.text("kind")?;
         Ok(match kind.as_str() {
@@ -170,6 +189,8 @@ impl<T: Scalar> AnyPlant<T> {
         })
     }
 
+    /// Its states.
+    #[allow(clippy::len_without_is_empty)] // a plant without a state is none
     pub fn len(&self) -> usize {
         match self {
             Self::Lee(_) | Self::SanfelicePraly(_) | Self::VanDerPol(_) => 2,

@@ -46,8 +46,11 @@ pub type Slot = usize;
 /// A call of a user's function: it takes a list of numbers and gives as many as it has results.
 #[derive(Clone, Debug)]
 pub struct Call {
+    /// What is called.
     pub function: Arc<dyn Function>,
+    /// The values that it takes.
     pub arguments: Vec<Slot>,
+    /// How many numbers it gives.
     pub results: usize,
 }
 
@@ -77,6 +80,7 @@ pub const NOT_COMPILED: &str = "this is not allowed for a system of Python funct
 pub struct Scheduled<'a>(Vec<(&'a Call, usize)>);
 
 impl<'a> Scheduled<'a> {
+    /// The calls of this table.
     pub fn of(table: &'a Table) -> Self {
         let (inputs, base) = (table.inputs.len(), table.base());
         let mut scheduled = Vec::new();
@@ -135,9 +139,13 @@ pub struct Table {
     pub inputs: Vec<String>,
     /// In the order in which they are made; their results are values one after the other.
     pub calls: Vec<Call>,
+    /// Numbers that are known.
     pub constants: Vec<f64>,
+    /// Each with the values that it takes, at most three.
     pub operations: Vec<(Operation, [Slot; 3])>,
+    /// The values that it gives.
     pub outputs: Vec<Slot>,
+    /// Their names.
     pub output_names: Vec<String>,
 }
 
@@ -171,7 +179,8 @@ impl Table {
         let mut operations = Vec::new();
         for row in list(spec, "ops")? {
             let read = read_operation(row);
-            let Some(operation) = read.filter(|(_, of)| of.iter().all(|value| *value < known)) else {
+            let Some(operation) = read.filter(|(_, of)| of.iter().all(|value| *value < known))
+            else {
                 return Err(refused(format!(
                     "table row {row} is not allowed: [operation, operands ...] with as many values \
                      before it (there are {known}) as the operation takes"
@@ -205,6 +214,7 @@ impl Table {
     }
 
     /// Without some of the inputs, told by their places, which nothing may use.
+    #[must_use]
     pub fn without_inputs(&self, goes: impl Fn(usize) -> bool) -> Self {
         let mut place: Vec<Slot> = Vec::with_capacity(self.inputs.len());
         let mut kept = 0;
@@ -238,6 +248,7 @@ impl Table {
     }
 
     /// Without the constants and operations that no output needs.
+    #[must_use]
     pub fn trimmed(&self) -> Self {
         let (inputs, base) = (self.inputs.len(), self.base());
         let mut needed = vec![false; base + self.operations.len()];
@@ -310,7 +321,9 @@ impl Table {
 fn list<'a>(spec: &Spec<'a>, key: &str) -> Result<&'a [Value]> {
     match spec.get(key) {
         None => Ok(&[]),
-        Some(value) => value.as_list().ok_or_else(|| refused(format!("table {key} must be a list"))),
+        Some(value) => {
+            value.as_list().ok_or_else(|| refused(format!("table {key} must be a list")))
+        }
     }
 }
 

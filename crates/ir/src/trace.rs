@@ -7,7 +7,7 @@
 //! yet cannot be recorded: the trace then fails, and says so.
 
 use crate::error::{Result, refused};
-use crate::table::{Call, Scheduled, Table, Slot, operands};
+use crate::table::{Call, Scheduled, Slot, Table, operands};
 use hgo_rs::Scalar;
 use hgo_rs::program::Operation;
 use std::cell::RefCell;

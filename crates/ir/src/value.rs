@@ -177,9 +177,9 @@ impl Value {
                 self.gather(0, &mut values, &mut shape)?;
                 Some(Arc::new(Numbers { values, shape }))
             }
-            other => {
-                other.as_f64().map(|value| Arc::new(Numbers { values: vec![value], shape: vec![1] }))
-            }
+            other => other
+                .as_f64()
+                .map(|value| Arc::new(Numbers { values: vec![value], shape: vec![1] })),
         }
     }
 
@@ -203,7 +203,8 @@ impl Value {
                 fits.then(|| values.extend_from_slice(&numbers.values))
             }
             entry => {
-                let value = if matches!(entry, Self::Nothing) { f64::NAN } else { entry.as_f64()? };
+                let value =
+                    if matches!(entry, Self::Nothing) { f64::NAN } else { entry.as_f64()? };
                 (shape.len() == depth).then(|| values.push(value))
             }
         }

@@ -70,10 +70,7 @@ impl Task for Coupled<'_> {
 
 /// Coarse and fine paths of a stochastic plant on the same Brownian motion.
 #[pyfunction]
-pub fn coupled_paths<'py>(
-    py: Python<'py>,
-    spec: &Bound<'py, PyAny>,
-) -> Result<Bound<'py, PyDict>> {
+pub fn coupled_paths<'py>(py: Python<'py>, spec: &Bound<'py, PyAny>) -> Result<Bound<'py, PyDict>> {
     let value = read_dict(spec, "coupled paths")?;
     let spec = Spec::new(&value, "coupled paths")?;
     spec.only(&["plant", "x0", "t_end", "coarse", "fine", "method", "runs", "seed", "first_run"])?;

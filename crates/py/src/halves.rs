@@ -4,11 +4,11 @@
 //! What is chosen at run time stays so, one law's halves behind one table of functions: there are too
 //! many combinations to compile each as one loop.
 
-use hgo_ir::choices::{AnyMethod, Manner, NOT_PLACED};
 use crate::errors::{Result, refused};
 use crate::interrupt::StopFlag;
 use crate::observers::Studied;
 use crate::plan::{NO_PLANT, PREDICTOR_ONLY, Plan, StudyResult};
+use hgo_ir::choices::{AnyMethod, Manner, NOT_PLACED};
 use hgo_ir::recursion::{AnyObserver, Block, Recursion};
 use hgo_ir::systems::AnyPlant;
 use hgo_rs::Scalar;

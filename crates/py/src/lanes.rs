@@ -4,9 +4,10 @@
 //! that nothing is left to choose in the loop over runs. What is not named runs one run at a time,
 //! with the same bits.
 
-use hgo_ir::choices::{AnySaturation, MovingGain};
+use crate::errors::Result;
 use crate::interrupt::StopFlag;
 use crate::plan::{AnySchedule, BlockOf, Plan, StudyResult};
+use hgo_ir::choices::{AnySaturation, MovingGain};
 use hgo_ir::systems::{AnyModel, AnyPlant};
 use hgo_rs::gain::ConstantGain;
 use hgo_rs::integrate::Integrator;
@@ -22,7 +23,6 @@ use hgo_rs::observers::{
 use hgo_rs::simulate::Experiment;
 use hgo_rs::vectors::Task;
 use nalgebra::SVector;
-use crate::errors::Result;
 use std::any::Any;
 
 /// What a study of a continuous law gives, if its types are named here.

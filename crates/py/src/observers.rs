@@ -1,19 +1,18 @@
 //! From a spec to an observer of the core, and the class `Observer` that Python steps and runs.
 
-use hgo_ir::choices::{AnyGain, AnySaturation, Manner, MovingGain};
-use hgo_ir::order::order_refused;
 use crate::errors::{Result, refused};
 use crate::halves::{Halved, halves, known_halves};
 use crate::interrupt::StopFlag;
 use crate::plan::{NO_PLANT, Plan, StudyResult};
 use crate::record::{self, Clock};
-use hgo_ir::recursion::{AnyObserver, Recursion};
+use crate::study;
 use crate::values::{contiguous, read_dict};
 use hgo_ir::Spec;
-use crate::study;
-use hgo_ir::tables;
-use hgo_ir::systems::{AnyModel, read_ship, read_van_der_pol};
+use hgo_ir::choices::{AnyGain, AnySaturation, Manner, MovingGain};
 use hgo_ir::dispatch_order;
+use hgo_ir::order::order_refused;
+use hgo_ir::recursion::{AnyObserver, Recursion};
+use hgo_ir::systems::{AnyModel, read_ship, read_van_der_pol};
 use hgo_rs::memory::Memory;
 use hgo_rs::model::Unknown;
 use hgo_rs::models::Correction;
@@ -262,10 +261,8 @@ fn collection<const C: usize>(
 /// An observer from its spec.
 pub fn build(spec: &Spec<'_>) -> Result<Box<dyn Studied>> {
     let kind = spec.text("kind")?;
-    if kind == "chains"
-        || (spec.has("model") && spec.sub("model")?.text_or("kind", "")? == "own")
-    {
-        return Ok(Box::new(tables::build(spec)?));
+    if kind == "chains" || (spec.has("model") && spec.sub("model")?.text_or("kind", "")? == "own") {
+        return Ok(Box::new(hgo_ir::observer::build(spec)?));
     }
     match kind.as_str() {
         "sampled-data" => {

@@ -5,8 +5,8 @@
 
 use crate::errors::{Result, refused};
 use crate::observers::Observer;
-use hgo_ir::tables::CHAINS;
-use hgo_ir::tabled::MAX_INPUTS;
+use hgo_ir::CHAINS;
+use hgo_ir::MAX_INPUTS;
 use hgo_rs::estimator::Clock;
 use hgo_rs::observer::Status;
 use numpy::npyffi::{_PyArray_GET_ITEM_DATA, NPY_ARRAY_WRITEABLE};

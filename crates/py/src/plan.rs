@@ -1,11 +1,11 @@
 //! Experiments with many runs: threads, interruption, results as arrays.
 
-use hgo_ir::choices::Manner;
 use crate::errors::{Result, refused};
 use crate::interrupt::StopFlag;
 use crate::values::matrix;
-use hgo_ir::{Numbers, Spec};
+use hgo_ir::choices::Manner;
 use hgo_ir::systems::AnyPlant;
+use hgo_ir::{Numbers, Spec};
 use hgo_rs::ensemble::{Block, Columns};
 use hgo_rs::integrate::{Integrator, PlantScheme};
 use hgo_rs::lanes::{LANES, Lane, LaneMetrics};
@@ -70,7 +70,9 @@ impl AnySchedule {
                     spec.f64("p")?,
                 )?))
             }
-            other => Err(spec.unknown("kind", other, &["fixed", "stochastic-approximation"]).into()),
+            other => {
+                Err(spec.unknown("kind", other, &["fixed", "stochastic-approximation"]).into())
+            }
         }
     }
 }
@@ -266,7 +268,9 @@ impl Plan {
                 DrawKind::Samples(given, per_run)
             }
             other => {
-                return Err(spec.unknown("kind", other, &["none", "uniform", "normal", "samples"]).into());
+                return Err(spec
+                    .unknown("kind", other, &["none", "uniform", "normal", "samples"])
+                    .into());
             }
         };
         spec.only(match draw {

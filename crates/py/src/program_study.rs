@@ -4,14 +4,14 @@
 //! noise) goes through the loop of compiled plants and laws, with the tables behind their traits: the
 //! same operations, and so the same bits.
 
-use hgo_ir::compile::Compiled;
 use crate::errors::{Result, refused};
 use crate::interrupt::{StopFlag, interruptible};
 use crate::plan::{AnySchedule, BlockOf, Plan, SAMPLED_ONLY, StudyResult, vectors};
-use hgo_ir::tables::Tables;
+use hgo_ir::compile::Compiled;
 use hgo_ir::spec::Spec;
 use hgo_ir::systems::AnyPlant;
 use hgo_ir::table::Table;
+use hgo_ir::tables::Tables;
 use hgo_ir::trace::{self, PlacedGains, Setting, Traced, input, inputs, named, trace};
 use hgo_rs::Scalar;
 use hgo_rs::ensemble::Programs;
@@ -560,9 +560,7 @@ impl Task for BlockTask<'_, '_> {
 /// that is not compiled.
 pub fn is_programmed(spec: &Spec<'_>) -> Result<bool> {
     let (observer, plant) = (spec.sub("observer")?, spec.sub("plant")?.text_or("kind", "")?);
-    let model = observer.has("model") && {
-        observer.sub("model")?.text_or("kind", "")? == "own"
-    };
+    let model = observer.has("model") && { observer.sub("model")?.text_or("kind", "")? == "own" };
     let copies = matches!(observer.text_or("kind", "")?.as_str(), "collection" | "modified");
     let copied = copies && matches!(plant.as_str(), "lee" | "van-der-pol");
     Ok(model || plant == "own-plant" || copied)

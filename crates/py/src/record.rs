@@ -2,9 +2,9 @@
 //!
 //! What is wrong with a record is found here and said in Python, which has the words for it.
 
-use hgo_ir::recursion::{AnyObserver, Block, Samples, larger};
 use crate::errors::Result;
 use crate::values::empty;
+use hgo_ir::recursion::{AnyObserver, Block, Samples, larger};
 use hgo_rs::observer::Status;
 use numpy::PyArrayMethods;
 use pyo3::prelude::*;

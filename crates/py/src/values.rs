@@ -9,7 +9,7 @@ use numpy::{
 };
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyInt, PyFloat, PyList, PyString, PyTuple};
+use pyo3::types::{PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 use std::sync::Arc;
 
 /// A function in Python.
@@ -28,12 +28,19 @@ pub fn read_dict(object: &Bound<'_, PyAny>, name: &str) -> Result<Value> {
         let message = format!("{name} must be a dict, not {}", kind_of(object));
         return Err(hgo_ir::error::refused(message).into());
     };
-    Ok(map(dict)?)
+    Ok(map(dict, 0)?)
 }
 
-fn map(dict: &Bound<'_, PyDict>) -> PyResult<Value> {
-    let entries = dict.iter().map(|(key, entry)| Ok((key.extract()?, value(&entry)?)));
-    entries.collect::<PyResult<_>>().map(Value::Map)
+/// Levels of a spec that are read: it may hold itself.
+const DEEPEST: usize = 16;
+
+fn map(dict: &Bound<'_, PyDict>, depth: usize) -> PyResult<Value> {
+    // its items in a list of their own: reading one may change the dict
+    let read = |item: Bound<'_, PyAny>| {
+        let (key, entry): (String, Bound<'_, PyAny>) = item.extract()?;
+        Ok((key, value(&entry, depth + 1)?))
+    };
+    dict.items().iter().map(read).collect::<PyResult<_>>().map(Value::Map)
 }
 
 /// What was read, or nothing for an object that is of another kind; an interrupt while reading it
@@ -46,29 +53,38 @@ fn unless_interrupted<T>(py: Python<'_>, read: PyResult<T>) -> PyResult<Option<T
     }
 }
 
-fn value(object: &Bound<'_, PyAny>) -> PyResult<Value> {
+fn value(object: &Bound<'_, PyAny>, depth: usize) -> PyResult<Value> {
     if object.is_none() {
         return Ok(Value::Nothing);
     }
     if let Ok(number) = object.cast_exact::<PyFloat>() {
-        return Ok(Value::Number(number.extract()?));
+        return Ok(Value::Number(number.value()));
+    }
+    if let Ok(whole) = object.cast_exact::<PyInt>()
+        && let Ok(whole) = whole.extract::<i64>()
+    {
+        return Ok(Value::Whole(whole.into()));
     }
     if let Ok(text) = object.cast::<PyString>() {
         return Ok(Value::Text(text.extract()?));
     }
+    if depth > DEEPEST {
+        return Ok(other(object, "..."));
+    }
     if let Ok(dict) = object.cast::<PyDict>() {
-        return map(dict);
+        return map(dict, depth);
     }
-    if let Ok(list) = object.cast::<PyList>() {
-        return list.iter().map(|entry| value(&entry)).collect::<PyResult<_>>().map(Value::List);
+    let list = |rows: PyResult<_>| rows.map(Value::List);
+    if let Ok(given) = object.cast::<PyList>() {
+        return list(given.iter().map(|entry| value(&entry, depth + 1)).collect());
     }
-    if let Ok(tuple) = object.cast::<PyTuple>() {
-        return tuple.iter().map(|entry| value(&entry)).collect::<PyResult<_>>().map(Value::List);
+    if let Ok(given) = object.cast::<PyTuple>() {
+        return list(given.iter().map(|entry| value(&entry, depth + 1)).collect());
     }
     if let Ok(array) = object.cast::<PyUntypedArray>() {
         // entries of another type (strings, objects) are read one by one
         return if !b"biuf".contains(&array.dtype().kind()) {
-            value(&object.call_method0("tolist")?)
+            value(&object.call_method0("tolist")?, depth + 1)
         } else if array.ndim() == 0 {
             Ok(Value::Number(object.extract()?))
         } else {
@@ -88,14 +104,18 @@ fn value(object: &Bound<'_, PyAny>) -> PyResult<Value> {
     if object.is_callable() {
         return Ok(Value::Function(Arc::new(PyFunction(object.clone().unbind()))));
     }
+    // what is no number at all, and too large an integer is no array either
     if !object.is_instance_of::<PyInt>()
         && let Some(numbers) = unless_interrupted(py, numbers(object))?
     {
         return Ok(shared(numbers));
     }
     let shown = unless_interrupted(py, object.repr())?;
-    let shown = shown.map_or_else(|| kind_of(object), |text| text.to_string());
-    Ok(Value::Other { kind: kind_of(object), shown })
+    Ok(other(object, &shown.map_or_else(|| kind_of(object), |text| text.to_string())))
+}
+
+fn other(object: &Bound<'_, PyAny>, shown: &str) -> Value {
+    Value::Other { kind: kind_of(object), shown: shown.to_owned() }
 }
 
 fn shared(numbers: Numbers) -> Value {
@@ -110,7 +130,7 @@ fn kind_of(object: &Bound<'_, PyAny>) -> String {
 pub fn contiguous<'py>(object: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
     let numpy = object.py().import("numpy")?;
     // ascontiguousarray makes a scalar an array of one entry
-    Ok(numpy.call_method1("ascontiguousarray", (object, "float64"))?.extract()?)
+    numpy.call_method1("ascontiguousarray", (object, "float64"))?.extract()
 }
 
 /// The same, copied.

@@ -1,0 +1,71 @@
+//! The low-power and the peaking-free law.
+
+use super::{constant, continuous};
+use crate::choices::{AnyGain, AnyMethod, AnySaturation, Manner};
+use crate::error::{Result, refused};
+use crate::model::Given;
+use crate::spec::Spec;
+use crate::systems::AnyModel;
+use crate::tabled::{Gains, LawTables, MAX_INPUTS};
+use crate::tables::Tables;
+use crate::trace::{Setting, Traced};
+use hgo_rs::Scalar;
+use hgo_rs::observers::LowPower;
+
+pub(super) fn tables<const N: usize>(
+    spec: &Spec<'_>,
+    given: &Given<'_>,
+    setting: Setting,
+    saturated: bool,
+) -> Result<Tables> {
+    let manner = Manner::read(spec)?;
+    if matches!(given, Given::Own(own) if own.form == "triangular") {
+        return Err(refused(
+            "a triangular model is not allowed here: the low-power and the peaking-free observer \
+             need a phase-variable model (known terms in the last equation only); use the standard \
+             observer",
+        ));
+    }
+    if matches!(manner.method, AnyMethod::Placed(_)) && spec.sub("gain")?.text("law")? != "constant"
+    {
+        return Err(refused(
+            "method = 'zoh' or 'bilinear' is not allowed for this law with a model of one's own and a \
+             gain that moves: choose a constant gain, the standard law, or rk4",
+        ));
+    }
+    let (alpha, beta) = (spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?);
+    let gain = spec.sub("gain")?;
+    macro_rules! law {
+        ($gain:pat => $made:expr) => {
+            LawTables::any(
+                setting,
+                manner,
+                given.n_u()?,
+                || {
+                    let model = given.install(N)?;
+                    let saturation = AnySaturation::<N, Traced>::read(spec, saturated)?;
+                    let $gain = AnyGain::read(&gain)? else {
+                        return Err(refused("another gain law"));
+                    };
+                    let [alpha, beta] = [alpha, beta].map(|k| k.map(Traced::from_f64));
+                    Ok(LowPower::<Traced, _, _, _, N, MAX_INPUTS>::new(
+                        alpha, beta, $made, model, saturation,
+                    )?)
+                },
+                |at| {
+                    let saturation = AnySaturation::<N>::read(spec, saturated)?;
+                    let (gain, model) = (constant(&gain)?, AnyModel::Unknown);
+                    let law =
+                        LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
+                    Gains::new(law, at)
+                },
+            )
+        };
+    }
+    let law = if gain.text("law")? == "constant" {
+        law!(AnyGain::Constant(gain) => gain)
+    } else {
+        law!(AnyGain::Moving(gain) => gain)
+    };
+    continuous(given, setting, manner, &law?)
+}

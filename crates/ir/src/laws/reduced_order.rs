@@ -1,0 +1,68 @@
+//! The reduced-order observer.
+
+use crate::error::{Result, refused};
+use crate::model::{Given, OwnModel, OwnStrictFeedback};
+use crate::spec::Spec;
+use crate::tabled::MAX_INPUTS;
+use crate::tables::{Tables, half_table, shape_of};
+use crate::trace::{self, Setting, Traced, input};
+use hgo_rs::Scalar;
+use hgo_rs::observers::ReducedOrderObserver;
+use std::cmp::Ordering;
+
+pub(super) fn tables(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Result<Tables> {
+    spec.only(&["kind", "model", "h_bar", "epsilon"])?;
+    let Given::Own(own) = &given else {
+        return Err(refused("the ship's observer decides on its samples: it has no table"));
+    };
+    if own.form != "strict-feedback" {
+        return Err(refused("the reduced-order observer needs a strict-feedback model"));
+    }
+    macro_rules! sizes {
+        ($(($x:literal, $z:literal)),+) => {
+            match (own.n, own.n_z) {
+                $(($x, $z) => of_sizes::<$x, $z>(spec, given, own, setting),)+
+                (n_x, n_z) => Err(refused(format!(
+                    "{n_x} measured and {n_z} unmeasured states are not allowed: the \
+                     reduced-order observer takes 1 to 4, and no more unmeasured than measured"
+                ))),
+            }
+        };
+    }
+    sizes! {
+        (1, 1), (2, 1), (2, 2), (3, 1), (3, 2), (3, 3), (4, 1), (4, 2), (4, 3), (4, 4)
+    }
+}
+
+fn of_sizes<const NX: usize, const NZ: usize>(
+    spec: &Spec<'_>,
+    given: &Given<'_>,
+    own: &OwnModel,
+    setting: Setting,
+) -> Result<Tables> {
+    type Reduced<const NX: usize, const NZ: usize> =
+        ReducedOrderObserver<Traced, OwnStrictFeedback, NX, NZ, MAX_INPUTS>;
+    let (h_bar, epsilon) = (spec.vector::<NZ>("h_bar", NZ)?, spec.f64("epsilon")?);
+    let n_u = own.n_u;
+    let build = || -> Result<Reduced<NX, NZ>> {
+        let parameters = own.names().iter().map(|name| input(name)).collect();
+        let model =
+            OwnStrictFeedback { function: trace::function(own.table.clone(), parameters), n_u };
+        let h_bar = h_bar.map(Traced::from_f64);
+        Ok(ReducedOrderObserver::new(h_bar, Traced::from_f64(epsilon), model)?)
+    };
+    let correct = |started, present| {
+        let answer = Some(if started { Ordering::Greater } else { Ordering::Equal });
+        half_table(Setting { present, answer, ..setting }, n_u, true, build)
+    };
+    Ok(Tables {
+        shape: shape_of::<Reduced<NX, NZ>>(n_u, build)?,
+        correct: Some(correct(true, true)?),
+        advance: half_table(setting, n_u, false, build)?,
+        missing: Some(correct(true, false)?),
+        unstarted: Some((NZ + NX + MAX_INPUTS, [correct(false, true)?, correct(false, false)?])),
+        placed: Vec::new(),
+        law: None,
+        parameters: given.parameters().to_vec(),
+    })
+}

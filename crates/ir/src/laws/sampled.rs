@@ -1,0 +1,65 @@
+//! The sampled-data observer.
+
+use crate::dispatch_order;
+use crate::error::{Result, refused};
+use crate::model::{Given, OwnModel, OwnSampled};
+use crate::order::order_refused;
+use crate::spec::Spec;
+use crate::systems::read_van_der_pol;
+use crate::tabled::MAX_INPUTS;
+use crate::tables::{Tables, half_table, shape_of};
+use crate::trace::{self, Setting, Traced, input};
+use hgo_rs::memory::Memory;
+use hgo_rs::models::Correction;
+use hgo_rs::observer::Observer;
+use hgo_rs::observers::SampledDataObserver;
+
+pub(super) fn tables(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Result<Tables> {
+    spec.only(&["kind", "model", "gain"])?;
+    if let Given::Own(own) = given {
+        return dispatch_order!(own.n, N => of_own::<N>(given, own, setting),
+                               else Err(order_refused(own.n)));
+    }
+    let correction = match spec.text_or("gain", "derived")?.as_str() {
+        "printed" => Correction::Printed,
+        _ => Correction::Derived,
+    };
+    of(given, setting, || {
+        let model = read_van_der_pol::<Traced>(&spec.sub("model")?, correction)?;
+        Ok(SampledDataObserver::<_, 2, 0> { model })
+    })
+}
+
+/// Tables of a sampled-data observer that `build` makes.
+fn of<O>(given: &Given<'_>, setting: Setting, build: impl Fn() -> Result<O>) -> Result<Tables>
+where
+    O: Observer<Traced>,
+    O::Input: Memory<Traced>,
+{
+    let n_u = given.n_u()?;
+    let advance = |present| half_table(Setting { present, ..setting }, n_u, false, &build);
+    Ok(Tables {
+        shape: shape_of(n_u, &build)?,
+        correct: None,
+        advance: advance(true)?,
+        missing: Some(advance(false)?),
+        unstarted: None,
+        placed: Vec::new(),
+        law: None,
+        parameters: given.parameters().to_vec(),
+    })
+}
+
+fn of_own<const N: usize>(given: &Given<'_>, own: &OwnModel, setting: Setting) -> Result<Tables> {
+    if own.form != "sampled" {
+        return Err(refused(
+            "the sampled-data observer needs a model of sampled-data form: f, K_T and h",
+        ));
+    }
+    of(given, setting, || {
+        let parameters = own.names().iter().map(|name| input(name)).collect();
+        let function = trace::function(own.table.clone(), parameters);
+        let model = OwnSampled { function, n: own.n, n_u: own.n_u };
+        Ok(SampledDataObserver::<_, N, MAX_INPUTS> { model })
+    })
+}

@@ -1,0 +1,53 @@
+//! The standard law of any order.
+
+use super::{constant, continuous};
+use crate::choices::{AnyGain, Manner};
+use crate::error::{Result, refused};
+use crate::model::Given;
+use crate::spec::Spec;
+use crate::systems::AnyModel;
+use crate::tabled::{Gains, LawTables, MAX_INPUTS};
+use crate::tables::Tables;
+use crate::trace::{Setting, Traced};
+use hgo_rs::Scalar;
+use hgo_rs::observers::StandardObserver;
+
+pub(super) fn tables<const N: usize>(
+    spec: &Spec<'_>,
+    given: &Given<'_>,
+    setting: Setting,
+) -> Result<Tables> {
+    spec.only(&["kind", "n", "k", "gain", "model", "method", "timing"])?;
+    let (k, manner) = (spec.vector::<N>("k", N)?, Manner::read(spec)?);
+    let gain = spec.sub("gain")?;
+    macro_rules! law {
+        ($gain:pat => $made:expr) => {
+            LawTables::any(
+                setting,
+                manner,
+                given.n_u()?,
+                || {
+                    let model = given.install(N)?;
+                    let $gain = AnyGain::read(&gain)? else {
+                        return Err(refused("another gain law"));
+                    };
+                    let k = k.map(Traced::from_f64);
+                    Ok(StandardObserver::<Traced, _, _, N, MAX_INPUTS>::new(k, $made, model)?)
+                },
+                |at| {
+                    let gain = constant(&gain)?;
+                    Gains::new(
+                        StandardObserver::<f64, _, _, N, 1>::new(k, gain, AnyModel::Unknown)?,
+                        at,
+                    )
+                },
+            )
+        };
+    }
+    let law = if gain.text("law")? == "constant" {
+        law!(AnyGain::Constant(gain) => gain)
+    } else {
+        law!(AnyGain::Moving(gain) => gain)
+    };
+    continuous(given, setting, manner, &law?)
+}

@@ -1,0 +1,314 @@
+//! Floor 3. Models that are known at run time only, within a trace: a table in the place of a compiled
+//! model.
+
+use crate::error::{Result, refused};
+use crate::spec::Spec;
+use crate::systems::AnyModel;
+use crate::table::Table;
+use crate::tabled::MAX_INPUTS;
+use crate::trace::{self, Traced, call, input, inputs};
+use hgo_rs::Scalar;
+use hgo_rs::model::{Model, PhaseVariable, SampledModel, StrictFeedback, last};
+use nalgebra::{SMatrix, SVector};
+
+/// A model as it was given.
+pub struct OwnModel {
+    pub(crate) form: String,
+    pub(crate) n: usize,
+    pub(crate) n_u: usize,
+    pub(crate) table: Table,
+    pub(crate) parameters: Vec<f64>,
+    /// Orders of the chains, one for each output.
+    pub(crate) orders: Vec<usize>,
+    /// Unmeasured states of the strict-feedback form.
+    pub(crate) n_z: usize,
+}
+
+impl OwnModel {
+    pub(crate) fn read(spec: &Spec<'_>) -> Result<Self> {
+        spec.only(&["kind", "form", "n", "n_u", "table", "parameters", "names", "orders", "n_z"])?;
+        let (form, n, n_u) = (spec.text("form")?, spec.count("n")?, spec.count("n_u")?);
+        let table = Table::read(&spec.sub("table")?)?;
+        let parameters = spec.numbers("parameters")?.values.clone();
+        if let Some(bad) = parameters.iter().find(|value| !value.is_finite()) {
+            return Err(refused(format!("a parameter of the model is {bad}; it must be finite")));
+        }
+        if n_u > MAX_INPUTS {
+            let message =
+                format!("n_u = {n_u} is not allowed: a model has 0 to {MAX_INPUTS} inputs");
+            return Err(refused(&message));
+        }
+        let orders = spec.wholes("orders")?.unwrap_or_else(|| vec![n]);
+        if orders.iter().sum::<usize>() != n || orders.contains(&0) {
+            let message =
+                format!("orders = {orders:?} is not allowed: they must add up to n = {n}");
+            return Err(refused(&message));
+        }
+        let n_z = if form == "strict-feedback" { spec.count("n_z")? } else { 0 };
+        let (given, made) = match form.as_str() {
+            "strict-feedback" => (1 + n + n_z + n_u, n + n * n_z + n_z),
+            "chains" => (1 + n + n_u, orders.len()),
+            "phase" => (1 + n + n_u, 1),
+            "triangular" => (1 + n + n_u, n),
+            "sampled" => (3 + n + n_u, 2 * n + 1),
+            other => {
+                return Err(spec.unknown(
+                    "form",
+                    other,
+                    &["phase", "triangular", "chains", "sampled", "strict-feedback"],
+                ));
+            }
+        };
+        let given = given + parameters.len();
+        if table.inputs.len() != given || table.outputs.len() != made {
+            return Err(refused(format!(
+                "the model's table has {} inputs and {} outputs; its form {form:?} has {given} and \
+                 {made}",
+                table.inputs.len(),
+                table.outputs.len()
+            )));
+        }
+        Ok(Self { form, n, n_u, table, parameters, orders, n_z })
+    }
+
+    /// Names of the parameters: the last inputs of the table.
+    pub(crate) fn names(&self) -> &[String] {
+        &self.table.inputs[self.table.inputs.len() - self.parameters.len()..]
+    }
+}
+
+/// A model that observers over traced numbers know.
+#[derive(Clone, Copy)]
+pub(crate) enum Known {
+    Paper(AnyModel<Traced>),
+    Own {
+        function: usize,
+        n_u: usize,
+    },
+    /// One of the chains of a model with several outputs: the states of the others, `shared`, are held
+    /// over the step.
+    Chain {
+        function: usize,
+        shared: usize,
+        n_u: usize,
+        n: usize,
+        chain: usize,
+        first: usize,
+    },
+}
+
+impl Known {
+    /// Outputs of an own model.
+    fn call(&self, t: Traced, x: &[Traced], u: &[Traced]) -> Vec<Traced> {
+        match *self {
+            Self::Paper(_) => Vec::new(),
+            Self::Own { function, n_u } => call(function, &[&[t], x, &u[..n_u]].concat()),
+            Self::Chain { function, shared, n_u, n, chain, first } => {
+                let mut all = trace::parameters(shared);
+                all.truncate(n);
+                all[first..first + x.len()].copy_from_slice(x);
+                let made = call(function, &[&[t], all.as_slice(), &u[..n_u]].concat());
+                vec![made[chain]]
+            }
+        }
+    }
+}
+
+/// The first K inputs.
+fn told<const K: usize>(u: &SVector<Traced, MAX_INPUTS>) -> SVector<Traced, K> {
+    SVector::from_fn(|i, _| u[i])
+}
+
+impl<const N: usize> Model<Traced, N, MAX_INPUTS> for Known {
+    fn f_hat(
+        &self,
+        t: Traced,
+        x: &SVector<Traced, N>,
+        u: &SVector<Traced, MAX_INPUTS>,
+    ) -> SVector<Traced, N> {
+        match self {
+            Self::Paper(model) => model.f_hat(t, x, &told::<1>(u)),
+            own => match own.call(t, x.as_slice(), u.as_slice()).as_slice() {
+                [phi] => last(*phi),
+                f => SVector::from_fn(|i, _| f.get(i).copied().unwrap_or_default()),
+            },
+        }
+    }
+}
+
+impl<const N: usize> PhaseVariable<Traced, N, MAX_INPUTS> for Known {
+    fn phi(&self, t: Traced, x: &SVector<Traced, N>, u: &SVector<Traced, MAX_INPUTS>) -> Traced {
+        match self {
+            Self::Paper(model) => model.phi(t, x, &told::<1>(u)),
+            own => {
+                let made = own.call(t, x.as_slice(), u.as_slice());
+                made.first().copied().unwrap_or_default()
+            }
+        }
+    }
+}
+
+/// A model of the sampled-data observer.
+#[derive(Clone, Copy)]
+pub(crate) struct OwnSampled {
+    pub(crate) function: usize,
+    pub(crate) n: usize,
+    pub(crate) n_u: usize,
+}
+
+impl OwnSampled {
+    fn call(&self, t: Traced, x: &[Traced], u: &[Traced], y: Traced, dt: Traced) -> Vec<Traced> {
+        call(self.function, &[&[t], x, &u[..self.n_u], &[y, dt]].concat())
+    }
+}
+
+impl<const N: usize> SampledModel<Traced, N, MAX_INPUTS> for OwnSampled {
+    fn f(
+        &self,
+        t: Traced,
+        x: &SVector<Traced, N>,
+        u: &SVector<Traced, MAX_INPUTS>,
+    ) -> SVector<Traced, N> {
+        let made = self.call(t, x.as_slice(), u.as_slice(), Traced::ZERO, Traced::ZERO);
+        SVector::from_fn(|i, _| made[i])
+    }
+    fn correction(
+        &self,
+        t: Traced,
+        x: &SVector<Traced, N>,
+        u: &SVector<Traced, MAX_INPUTS>,
+        y: Traced,
+        dt: Traced,
+    ) -> SVector<Traced, N> {
+        let made = self.call(t, x.as_slice(), u.as_slice(), y, dt);
+        SVector::from_fn(|i, _| made[self.n + i])
+    }
+    fn output(&self, t: Traced, x: &SVector<Traced, N>, u: &SVector<Traced, MAX_INPUTS>) -> Traced {
+        let made = self.call(t, x.as_slice(), u.as_slice(), Traced::ZERO, Traced::ZERO);
+        made[2 * self.n]
+    }
+}
+
+/// A model of the reduced-order observer.
+#[derive(Clone, Copy)]
+pub(crate) struct OwnStrictFeedback {
+    pub(crate) function: usize,
+    pub(crate) n_u: usize,
+}
+
+impl OwnStrictFeedback {
+    /// f₁, g and f₂; f₁ and g do not depend on z.
+    fn call(&self, t: Traced, x: &[Traced], z: &[Traced], u: &[Traced]) -> Vec<Traced> {
+        call(self.function, &[&[t], x, z, &u[..self.n_u]].concat())
+    }
+}
+
+impl<const NX: usize, const NZ: usize> StrictFeedback<Traced, NX, NZ, MAX_INPUTS>
+    for OwnStrictFeedback
+{
+    fn f1(
+        &self,
+        t: Traced,
+        x: &SVector<Traced, NX>,
+        u: &SVector<Traced, MAX_INPUTS>,
+    ) -> SVector<Traced, NX> {
+        let made = self.call(t, x.as_slice(), &[Traced::ZERO; NZ], u.as_slice());
+        SVector::from_fn(|i, _| made[i])
+    }
+    fn g(
+        &self,
+        t: Traced,
+        x: &SVector<Traced, NX>,
+        u: &SVector<Traced, MAX_INPUTS>,
+    ) -> SMatrix<Traced, NX, NZ> {
+        let made = self.call(t, x.as_slice(), &[Traced::ZERO; NZ], u.as_slice());
+        SMatrix::from_fn(|i, j| made[NX + i * NZ + j])
+    }
+    fn f2(
+        &self,
+        t: Traced,
+        x: &SVector<Traced, NX>,
+        z: &SVector<Traced, NZ>,
+        u: &SVector<Traced, MAX_INPUTS>,
+    ) -> SVector<Traced, NZ> {
+        let made = self.call(t, x.as_slice(), z.as_slice(), u.as_slice());
+        SVector::from_fn(|i, _| made[NX + NX * NZ + i])
+    }
+}
+
+/// What an observer knows, as its spec says it.
+pub(crate) enum Given<'a> {
+    Paper(Option<Spec<'a>>),
+    Own(Box<OwnModel>),
+    /// Chain number `chain` of a model with several outputs.
+    Chain(&'a OwnModel, usize),
+}
+
+impl<'a> Given<'a> {
+    pub(crate) fn read(spec: &Spec<'a>) -> Result<Self> {
+        if !spec.has("model") {
+            return Ok(Self::Paper(None));
+        }
+        let model = spec.sub("model")?;
+        if model.text("kind")? == "own" {
+            return Ok(Self::Own(Box::new(OwnModel::read(&model)?)));
+        }
+        Ok(Self::Paper(Some(model)))
+    }
+
+    /// Number of known inputs.
+    pub(crate) fn n_u(&self) -> Result<usize> {
+        match self {
+            Self::Paper(None) => Ok(0),
+            Self::Paper(Some(model)) => Ok(usize::from(model.text("kind")? == "input")),
+            Self::Own(own) => Ok(own.n_u),
+            Self::Chain(own, _) => Ok(own.n_u),
+        }
+    }
+
+    pub(crate) fn parameters(&self) -> &[f64] {
+        match self {
+            Self::Own(own) => &own.parameters,
+            Self::Chain(own, _) => &own.parameters,
+            Self::Paper(_) => &[],
+        }
+    }
+
+    /// Within a trace: inputs for the parameters, and the model over them.
+    pub(crate) fn install(&self, n: usize) -> Result<Known> {
+        let (order, known) = match self {
+            Self::Paper(None) => (None, Known::Paper(AnyModel::Unknown)),
+            Self::Paper(Some(spec)) => {
+                let model = AnyModel::read(spec)?;
+                (model.order(), Known::Paper(model))
+            }
+            Self::Own(own) => {
+                if own.form != "phase" && own.form != "triangular" {
+                    return Err(refused(format!(
+                        "a model of form {:?} does not fit this observer: it needs the phase-variable \
+                         or the triangular form",
+                        own.form
+                    )));
+                }
+                let parameters = own.names().iter().map(|name| input(name)).collect();
+                let function = trace::function(own.table.clone(), parameters);
+                (Some(own.n), Known::Own { function, n_u: own.n_u })
+            }
+            Self::Chain(own, chain) => {
+                let (n, n_u, chain) = (own.n, own.n_u, *chain);
+                let shared = trace::function(Table::default(), inputs("shared", n));
+                let parameters = own.names().iter().map(|name| input(name)).collect();
+                let function = trace::function(own.table.clone(), parameters);
+                let first = own.orders[..chain].iter().sum();
+                let order = own.orders[chain];
+                (Some(order), Known::Chain { function, shared, n_u, n, chain, first })
+            }
+        };
+        match order {
+            Some(order) if order != n => {
+                Err(refused(format!("n = {n} does not fit the model, which has order {order}")))
+            }
+            _ => Ok(known),
+        }
+    }
+}
