@@ -29,8 +29,8 @@ BIN  := $(VENV)/bin
 PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11 python3.10 python; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 10))' >/dev/null 2>&1 && { echo $$p; break; }; done)
 
-RUST_SOURCES := $(wildcard Cargo.toml Cargo.lock build.rs rust-toolchain.toml .cargo/config.toml) \
-	$(shell find src -name '*.rs' 2>/dev/null)
+RUST_SOURCES := $(wildcard Cargo.toml Cargo.lock crates/*/Cargo.toml rust-toolchain.toml .cargo/config.toml) \
+	$(shell find src crates -name '*.rs' 2>/dev/null)
 
 # No std and no heap: what a microcontroller builds.
 LIBM := --no-default-features --features libm
@@ -77,19 +77,18 @@ SYNC := $(filter output-sync,$(.FEATURES))
 test: $(VENV)/stamp-venv
 	@$(MAKE) --jobs=2 $(SYNC:%=--%=target) test-rust test-python test-types
 
-# Examples, benches and tests are linted with all features that they know; the library also without
-# what they add to its dependencies, in every form in which others take it.
+# Without -p a line is of the core alone. Examples, benches and tests are linted with all features that
+# they know; the core also without what they add to its dependencies, in every form in which others take it.
 test-rust: $(VENV)/stamp-venv
 	$(call say,cargo fmt)
 	$(CARGO) fmt --all --check
-	$(call say,clippy: default$(,) python$(,) no_std$(,) serde and defmt)
+	$(call say,clippy: all crates$(,) serde and defmt$(,) no_std)
+	PYO3_PYTHON=$(abspath $(BIN)/python) $(CARGO) clippy --quiet --workspace --all-targets -- -D warnings
 	$(CARGO) clippy --quiet --all-targets --features serde,defmt -- -D warnings
-	$(CARGO) clippy --quiet --all-targets -- -D warnings
-	PYO3_PYTHON=$(abspath $(BIN)/python) $(CARGO) clippy --quiet --features python -- -D warnings
 	$(CARGO) clippy --quiet $(LIBM) -- -D warnings
 	$(CARGO) clippy --quiet $(LIBM),serde,defmt -- -D warnings
 	$(call say,cargo test)
-	$(CARGO) test --quiet --profile checked --features serde,defmt
+	$(CARGO) test --quiet --profile checked -p hgo-rs -p hgo-ir --features hgo-rs/serde,hgo-rs/defmt
 	$(call say,cargo test --release: sums that the compiler makes vectors of)
 	$(CARGO) test --quiet --release --test vectors
 
@@ -132,7 +131,7 @@ firmware:
 	@$(PYTHON) firmware/tools/firmware.py --out out
 
 docs:
-	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps
+	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps -p hgo-rs -p hgo-ir
 
 wheel: $(VENV)/stamp-venv
 	$(BIN)/maturin build --release --out dist

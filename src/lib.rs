@@ -20,8 +20,8 @@
 //! A file uses lower floors only, or what is named before it on its own: `vectors`, `elementary`,
 //! `scalar`, `error`, `memory`, `measurement`, `wide`, `polynomial` (0); `gain`, `schedule`, `saturation`, `model`,
 //! `integrate`, `observer`, `injection`, `noise`, `metrics`, `lanes`, `program` (1); `models`,
-//! `observers` (2); `simulate`, `covariance`, `ensemble`, `estimator` (3); the Python module (4). Up to
-//! floor 3 nothing names `std`, `alloc` or Python, nothing allocates and nothing panics.
+//! `observers` (2); `simulate`, `covariance`, `ensemble`, `estimator` (3). Nothing names `std`, `alloc` or
+//! Python, nothing allocates and nothing panics.
 #![cfg_attr(not(feature = "std"), no_std)]
 
 #[cfg(not(any(feature = "std", feature = "libm")))]

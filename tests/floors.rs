@@ -1,7 +1,8 @@
 //! The floors of the house, read from the sources: who may import whom, and what the core may name.
 //!
-//! A file says its floor in its head (`//! Floor n.`); a file without one lies on the floor of its
-//! folder's `mod.rs`. Floors 0 to 3 are the core (no heap, no std, no Python); floor 4 is Python.
+//! Three crates: the core (`src`: no heap, no std, no Python), the tables (`crates/ir`: std, no Python) and
+//! the Python module (`crates/py`), each of which knows those before it. In each, a file says its floor in
+//! its head (`//! Floor n.`); a file without one lies on the floor of its folder's `mod.rs`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -39,8 +40,13 @@ struct Source {
     floor: u32,
 }
 
-fn source_folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
+/// The crates' folders.
+const CORE: &str = ".";
+const IR: &str = "crates/ir";
+const PY: &str = "crates/py";
+
+fn source_folder(of: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(of).join("src")
 }
 
 fn rust_files(folder: &Path) -> Vec<PathBuf> {
@@ -99,9 +105,9 @@ fn stated_floor(head: &str) -> Option<u32> {
     head.strip_prefix("Floor ")?.split('.').next()?.parse().ok()
 }
 
-/// Every file but lib.rs, which only names the others.
-fn sources() -> Vec<Source> {
-    let root = source_folder();
+/// Every file of a crate but lib.rs, which only names the others.
+fn sources(of: &str) -> Vec<Source> {
+    let root = source_folder(of);
     let mut texts = BTreeMap::new();
     for path in rust_files(&root) {
         let name = path.strip_prefix(&root).unwrap().with_extension("");
@@ -114,7 +120,7 @@ fn sources() -> Vec<Source> {
         let own = stated_floor(&head(&texts[module]));
         let folder = module.rsplit_once('/').map(|(folder, _)| folder);
         let inherited = folder.and_then(|folder| stated_floor(&head(&texts[folder])));
-        own.or(inherited).unwrap_or_else(|| panic!("src/{module}.rs states no floor"))
+        own.or(inherited).unwrap_or_else(|| panic!("{of}/src/{module}.rs states no floor"))
     };
     let build = |(module, text): (&String, &String)| Source {
         module: module.clone(),
@@ -198,9 +204,9 @@ fn reexports(code: &str) -> BTreeMap<String, String> {
 }
 
 /// (importing module, imported module), without a file's own folder and children.
-fn imports(sources: &[Source]) -> BTreeSet<(String, String)> {
+fn imports(of: &str, sources: &[Source]) -> BTreeSet<(String, String)> {
     let modules: BTreeSet<&str> = sources.iter().map(|s| s.module.as_str()).collect();
-    let lib = std::fs::read_to_string(source_folder().join("lib.rs")).unwrap();
+    let lib = std::fs::read_to_string(source_folder(of).join("lib.rs")).unwrap();
     let mut exported = BTreeMap::from([(String::new(), reexports(&code_only(&lib)))]);
     for source in sources {
         exported.insert(source.module.clone(), reexports(&source.code));
@@ -265,8 +271,8 @@ fn the_reader_reads_rust() {
     assert!(!found.iter().any(|p| p.contains("no")), "{found:?}");
     let inline = paths("f(crate::error::require(1), super::x, not_crate::y)");
     assert_eq!(inline, ["crate::error::require", "super::x"]);
-    let all = sources();
-    let edges = imports(&all);
+    let all = sources(CORE);
+    let edges = imports(CORE, &all);
     let has = |from: &str, to: &str| edges.contains(&(from.to_owned(), to.to_owned()));
     // one by `use`, one in an expression, one through a re-export of lib.rs
     assert!(has("simulate", "schedule") && has("observers/low_power", "polynomial"));
@@ -276,18 +282,23 @@ fn the_reader_reads_rust() {
 
 #[test]
 fn a_file_imports_strictly_lower_floors() {
-    let sources = sources();
-    let floor: BTreeMap<&str, u32> = sources.iter().map(|s| (s.module.as_str(), s.floor)).collect();
     let mut allowed: BTreeSet<(&str, &str)> = SAME_FLOOR.iter().map(|(a, b, _)| (*a, *b)).collect();
     let mut wrong = Vec::new();
-    let edges = imports(&sources);
-    for (from, to) in &edges {
-        let (above, below) = (floor[from.as_str()], floor[to.as_str()]);
-        let excepted = allowed.remove(&(from.as_str(), to.as_str()));
-        // Python's own files (floor 4) may use each other.
-        let fine = below < above || (above == below && (above == 4 || excepted));
-        if !fine || (excepted && below < above) {
-            wrong.push(format!("{from} (floor {above}) imports {to} (floor {below})"));
+    for of in [CORE, IR, PY] {
+        let sources = sources(of);
+        let floor: BTreeMap<&str, u32> =
+            sources.iter().map(|s| (s.module.as_str(), s.floor)).collect();
+        for (from, to) in &imports(of, &sources) {
+            let (above, below) = (floor[from.as_str()], floor[to.as_str()]);
+            let left = allowed.len();
+            if of == CORE {
+                allowed.retain(|(a, b)| a != from || b != to);
+            }
+            let excepted = allowed.len() < left;
+            let fine = below < above || (above == below && excepted);
+            if !fine || (excepted && below < above) {
+                wrong.push(format!("{of}: {from} (floor {above}) imports {to} (floor {below})"));
+            }
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
@@ -296,13 +307,11 @@ fn a_file_imports_strictly_lower_floors() {
 
 #[test]
 fn the_core_has_no_import_cycle() {
-    let sources = sources();
-    let core: BTreeSet<String> =
-        sources.iter().filter(|s| s.floor < 4).map(|s| s.module.clone()).collect();
-    let mut edges = imports(&sources);
-    edges.retain(|(from, to)| core.contains(from) && core.contains(to));
+    let sources = sources(CORE);
+    let mut edges = imports(CORE, &sources);
     // Take away files that import nothing that is left, until nothing is left.
-    let mut left = core;
+    let mut left: BTreeSet<String> = sources.into_iter().map(|s| s.module).collect();
+    edges.retain(|(from, to)| from != to);
     loop {
         let free: Vec<String> = left
             .iter()
@@ -315,6 +324,47 @@ fn the_core_has_no_import_cycle() {
         left.retain(|module| !free.contains(module));
     }
     assert!(left.is_empty(), "a cycle runs through {left:?}");
+}
+
+/// Names of a crate's dependencies, those for its tests and optional ones included.
+fn dependencies(of: &str) -> BTreeSet<String> {
+    let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join(of).join("Cargo.toml");
+    let text = std::fs::read_to_string(manifest).unwrap();
+    let mut names = BTreeSet::new();
+    for section in
+        text.split("\n[").filter(|s| s.split(']').next().unwrap().ends_with("dependencies"))
+    {
+        if section.starts_with("workspace.") {
+            continue;
+        }
+        let lines = section.lines().skip(1).map(str::trim);
+        let names_of = lines.filter(|line| !line.is_empty() && !line.starts_with('#'));
+        names.extend(names_of.map(|line| line.split(['.', ' ', '=']).next().unwrap().to_owned()));
+    }
+    names
+}
+
+/// The core knows neither of the others, the tables the core alone, the Python module both.
+#[test]
+fn a_crate_knows_those_before_it() {
+    let python = ["pyo3", "numpy", "hgo-py"];
+    let knows = |of: &str, name: &str| {
+        let depends = dependencies(of).contains(name);
+        let word = name.replace('-', "_");
+        let named: Vec<String> = sources(of)
+            .into_iter()
+            .filter(|source| names(&source.code, &word))
+            .map(|source| source.module)
+            .collect();
+        assert!(depends || named.is_empty(), "{of}: {named:?} name {name}");
+        depends
+    };
+    assert!(!knows(CORE, "hgo-ir") && !knows(CORE, "rayon"));
+    assert!(knows(IR, "hgo-rs") && knows(PY, "hgo-rs") && knows(PY, "hgo-ir"));
+    for name in python {
+        assert!(!knows(CORE, name) && !knows(IR, name), "{name}");
+    }
+    assert!(knows(PY, "pyo3"));
 }
 
 /// Whether a path that starts with `name::`, or a macro or type of that name, stands in the code.
@@ -342,7 +392,7 @@ fn without_std_items(code: &str) -> (String, usize) {
 
 #[test]
 fn the_core_names_neither_python_nor_std_nor_the_heap() {
-    let core: Vec<Source> = sources().into_iter().filter(|s| s.floor < 4).collect();
+    let core = sources(CORE);
     assert!(core.iter().any(|s| s.module == "simulate"));
     let mut gated = Vec::new();
     for Source { module, code, .. } in &core {
@@ -364,13 +414,13 @@ fn the_core_names_neither_python_nor_std_nor_the_heap() {
 }
 
 #[test]
-fn the_core_writes_no_panic() {
-    for Source { module, code, floor, .. } in sources() {
-        if floor == 4 {
-            continue;
-        }
-        for call in [".unwrap()", ".expect(", "panic!(", "unreachable!(", "todo!(", "assert!("] {
-            assert!(!code.contains(call), "src/{module}.rs has {call}");
+fn no_crate_writes_a_panic() {
+    for of in [CORE, IR, PY] {
+        for Source { module, code, .. } in sources(of) {
+            for call in [".unwrap()", ".expect(", "panic!(", "unreachable!(", "todo!(", "assert!("]
+            {
+                assert!(!code.contains(call), "{of}/src/{module}.rs has {call}");
+            }
         }
     }
 }
@@ -380,7 +430,7 @@ fn every_observer_and_plant_names_its_paper_and_equation() {
     let papers =
         ["Lee, Choi and Khalil", "Sanfelice and Praly", "Fu, Kang and Li", "Katayama", "Astolfi"];
     let mut laws = 0;
-    for Source { module, head, .. } in sources() {
+    for Source { module, head, .. } in sources(CORE) {
         if !(module.starts_with("observers/") || module.starts_with("models/")) {
             continue;
         }
@@ -418,7 +468,7 @@ const BORROWING: &[(&str, bool)] = &[
 fn every_public_type_of_the_core_can_be_written_read_and_logged() {
     let mut borrowing: BTreeMap<&str, bool> = BORROWING.iter().copied().collect();
     let mut types = 0;
-    for Source { module, code, .. } in sources().into_iter().filter(|s| s.floor < 4) {
+    for Source { module, code, .. } in sources(CORE) {
         let by_constructor = |name: &str| {
             code.split("through_constructor! {").skip(1).any(|call| {
                 let head = call.split("=> {").next().unwrap_or_default();
@@ -456,7 +506,7 @@ fn every_public_type_of_the_core_can_be_written_read_and_logged() {
 #[test]
 fn every_rust_block_of_the_docs_runs() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let lib = std::fs::read_to_string(source_folder().join("lib.rs")).unwrap();
+    let lib = std::fs::read_to_string(source_folder(CORE).join("lib.rs")).unwrap();
     let mut blocks = 0;
     let pages = std::fs::read_dir(root.join("docs")).unwrap().map(|page| page.unwrap().path());
     for page in pages.chain([root.join("README.md"), root.join("firmware/README.md")]) {

@@ -1,11 +1,11 @@
-//! Observers whose model is made of Python functions: the core's laws, step by step, with calls where
+//! Floor 8. Observers whose model is made of Python functions: the core's laws, step by step, with calls where
 //! the model stands.
 
 use crate::error::Result;
+use crate::order::MAX_INPUTS;
 use crate::recursion::{AnyObserver, Block, Recursion, larger};
 use crate::step::Steps;
 use crate::table::Table;
-use crate::tabled::MAX_INPUTS;
 use crate::tables::Tables;
 use hgo_rs::observer::Status;
 

@@ -1,4 +1,4 @@
-//! What a spec chooses by name: gain law, saturation, method and timing.
+//! Floor 3. What a spec chooses by name: gain law, saturation, method and timing.
 
 use crate::error::Result;
 use crate::spec::Spec;

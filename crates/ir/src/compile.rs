@@ -1,4 +1,4 @@
-//! Tables of operations translated to programs of the core.
+//! Floor 4. Tables of operations translated to programs of the core.
 //!
 //! One instruction does what several would: a product and the sum that alone uses it become one, and
 //! operations that are alike and have their operands in registers one after the other, as those that

@@ -10,9 +10,9 @@
 //!
 //! # Floors
 //!
-//! A file imports lower floors only, and of other crates `hgo_rs`: `error`, `value`, `spec`, `order` (0);
-//! `table`, `choices`, `systems`, `recursion` (1); `trace`, `compile` (2); `model`, `tabled` (3); `tables`
-//! (4); `laws`, `step` (5); `called` (6); `observer` (7).
+//! A file imports lower floors only, and of other crates `hgo_rs`: `error` (0); `value`, `order`,
+//! `recursion` (1); `spec` (2); `table`, `choices`, `systems` (3); `trace`, `compile` (4); `model`, `tabled`
+//! (5); `tables` (6); `laws`, `step` (7); `called` (8); `observer` (9).
 
 // Every error here is an `Error`, which says what it is about.
 #![allow(clippy::missing_errors_doc)]
@@ -36,7 +36,6 @@ pub mod trace;
 pub mod value;
 
 pub use error::{Error, Result};
+pub use order::{CHAINS, MAX_INPUTS};
 pub use spec::Spec;
-pub use tabled::MAX_INPUTS;
-pub use tables::CHAINS;
 pub use value::{Function, Numbers, Value};

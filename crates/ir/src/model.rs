@@ -1,11 +1,11 @@
-//! Floor 3. Models that are known at run time only, within a trace: a table in the place of a compiled
+//! Floor 5. Models that are known at run time only, within a trace: a table in the place of a compiled
 //! model.
 
 use crate::error::{Result, refused};
+use crate::order::MAX_INPUTS;
 use crate::spec::Spec;
 use crate::systems::AnyModel;
 use crate::table::Table;
-use crate::tabled::MAX_INPUTS;
 use crate::trace::{self, Traced, call, input, inputs};
 use hgo_rs::Scalar;
 use hgo_rs::model::{Model, PhaseVariable, SampledModel, StrictFeedback, last};

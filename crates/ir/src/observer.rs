@@ -1,4 +1,4 @@
-//! Floor 7. An observer from its spec, as it runs: a program, or, where its model calls functions, its
+//! Floor 9. An observer from its spec, as it runs: a program, or, where its model calls functions, its
 //! tables value by value.
 
 use crate::called::Called;

@@ -1,7 +1,13 @@
-//! Floor 0. Orders, known at run time, as constants.
+//! Floor 1. Sizes: orders, known at run time, as constants, and how many inputs and outputs there may be.
 
 use crate::error::{Error, refused};
 use hgo_rs::observers::MAX_ORDER;
+
+/// Known inputs that a model may have.
+pub const MAX_INPUTS: usize = 8;
+
+/// Outputs that a model of chains may have.
+pub const CHAINS: usize = 12;
 
 /// Call `$body` with the constant `$n` equal to the run-time order, 1 to 12.
 #[macro_export]

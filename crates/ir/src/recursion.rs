@@ -1,4 +1,4 @@
-//! Observers whose types are chosen at run time, and their steps over a block of samples.
+//! Floor 1. Observers whose types are chosen at run time, and their steps over a block of samples.
 
 use crate::error::Result;
 use hgo_rs::memory::Memory;

@@ -1,4 +1,4 @@
-//! Floor 0. Specs: dicts whose keys, types and shapes are checked one by one.
+//! Floor 2. Specs: dicts whose keys, types and shapes are checked one by one.
 
 use crate::error::{Error, Result, refused};
 use crate::value::{Numbers, Value};

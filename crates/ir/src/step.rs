@@ -1,11 +1,11 @@
-//! Floor 5. A step of an observer as a program, with registers in which constants and parameters stand.
+//! Floor 7. A step of an observer as a program, with registers in which constants and parameters stand.
 
 use crate::compile::Compiled;
 use crate::error::{Result, refused};
+use crate::order::{CHAINS, MAX_INPUTS};
 use crate::recursion::{AnyObserver, Block, Recursion};
 use crate::table::Table;
-use crate::tabled::MAX_INPUTS;
-use crate::tables::{CHAINS, Lengths, MEMORY, PlacedChain, Shape, Tables, length_of};
+use crate::tables::{Lengths, MEMORY, PlacedChain, Shape, Tables, length_of};
 use crate::trace::{self, Setting, Traced, input, named, trace};
 use hgo_rs::Scalar;
 use hgo_rs::observer::Status;

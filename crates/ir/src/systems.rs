@@ -1,4 +1,4 @@
-//! The systems that Python can name: what an observer knows, and the plants.
+//! Floor 3. The systems that Python can name: what an observer knows, and the plants.
 
 use crate::error::Result;
 use crate::spec::Spec;

@@ -1,4 +1,4 @@
-//! Straight-line programs in the making: tables of operations, each value computed once.
+//! Floor 3. Straight-line programs in the making: tables of operations, each value computed once.
 
 use crate::error::{Result, refused};
 use crate::spec::Spec;

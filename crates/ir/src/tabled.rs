@@ -1,8 +1,9 @@
-//! Continuous laws as tables: each function of a law is traced once, and the schemes of the core run
+//! Floor 5. Continuous laws as tables: each function of a law is traced once, and the schemes of the core run
 //! over the tables. (Laws times schemes, each pair compiled, would be many times as much code.)
 
 use crate::choices::{AnyMethod, Manner, NOT_PLACED};
 use crate::error::{Result, refused};
+use crate::order::MAX_INPUTS;
 use crate::table::Table;
 use crate::trace::{self, PlacedGains, Setting, Traced, inline, input, inputs, named, trace};
 use hgo_rs::Scalar;
@@ -12,9 +13,6 @@ use hgo_rs::observer::{ContinuousLaw, Current, Discretised, Observer, Scheme, Ti
 use hgo_rs::observers::BlockGains;
 use nalgebra::SVector;
 use std::sync::{Arc, Mutex};
-
-/// Known inputs that a model may have.
-pub const MAX_INPUTS: usize = 8;
 
 /// Room for a law's memory, its innovations and its inputs.
 const Z: usize = 40;

@@ -1,9 +1,10 @@
-//! Floor 4. Observers as tables: each step, or each of its halves, a table of operations.
+//! Floor 6. Observers as tables: each step, or each of its halves, a table of operations.
 //!
 //! The laws are the core's own. Run over [`Traced`] numbers, with the model's table in the place of a
 //! compiled model, each writes down its step once; the program of that step is what runs.
 
 use crate::error::{Result, refused};
+use crate::order::CHAINS;
 use crate::table::Table;
 use crate::tabled::{Gains, flat};
 use crate::trace::{self, Setting, Traced, input, inputs, named, trace};
@@ -11,9 +12,6 @@ use hgo_rs::Scalar;
 use hgo_rs::memory::Memory;
 use hgo_rs::observer::{Observer, Timing};
 use std::sync::Arc;
-
-/// Outputs that a model of chains may have.
-pub const CHAINS: usize = 12;
 
 /// For each chain, the bits of the time that a correction is for.
 pub(crate) type Lengths = [u64; CHAINS];

@@ -1,4 +1,4 @@
-//! A number that remembers how it was computed: the laws of the core, run over it, write themselves
+//! Floor 4. A number that remembers how it was computed: the laws of the core, run over it, write themselves
 //! down as a table.
 //!
 //! Constants are computed with at once, in the precision that was asked for, so that construction and

@@ -1,4 +1,4 @@
-//! Floor 0. Plain data that specs are read from: what a Python object or a TOML file says.
+//! Floor 1. Plain data that specs are read from: what a Python object or a TOML file says.
 
 use crate::error::{Result, refused};
 use std::fmt;

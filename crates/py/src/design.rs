@@ -1,4 +1,4 @@
-//! Coefficients from poles, at the Python border.
+//! Floor 1. Coefficients from poles, at the Python border.
 
 use crate::errors::{Result, refused};
 use hgo_ir::dispatch_order;

@@ -1,4 +1,4 @@
-//! Errors at the Python border: `hgo_rs.errors.DesignError`, a `ValueError`, or what a user's function
+//! Floor 0. Errors at the Python border: `hgo_rs.errors.DesignError`, a `ValueError`, or what a user's function
 //! raised.
 
 use hgo_rs::DesignError;

@@ -1,4 +1,4 @@
-//! The functions of `hgo_rs._core`.
+//! Floor 6. The functions of `hgo_rs._core`.
 
 use crate::errors::{Result, refused};
 use crate::interrupt::{StopFlag, interruptible};

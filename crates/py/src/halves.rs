@@ -1,4 +1,4 @@
-//! Continuous laws whose step is cut in two, a prediction and a correction: current timing under every
+//! Floor 3. Continuous laws whose step is cut in two, a prediction and a correction: current timing under every
 //! method, and the methods that place eigenvalues under both timings.
 //!
 //! What is chosen at run time stays so, one law's halves behind one table of functions: there are too
@@ -6,8 +6,7 @@
 
 use crate::errors::{Result, refused};
 use crate::interrupt::StopFlag;
-use crate::observers::Studied;
-use crate::plan::{NO_PLANT, PREDICTOR_ONLY, Plan, StudyResult};
+use crate::plan::{NO_PLANT, PREDICTOR_ONLY, Plan, Studied, StudyResult};
 use hgo_ir::choices::{AnyMethod, Manner, NOT_PLACED};
 use hgo_ir::recursion::{AnyObserver, Block, Recursion};
 use hgo_ir::systems::AnyPlant;

@@ -1,4 +1,4 @@
-//! Ctrl-C during long work.
+//! Floor 1. Ctrl-C during long work.
 
 use crate::errors::Result;
 use pyo3::prelude::*;

@@ -1,4 +1,4 @@
-//! Studies in vector code: which pairs of plant and observer it is compiled for, and their blocks.
+//! Floor 3. Studies in vector code: which pairs of plant and observer it is compiled for, and their blocks.
 //!
 //! The types that Python chooses at run time (model, gain law, saturation, scheme) are named here, so
 //! that nothing is left to choose in the loop over runs. What is not named runs one run at a time,

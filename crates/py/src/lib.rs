@@ -1,4 +1,4 @@
-//! Floor 4. The Python module `hgo_rs._core`.
+//! The Python module `hgo_rs._core`.
 //!
 //! Specs (plain dicts) come in, arrays go out; every law that runs here is the core's own.
 

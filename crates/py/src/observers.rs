@@ -1,9 +1,9 @@
-//! From a spec to an observer of the core, and the class `Observer` that Python steps and runs.
+//! Floor 5. From a spec to an observer of the core, and the class `Observer` that Python steps and runs.
 
 use crate::errors::{Result, refused};
 use crate::halves::{Halved, halves, known_halves};
 use crate::interrupt::StopFlag;
-use crate::plan::{NO_PLANT, Plan, StudyResult};
+use crate::plan::{NO_PLANT, Plan, Studied, StudyResult};
 use crate::record::{self, Clock};
 use crate::study;
 use crate::values::{contiguous, read_dict};
@@ -28,23 +28,6 @@ use nalgebra::SVector;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyFloat, PyFloatMethods};
-
-/// An observer, and its studies beside the papers' plants.
-pub trait Studied: Send + Sync {
-    fn law(&self) -> &dyn AnyObserver;
-    fn study(&self, plan: &Plan, stop: &StopFlag) -> Result<StudyResult>;
-}
-
-/// Studies of tables begin at [`program_study::simulate`](crate::program_study::simulate), which has
-/// the plant's table too.
-impl Studied for Box<dyn AnyObserver> {
-    fn law(&self) -> &dyn AnyObserver {
-        &**self
-    }
-    fn study(&self, _: &Plan, _: &StopFlag) -> Result<StudyResult> {
-        Err(refused("this computation takes the papers' plants and observers only"))
-    }
-}
 
 type Study<O> = fn(&O, &Plan, &StopFlag) -> Result<StudyResult>;
 

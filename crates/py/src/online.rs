@@ -1,4 +1,4 @@
-//! An observer in use from Python, a sample a call: law, memory and clock.
+//! Floor 6. An observer in use from Python, a sample a call: law, memory and clock.
 //!
 //! A call that is surely sound (numbers, no step longer than before) costs its step and its array.
 //! Every other one is handed to the checks in Python, which have the words for what is wrong.

@@ -1,9 +1,10 @@
-//! Experiments with many runs: threads, interruption, results as arrays.
+//! Floor 2. Experiments with many runs: threads, interruption, results as arrays.
 
 use crate::errors::{Result, refused};
 use crate::interrupt::StopFlag;
 use crate::values::matrix;
 use hgo_ir::choices::Manner;
+use hgo_ir::recursion::AnyObserver;
 use hgo_ir::systems::AnyPlant;
 use hgo_ir::{Numbers, Spec};
 use hgo_rs::ensemble::{Block, Columns};
@@ -28,6 +29,22 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 pub const NO_PLANT: &str = "this observer's order fits none of the plants: simulate takes \
     observers of order 2 (lee, sanfelice-praly, van-der-pol), 5 (crackle) or the ship's";
+
+/// An observer, and its studies beside the papers' plants.
+pub trait Studied: Send + Sync {
+    fn law(&self) -> &dyn AnyObserver;
+    fn study(&self, plan: &Plan, stop: &StopFlag) -> Result<StudyResult>;
+}
+
+/// Studies of tables begin elsewhere, with the plant's table too.
+impl Studied for Box<dyn AnyObserver> {
+    fn law(&self) -> &dyn AnyObserver {
+        &**self
+    }
+    fn study(&self, _: &Plan, _: &StopFlag) -> Result<StudyResult> {
+        Err(refused("this computation takes the papers' plants and observers only"))
+    }
+}
 
 /// A schedule chosen at run time.
 #[derive(Clone, Copy)]

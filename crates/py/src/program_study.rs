@@ -1,4 +1,4 @@
-//! Studies whose plant or model is known at run time only.
+//! Floor 3. Studies whose plant or model is known at run time only.
 //!
 //! Blocks of runs go through programs. What only single runs give (frames, each run's own recorded
 //! noise) goes through the loop of compiled plants and laws, with the tables behind their traits: the

@@ -1,4 +1,4 @@
-//! A run over a record, in one pass: each block of it is taken in, checked and stepped over.
+//! Floor 2. A run over a record, in one pass: each block of it is taken in, checked and stepped over.
 //!
 //! What is wrong with a record is found here and said in Python, which has the words for it.
 

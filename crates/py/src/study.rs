@@ -1,4 +1,4 @@
-//! Studies: which observer runs beside which plants.
+//! Floor 4. Studies: which observer runs beside which plants.
 
 use crate::errors::{Result, refused};
 use crate::interrupt::StopFlag;

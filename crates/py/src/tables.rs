@@ -1,4 +1,4 @@
-//! Tables of operations at the Python border.
+//! Floor 2. Tables of operations at the Python border.
 
 use crate::errors::Result;
 use crate::values::{numbers, read_dict};

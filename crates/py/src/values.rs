@@ -1,4 +1,4 @@
-//! From Python to plain data, and arrays back.
+//! Floor 1. From Python to plain data, and arrays back.
 
 use crate::errors::Result;
 use hgo_ir::{Function, Numbers, Value};

@@ -3,9 +3,10 @@
 use super::of;
 use crate::error::{Result, refused};
 use crate::model::{Given, OwnModel};
+use crate::order::CHAINS;
 use crate::spec::Spec;
 use crate::table::Table;
-use crate::tables::{CHAINS, PlacedChain, Shape, Tables};
+use crate::tables::{PlacedChain, Shape, Tables};
 use crate::trace::{self, Setting, Traced, input, inputs, named, trace};
 
 /// Of an observer of several outputs: one observer for each chain, which takes the states of the

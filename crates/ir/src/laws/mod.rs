@@ -1,4 +1,4 @@
-//! Floor 5. The laws as tables, one builder a file: the core's law over traced numbers, by its spec.
+//! Floor 7. The laws as tables, one builder a file: the core's law over traced numbers, by its spec.
 
 mod chains;
 mod collection;

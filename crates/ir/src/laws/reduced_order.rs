@@ -2,8 +2,8 @@
 
 use crate::error::{Result, refused};
 use crate::model::{Given, OwnModel, OwnStrictFeedback};
+use crate::order::MAX_INPUTS;
 use crate::spec::Spec;
-use crate::tabled::MAX_INPUTS;
 use crate::tables::{Tables, half_table, shape_of};
 use crate::trace::{self, Setting, Traced, input};
 use hgo_rs::Scalar;

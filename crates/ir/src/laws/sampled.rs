@@ -3,10 +3,9 @@
 use crate::dispatch_order;
 use crate::error::{Result, refused};
 use crate::model::{Given, OwnModel, OwnSampled};
-use crate::order::order_refused;
+use crate::order::{MAX_INPUTS, order_refused};
 use crate::spec::Spec;
 use crate::systems::read_van_der_pol;
-use crate::tabled::MAX_INPUTS;
 use crate::tables::{Tables, half_table, shape_of};
 use crate::trace::{self, Setting, Traced, input};
 use hgo_rs::memory::Memory;
