@@ -17,10 +17,10 @@
 //!
 //! # Floors
 //!
-//! A file uses lower floors only, or what is named before it on its own: `vectors`, `elementary`,
+//! A file uses lower floors only, or what is named before it on its own: `elementary`,
 //! `scalar`, `error`, `memory`, `measurement`, `wide`, `polynomial` (0); `gain`, `schedule`, `saturation`, `model`,
-//! `integrate`, `observer`, `injection`, `noise`, `metrics`, `lanes`, `program` (1); `models`,
-//! `observers` (2); `simulate`, `covariance`, `ensemble`, `estimator` (3). Nothing names `std`, `alloc` or
+//! `integrate`, `observer`, `injection`, `noise`, `metrics`, `program` (1); `models`,
+//! `observers` (2); `simulate`, `covariance`, `estimator` (3). Nothing names `std`, `alloc` or
 //! Python, nothing allocates and nothing panics.
 #![cfg_attr(not(feature = "std"), no_std)]
 
@@ -29,13 +29,11 @@ compile_error!("hgo-rs needs feature `std` (default) or, without std, feature `l
 
 pub mod covariance;
 mod elementary;
-pub mod ensemble;
 pub mod error;
 pub mod estimator;
 pub mod gain;
 pub mod injection;
 pub mod integrate;
-pub mod lanes;
 pub mod measurement;
 pub mod memory;
 pub mod metrics;
@@ -50,7 +48,6 @@ pub mod saturation;
 pub mod scalar;
 pub mod schedule;
 pub mod simulate;
-pub mod vectors;
 mod wide;
 
 /// The examples of the documentation, run as tests.

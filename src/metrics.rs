@@ -64,7 +64,7 @@ impl<T: Scalar> Moments<T> {
     }
 
     /// From what was added up elsewhere.
-    pub(crate) fn from_sums(count: u64, sum: T, sum_of_squares: T, max: T) -> Self {
+    pub fn from_sums(count: u64, sum: T, sum_of_squares: T, max: T) -> Self {
         Self { count, sum, sum_of_squares, max }
     }
 
@@ -133,11 +133,7 @@ impl<'a> LogHistogram<'a> {
     }
 
     /// The counts, bin by bin.
-    pub(crate) fn counts(&self) -> &[u64] {
-        self.counts
-    }
-
-    pub(crate) fn counts_mut(&mut self) -> &mut [u64] {
+    pub fn counts(&self) -> &[u64] {
         self.counts
     }
 

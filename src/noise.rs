@@ -63,7 +63,7 @@ impl Stream {
     }
 
     /// The generator's 256 bits of state.
-    pub(crate) const fn state(&self) -> [u64; 4] {
+    pub const fn state(&self) -> [u64; 4] {
         self.s
     }
 
@@ -100,20 +100,20 @@ impl Stream {
 
 /// What [`radius_of`] makes the radius √(−2 ln(u + 2⁻⁵³)) of a normal pair of, u in [0, 1).
 #[inline(always)]
-pub(crate) fn radius_parts(u: f64) -> (f64, f64) {
+pub fn radius_parts(u: f64) -> (f64, f64) {
     log2_parts(u + LOWEST) // in (0, 1], exact
 }
 
 /// The radius of a normal pair.
 #[inline(always)]
-pub(crate) fn radius_of((k, s): (f64, f64)) -> f64 {
+pub fn radius_of((k, s): (f64, f64)) -> f64 {
     Scalar::sqrt(-2.0 * LN_2 * log2_of(k, s))
 }
 
 /// r cos 2πu and r sin 2πu, u in [0, 1). The turn is counted from ½ and folded at the quarters, both
 /// exactly, as far as the sine of a quarter: what is near 0 keeps its relative precision.
 #[inline(always)]
-pub(crate) fn turned(radius: f64, u: f64) -> (f64, f64) {
+pub fn turned(radius: f64, u: f64) -> (f64, f64) {
     let turn = u - 0.5;
     let folded = turn.abs() - 0.25;
     let other = (0.25 - folded.abs()).copysign(-turn);
@@ -184,28 +184,6 @@ pub enum Draw<'a, T> {
     },
     /// A recorded (or filtered) sequence, one value a draw; 0 after its end.
     Samples(&'a [T]),
-    /// One for each run, end to end: a block's runs take theirs in order, a single run the first.
-    RunSamples {
-        /// The sequences.
-        values: &'a [T],
-        /// Values in each.
-        draws: usize,
-    },
-}
-
-impl<T> Draw<'_, T> {
-    /// The same for a block's run `lane`, which is the last run that there is if there are fewer.
-    #[inline(always)]
-    pub(crate) fn of_lane(self, lane: usize) -> Self {
-        match self {
-            Self::RunSamples { values, draws } => {
-                let runs = values.len().checked_div(draws).unwrap_or(0);
-                let start = draws * lane.min(runs.saturating_sub(1));
-                Self::Samples(values.get(start..).unwrap_or(&[]).get(..draws).unwrap_or(&[]))
-            }
-            draw => draw,
-        }
-    }
 }
 
 /// Measurement noise: draws held over `hold` steps, plus sines in continuous time.
@@ -230,9 +208,6 @@ impl<T: Scalar> Noise<'_, T> {
             Draw::Uniform { low, high } => low + (high - low) * T::from_f64(stream.uniform()),
             Draw::Normal { mean, std } => mean + std * T::from_f64(stream.normal()),
             Draw::Samples(values) => self.recorded(values, k),
-            Draw::RunSamples { values, draws } => {
-                self.recorded(values.get(..draws).unwrap_or(values), k)
-            }
         }
     }
 

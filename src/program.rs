@@ -11,7 +11,6 @@
 #![allow(clippy::needless_range_loop)]
 
 use crate::Scalar;
-use crate::lanes::{LANES, Lane};
 
 /// Registers of a row, one after the other.
 pub const ROW: usize = 4;
@@ -272,6 +271,11 @@ pub struct Instruction {
     pub c: u8,
 }
 
+/// One number of each of L runs side by side.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C, align(64))]
+pub struct Lane<T, const L: usize>(pub [T; L]);
+
 /// Registers of one evaluation: numbers, or [`Lane`]s of them.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
@@ -285,10 +289,10 @@ impl<T: Scalar> Registers<T> {
     }
 }
 
-impl<T: Scalar> Registers<Lane<T>> {
+impl<T: Scalar, const L: usize> Registers<Lane<T, L>> {
     /// These numbers for every run.
     pub fn in_lanes(numbers: &Registers<T>) -> Self {
-        Self(numbers.0.map(|number| Lane([number; LANES])))
+        Self(numbers.0.map(|number| Lane([number; L])))
     }
 }
 
@@ -337,7 +341,7 @@ impl Program<'_> {
 
     /// Evaluate for a block of runs.
     #[inline(always)]
-    pub fn run_lanes<T: Scalar>(&self, r: &mut Registers<Lane<T>>) {
+    pub fn run_lanes<T: Scalar, const L: usize>(&self, r: &mut Registers<Lane<T, L>>) {
         for instruction in self.instructions {
             step_lanes(&mut r.0, *instruction);
         }
@@ -346,15 +350,15 @@ impl Program<'_> {
 
 /// One instruction for all runs of a block.
 #[inline(always)]
-fn step_lanes<T: Scalar>(r: &mut [Lane<T>; REGISTERS], instruction: Instruction) {
+fn step_lanes<T: Scalar, const L: usize>(r: &mut [Lane<T, L>; REGISTERS], instruction: Instruction) {
     let Instruction { operation, result, a, b, c } = instruction;
     let [result, a, b, c] = [result, a, b, c].map(usize::from);
     // one result; all is read before it is written: registers may be equal
     macro_rules! lanes {
         ($name:ident, $result:expr, $($operand:ident = $from:expr),+) => {{
-            let mut out = [T::ZERO; LANES];
+            let mut out = [T::ZERO; L];
             $(let $operand = &r[$from].0;)+
-            for lane in 0..LANES {
+            for lane in 0..L {
                 $(let $operand = $operand[lane];)+
                 out[lane] = operation!($name, $($operand),+);
             }

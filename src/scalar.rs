@@ -135,6 +135,13 @@ pub trait Scalar:
         if self < Self::ZERO { self } else { self + dt }
     }
 
+    /// `then` where `self` > `other`, else `otherwise`: a choice between values, which both exist.
+    #[inline(always)]
+    #[must_use]
+    fn where_above(self, other: Self, then: Self, otherwise: Self) -> Self {
+        if self > other { then } else { otherwise }
+    }
+
     /// `self` brought into [low, high]; NaN stays NaN.
     #[inline(always)]
     #[must_use]

@@ -78,7 +78,7 @@ impl<T: Scalar> Ship<T> {
         let c = T::from_f64;
         let s = z.y - c(1.18) * z.z;
         let (zz, ss) = (z.x * z.x, s * s);
-        let z1 = if z.x.abs() > c(1e-12) * s.abs() { z.x } else { T::ZERO };
+        let z1 = z.x.abs().where_above(c(1e-12) * s.abs(), z.x, T::ZERO);
         let l22 = -c(0.0232) * (zz + ss) * (s / z1).atan();
         [c(0.102) * zz - c(0.0232) * ss, l22, c(0.287) * zz + c(0.307) * ss, -c(13.23) * l22]
     }

@@ -41,28 +41,6 @@ crate::error::through_constructor! {
 
 impl<T: Scalar, const N: usize> Memory<T> for LowPowerState<T, N> {
     const LEN: usize = 2 * N - 1;
-    type Columns<const L: usize> = ([[T; L]; N], [[T; L]; N]);
-    #[inline(always)]
-    fn in_columns<const L: usize>(&self) -> Self::Columns<L> {
-        (self.x_hat.in_columns(), self.eta.in_columns())
-    }
-    #[inline(always)]
-    fn load<const L: usize>(columns: &Self::Columns<L>, lane: usize) -> Self {
-        Self { x_hat: SVector::load(&columns.0, lane), eta: SVector::load(&columns.1, lane) }
-    }
-    #[inline(always)]
-    fn store<const L: usize>(&self, columns: &mut Self::Columns<L>, lane: usize) {
-        self.x_hat.store(&mut columns.0, lane);
-        self.eta.store(&mut columns.1, lane);
-    }
-    #[inline(always)]
-    fn column<const L: usize>(columns: &Self::Columns<L>, index: usize) -> Option<&[T; L]> {
-        if index < Self::LEN {
-            <(SVector<T, N>, SVector<T, N>)>::column(columns, index)
-        } else {
-            None
-        }
-    }
     #[inline(always)]
     fn zero() -> Self {
         let zero = SVector::from_element(T::ZERO);

@@ -41,16 +41,7 @@ crate::error::through_constructor! {
     => Ok(Self { z_hat, y, u, elapsed, period })
 }
 
-/// The memory as pairs.
-type Parts<T, const NX: usize, const NZ: usize, const M: usize> =
-    (SVector<T, NZ>, (SVector<T, NX>, (SVector<T, M>, (T, T))));
-
 impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> ReducedOrderState<T, NX, NZ, M> {
-    #[inline(always)]
-    fn parts(&self) -> Parts<T, NX, NZ, M> {
-        (self.z_hat, (self.y, (self.u, (self.elapsed, self.period))))
-    }
-
     /// ẑ at the end of the step, and what became of it: it is held where the model has no value.
     #[inline(always)]
     #[allow(clippy::eq_op)] // entry - entry is 0, or NaN
@@ -70,24 +61,6 @@ impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> Memory<T>
     for ReducedOrderState<T, NX, NZ, M>
 {
     const LEN: usize = NZ + NX + M + 2;
-    type Columns<const L: usize> = <Parts<T, NX, NZ, M> as Memory<T>>::Columns<L>;
-    #[inline(always)]
-    fn in_columns<const L: usize>(&self) -> Self::Columns<L> {
-        self.parts().in_columns()
-    }
-    #[inline(always)]
-    fn load<const L: usize>(columns: &Self::Columns<L>, lane: usize) -> Self {
-        let (z_hat, (y, (u, (elapsed, period)))) = Parts::load(columns, lane);
-        Self { z_hat, y, u, elapsed, period }
-    }
-    #[inline(always)]
-    fn store<const L: usize>(&self, columns: &mut Self::Columns<L>, lane: usize) {
-        self.parts().store(columns, lane);
-    }
-    #[inline(always)]
-    fn column<const L: usize>(columns: &Self::Columns<L>, index: usize) -> Option<&[T; L]> {
-        Parts::column(columns, index)
-    }
     #[inline(always)]
     fn zero() -> Self {
         Self {

@@ -20,6 +20,7 @@
 mod called;
 pub mod choices;
 pub mod compile;
+pub mod derivative;
 pub mod error;
 mod laws;
 mod model;
@@ -28,12 +29,14 @@ pub mod order;
 pub mod recursion;
 pub mod spec;
 mod step;
+pub mod study;
 pub mod systems;
 pub mod table;
 mod tabled;
 pub mod tables;
 pub mod trace;
 pub mod value;
+pub mod vectors;
 
 pub use error::{Error, Result};
 pub use order::{CHAINS, MAX_INPUTS};

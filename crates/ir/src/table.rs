@@ -247,6 +247,21 @@ impl Table {
             })
     }
 
+    /// For each value whether it depends on one of some inputs.
+    pub fn depends(&self, on: impl Fn(usize) -> bool) -> Vec<bool> {
+        let mut depends: Vec<bool> = (0..self.inputs.len()).map(on).collect();
+        for call in &self.calls {
+            // what a function looks at is not known
+            depends.extend(std::iter::repeat_n(true, call.results));
+        }
+        depends.resize(self.base(), false);
+        for (operation, from) in &self.operations {
+            let some = from.iter().take(operands(*operation)).any(|value| depends[*value]);
+            depends.push(some);
+        }
+        depends
+    }
+
     /// Without the constants and operations that no output needs.
     #[must_use]
     pub fn trimmed(&self) -> Self {

@@ -292,15 +292,20 @@ pub fn call(function: usize, arguments: &[Traced]) -> Vec<Traced> {
     inline(&table, &[arguments, &parameters].concat())
 }
 
-fn apply<const K: usize>(operation: Operation, operands: [Traced; K]) -> Traced {
+/// The result of an operation of this trace.
+pub fn apply<const K: usize>(operation: Operation, operands: [Traced; K]) -> Traced {
     let indices = std::array::from_fn(|i| operands.get(i).map_or(0, |Traced(index)| *index));
     Traced(with(|trace| trace.apply(operation, indices, K)))
 }
 
 /// `a` where the value is positive, else `b`.
 pub fn if_positive(value: Traced, a: Traced, b: Traced) -> Traced {
-    let positive = apply(Operation::Less, [Traced::ZERO, value]);
-    apply(Operation::Select, [positive, a, b])
+    if_above(value, Traced::ZERO, a, b)
+}
+
+/// `a` where `value` > `other`, else `b`.
+fn if_above(value: Traced, other: Traced, a: Traced, b: Traced) -> Traced {
+    apply(Operation::Select, [apply(Operation::Less, [other, value]), a, b])
 }
 
 /// `a` where the values are equal, else `b`.
@@ -408,6 +413,9 @@ impl Scalar for Traced {
         let nothing = apply(Operation::Subtract, [y, y]); // NaN if y is not finite
         let present = apply(Operation::Equal, [nothing, nothing]);
         apply(Operation::Select, [present, Self::ZERO, self])
+    }
+    fn where_above(self, other: Self, then: Self, otherwise: Self) -> Self {
+        if_above(self, other, then, otherwise)
     }
     fn passed(self, dt: Self) -> Self {
         let none = apply(Operation::Less, [self, Self::ZERO]);

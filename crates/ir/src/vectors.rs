@@ -2,6 +2,8 @@
 //!
 //! The one place with `unsafe`: the call of a function for instructions that were asked for.
 
+use crate::error::{Result, refused};
+
 /// Work that is compiled for several instruction sets. `run` must be `#[inline(always)]`, and so must
 /// be all that it calls in its inner loop.
 pub trait Task {
@@ -32,7 +34,39 @@ impl Vectors {
     }
 }
 
-#[cfg(all(feature = "std", target_arch = "x86_64"))]
+/// The variable that holds studies to an instruction set.
+const FORCE: &str = "HGO_INSTRUCTION_SET";
+
+impl Vectors {
+    /// The instructions of studies: the widest of this processor, or those that the environment asks for.
+    /// `None`: one run at a time.
+    ///
+    /// # Errors
+    /// A set that is not known, or that this processor has not.
+    pub fn asked() -> Result<Option<Self>> {
+        let refuse = |given: &str, allowed: &str| {
+            let message =
+                format!("{FORCE} = {given:?} is not allowed: {allowed}, or leave it unset");
+            Err(refused(message))
+        };
+        let asked = match std::env::var(FORCE).as_deref() {
+            Err(_) => Some(Self::widest()),
+            Ok("plain") => None,
+            Ok("baseline") => Some(Self::Baseline),
+            Ok("avx2") => Some(Self::Avx2),
+            Ok("avx512") => Some(Self::Avx512),
+            Ok(other) => return refuse(other, "choose plain, baseline, avx2 or avx512"),
+        };
+        if let Some(vectors) = asked
+            && !vectors.are_available()
+        {
+            return refuse(&format!("{vectors:?}").to_lowercase(), "this processor has it not");
+        }
+        Ok(asked)
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
 mod x86 {
     use super::{Task, Vectors};
 
@@ -76,7 +110,7 @@ mod x86 {
     }
 }
 
-#[cfg(not(all(feature = "std", target_arch = "x86_64")))]
+#[cfg(not(target_arch = "x86_64"))]
 impl Vectors {
     /// Whether this processor has them.
     pub fn are_available(self) -> bool {

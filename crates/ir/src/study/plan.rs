@@ -1,0 +1,464 @@
+//! A study as it was asked for: plain data, read from a spec.
+
+use crate::error::{Result, refused};
+use crate::spec::Spec;
+use hgo_rs::integrate::{Integrator, PlantScheme};
+use hgo_rs::metrics::{Wanted, Window};
+use hgo_rs::model::StochasticIntegrator;
+use hgo_rs::noise::Sine;
+use hgo_rs::program::Lane;
+use hgo_rs::schedule::{FixedStep, Schedule, StochasticApproximation};
+use std::ops::Range;
+
+/// A schedule chosen at run time.
+#[derive(Clone, Copy, Debug)]
+pub enum AnySchedule {
+    Fixed(FixedStep<f64>),
+    Decreasing(StochasticApproximation<f64>),
+}
+
+impl Schedule<f64> for AnySchedule {
+    #[inline(always)]
+    fn dt(&self, k: u64) -> f64 {
+        match self {
+            Self::Fixed(schedule) => schedule.dt(k),
+            Self::Decreasing(schedule) => schedule.dt(k),
+        }
+    }
+    #[inline(always)]
+    fn next_time(&self, t: f64, k: u64, dt: f64) -> f64 {
+        match self {
+            Self::Fixed(schedule) => schedule.next_time(t, k, dt),
+            Self::Decreasing(schedule) => schedule.next_time(t, k, dt),
+        }
+    }
+}
+
+impl AnySchedule {
+    fn read(spec: &Spec<'_>) -> Result<Self> {
+        let kind = spec.text("kind")?;
+        match kind.as_str() {
+            "fixed" => {
+                spec.only(&["kind", "dt"])?;
+                Ok(Self::Fixed(FixedStep::new(spec.f64("dt")?)?))
+            }
+            "stochastic-approximation" => {
+                spec.only(&["kind", "alpha", "epsilon", "k0", "p"])?;
+                Ok(Self::Decreasing(StochasticApproximation::new(
+                    spec.f64("alpha")?,
+                    spec.f64("epsilon")?,
+                    spec.f64("k0")?,
+                    spec.f64("p")?,
+                )?))
+            }
+            other => Err(spec.unknown("kind", other, &["fixed", "stochastic-approximation"])),
+        }
+    }
+}
+
+/// What is drawn at a sample and held.
+#[derive(Clone, Debug)]
+pub enum DrawKind {
+    /// Nothing.
+    None,
+    /// Uniform between two ends.
+    Uniform(f64, f64),
+    /// Normal: mean and standard deviation.
+    Normal(f64, f64),
+    /// A recorded sequence for all runs alike.
+    Shared(Vec<f64>),
+    /// One for each run, `per_run` values each.
+    Recorded {
+        /// All, run by run.
+        values: Vec<f64>,
+        /// Values of one run.
+        per_run: usize,
+    },
+}
+
+/// An experiment as it was asked for.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Whether plant and observer are one differential equation.
+    pub joint: bool,
+    /// How the plant moves, and its name.
+    pub plant_scheme: PlantScheme,
+    plant_method: String,
+    /// Equal substeps of the plant in one step.
+    pub substeps: u32,
+    /// When the observer steps.
+    pub schedule: AnySchedule,
+    /// When the plant steps, if not with the observer.
+    pub plant_schedule: Option<AnySchedule>,
+    /// Measurement noise that is drawn.
+    pub draw: DrawKind,
+    /// Steps over which a draw is held.
+    pub hold: u64,
+    /// Sines added to it.
+    pub sines: Vec<Sine<f64>>,
+    /// Steps of a run; samples are 0 to `steps`.
+    pub steps: u64,
+    /// Number of runs.
+    pub runs: usize,
+    /// Seed of the study.
+    pub seed: u64,
+    /// Number of the first run.
+    pub first_run: u64,
+    /// Windows of the moments, in samples.
+    pub windows: Vec<Window>,
+    /// Which metrics.
+    pub wanted: Wanted,
+    /// Threshold of the settling time.
+    pub settle: Option<f64>,
+    /// Window of the histogram.
+    pub histogram: Option<Window>,
+    /// Each so many samples a frame is kept; 0: none.
+    pub every: u64,
+    /// Starts of the plants: one row, or one a run.
+    pub x0: Vec<f64>,
+    /// Starts of the observers.
+    pub memory0: Vec<f64>,
+}
+
+/// Names of the metrics that can be asked for.
+const METRICS: [&str; 4] = ["mean", "rms", "max", "peak"];
+
+fn read_wanted(spec: &Spec<'_>) -> Result<Wanted> {
+    let Some(names) = spec.texts("metrics")? else { return Ok(Wanted::ALL) };
+    if let Some(unknown) = names.iter().find(|name| !METRICS.contains(&name.as_str())) {
+        return Err(spec.unknown("metrics", unknown, &METRICS));
+    }
+    let [mean, rms, max, peak] = METRICS.map(|name| names.iter().any(|given| given == name));
+    Ok(Wanted { mean, rms, max, peak })
+}
+
+fn window(values: &[f64], name: &str) -> Result<Window> {
+    match values {
+        [from, to] if *from >= 0.0 && to > from && from.fract() == 0.0 && to.fract() == 0.0 =>
+        {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            Ok(Window { from: *from as u64, to: *to as u64 })
+        }
+        other => Err(refused(format!(
+            "{name} = {other:?} is not allowed: a window is [first step, one past the last step]"
+        ))),
+    }
+}
+
+impl Plan {
+    const KEYS: [&'static str; 20] = [
+        "plant",
+        "observer",
+        "mode",
+        "steps",
+        "schedule",
+        "plant_schedule",
+        "plant_method",
+        "substeps",
+        "x0",
+        "memory0",
+        "noise",
+        "runs",
+        "seed",
+        "first_run",
+        "windows",
+        "metrics",
+        "settle",
+        "histogram",
+        "every",
+        "truth",
+    ];
+
+    /// From a spec; `also` are keys that the caller reads. The starts are read by [`Self::starting`], once
+    /// their lengths are known.
+    ///
+    /// # Errors
+    /// What is not allowed.
+    pub fn read(spec: &Spec<'_>, also: &[&str]) -> Result<Self> {
+        spec.only(&[&Self::KEYS, also].concat())?;
+        let mode = spec.text_or("mode", "sampled")?;
+        let joint = match mode.as_str() {
+            "sampled" => false,
+            "joint" => true,
+            other => return Err(spec.unknown("mode", other, &["sampled", "joint"])),
+        };
+        let method = spec.text_or("plant_method", "euler")?;
+        let runs = spec.whole_or("runs", 1)?;
+        let runs = usize::try_from(runs).ok().filter(|r| *r >= 1).ok_or_else(|| {
+            refused(format!("runs = {runs} is not allowed: it must be at least 1"))
+        })?;
+        let steps = spec.whole("steps")?;
+        if steps == 0 {
+            return Err(refused("steps = 0 is not allowed: it must be at least 1"));
+        }
+        let substeps = u32::try_from(spec.whole_or("substeps", 1)?).unwrap_or(u32::MAX);
+        if substeps == 0 {
+            return Err(refused("substeps = 0 is not allowed: it must be at least 1"));
+        }
+        let (draw, hold, sines) = if spec.has("noise") {
+            Self::read_noise(&spec.sub("noise")?, runs, steps)?
+        } else {
+            (DrawKind::None, 1, Vec::new())
+        };
+        let mut windows = Vec::new();
+        if spec.has("windows") {
+            let given = spec.numbers("windows")?;
+            if !given.values.is_empty() && !matches!(given.shape.as_slice(), [_, 2]) {
+                return Err(refused(format!(
+                    "windows have shape {:?}; they must be (W, 2)",
+                    given.shape
+                )));
+            }
+            for pair in given.values.chunks(2) {
+                windows.push(window(pair, "windows")?);
+            }
+        }
+        let histogram = if spec.has("histogram") {
+            Some(window(&spec.numbers("histogram")?.values, "histogram")?)
+        } else {
+            None
+        };
+        let settle = if spec.has("settle") {
+            Some(hgo_rs::error::positive("settle", spec.f64("settle")?)?)
+        } else {
+            None
+        };
+        Ok(Self {
+            joint,
+            plant_scheme: read_plant_scheme(spec, &method)?,
+            plant_method: method,
+            substeps,
+            schedule: AnySchedule::read(&spec.sub("schedule")?)?,
+            plant_schedule: if spec.has("plant_schedule") {
+                Some(AnySchedule::read(&spec.sub("plant_schedule")?)?)
+            } else {
+                None
+            },
+            draw,
+            hold,
+            sines,
+            steps,
+            runs,
+            seed: spec.whole_or("seed", 0)?,
+            first_run: spec.whole_or("first_run", 0)?,
+            windows,
+            wanted: read_wanted(spec)?,
+            settle,
+            histogram,
+            every: spec.whole_or("every", 0)?,
+            x0: Vec::new(),
+            memory0: Vec::new(),
+        })
+    }
+
+    /// With the starts of a plant of n states and of a memory of m entries.
+    ///
+    /// # Errors
+    /// Starts of another shape, or not finite.
+    pub fn starting(mut self, spec: &Spec<'_>, (n, m): (usize, usize)) -> Result<Self> {
+        self.x0 = spec.rows("x0", n, self.runs)?;
+        self.memory0 = spec.rows("memory0", m, self.runs)?;
+        Ok(self)
+    }
+
+    /// Refuse, by its name, a scheme that the plant does not take.
+    ///
+    /// # Errors
+    /// A deterministic scheme for a plant with process noise; a stochastic one for another.
+    pub fn check_method(
+        &self,
+        noisy: bool,
+        supports: impl Fn(StochasticIntegrator) -> bool,
+    ) -> Result<()> {
+        let (fits, allowed) = match self.plant_scheme {
+            PlantScheme::Held => (true, ""),
+            PlantScheme::Deterministic(_) => (
+                !noisy,
+                "the plant has process noise, which a deterministic scheme would leave out: choose \
+                 euler-maruyama, milstein or taylor-1.5, or sigma = 0",
+            ),
+            PlantScheme::Stochastic(scheme) => (
+                supports(scheme),
+                "a stochastic scheme needs a plant with process noise, and taylor-1.5 needs it to \
+                 be additive: choose euler, rk4 or bogacki-shampine, or milstein",
+            ),
+        };
+        if fits {
+            Ok(())
+        } else {
+            Err(refused(format!(
+                "plant_method = {:?} is not allowed: {allowed}",
+                self.plant_method
+            )))
+        }
+    }
+
+    /// The value of the noise of sample k that is recorded for all runs alike.
+    pub fn shared_noise(&self, k: u64) -> f64 {
+        match &self.draw {
+            DrawKind::Shared(values) => self.place(k).and_then(|i| values.get(i)).copied(),
+            _ => None,
+        }
+        .unwrap_or(0.0)
+    }
+
+    /// The recorded noise of the runs from `first` on at some samples, a row each; none where it is not
+    /// recorded run by run.
+    pub fn recorded<const L: usize>(
+        &self,
+        first: usize,
+        samples: Range<u64>,
+        into: &mut Vec<Lane<f64, L>>,
+    ) {
+        into.clear();
+        let DrawKind::Recorded { values, per_run } = &self.draw else { return };
+        into.extend(samples.map(|k| {
+            let place = self.place(k).filter(|place| place < per_run);
+            Lane(std::array::from_fn(|lane| {
+                let run = (first + lane).min(self.runs - 1);
+                place.and_then(|place| values.get(run * per_run + place)).copied().unwrap_or(0.0)
+            }))
+        }));
+    }
+
+    fn place(&self, k: u64) -> Option<usize> {
+        usize::try_from(k / self.hold).ok()
+    }
+
+    /// Whether samples may be missing: recorded noise that is not finite.
+    pub fn samples_miss(&self) -> bool {
+        match &self.draw {
+            DrawKind::Shared(values) | DrawKind::Recorded { values, .. } => {
+                !values.iter().all(|value| value.is_finite())
+            }
+            _ => false,
+        }
+    }
+
+    fn read_noise(
+        spec: &Spec<'_>,
+        runs: usize,
+        steps: u64,
+    ) -> Result<(DrawKind, u64, Vec<Sine<f64>>)> {
+        let kind = spec.text("kind")?;
+        let finite =
+            |key: &'static str| -> Result<f64> { Ok(hgo_rs::error::finite(key, spec.f64(key)?)?) };
+        let draw = match kind.as_str() {
+            "none" => DrawKind::None,
+            "uniform" => {
+                let (low, high) = (finite("low")?, finite("high")?);
+                hgo_rs::error::require("high", high, high >= low, "it must be at least low")?;
+                DrawKind::Uniform(low, high)
+            }
+            "normal" => {
+                let std = finite("std")?;
+                hgo_rs::error::require("std", std, std >= 0.0, "it must be at least 0")?;
+                DrawKind::Normal(hgo_rs::error::finite("mean", spec.f64_or("mean", 0.0)?)?, std)
+            }
+            "samples" => {
+                let given = spec.numbers("values")?;
+                let per_run = match given.shape.as_slice() {
+                    [_] => 0,
+                    [rows, columns] if *rows == runs => *columns,
+                    other => {
+                        return Err(refused(format!(
+                            "noise values have shape {other:?}; they must be (steps + 1,) or \
+                             ({runs}, steps + 1)"
+                        )));
+                    }
+                };
+                if per_run == 0 {
+                    DrawKind::Shared(given.values.clone())
+                } else {
+                    DrawKind::Recorded { values: given.values.clone(), per_run }
+                }
+            }
+            other => {
+                return Err(spec.unknown("kind", other, &["none", "uniform", "normal", "samples"]));
+            }
+        };
+        spec.only(match draw {
+            DrawKind::None => &["kind", "hold", "sines"],
+            DrawKind::Uniform(..) => &["kind", "hold", "sines", "low", "high"],
+            DrawKind::Normal(..) => &["kind", "hold", "sines", "mean", "std"],
+            DrawKind::Shared(_) | DrawKind::Recorded { .. } => &["kind", "hold", "sines", "values"],
+        })?;
+        let mut sines = Vec::new();
+        if spec.has("sines") {
+            for row in spec.numbers("sines")?.values.chunks(3) {
+                match row {
+                    [amplitude, omega, phase] if row.iter().all(|v| v.is_finite()) => {
+                        sines.push(Sine { amplitude: *amplitude, omega: *omega, phase: *phase });
+                    }
+                    other => {
+                        return Err(refused(format!(
+                            "sines row {other:?} is not allowed: give finite amplitude, omega in \
+                             rad/s, phase in rad"
+                        )));
+                    }
+                }
+            }
+        }
+        let hold = spec.whole_or("hold", 1)?;
+        if hold == 0 {
+            return Err(refused("hold = 0 is not allowed: a draw is held for at least 1 step"));
+        }
+        let given = match &draw {
+            DrawKind::Shared(values) => Some(values.len()),
+            DrawKind::Recorded { per_run, .. } => Some(*per_run),
+            _ => None,
+        };
+        if let Some(given) = given.map(|given| given as u64) {
+            let needed = steps / hold + 1;
+            if given < needed {
+                return Err(refused(format!(
+                    "noise values: {given} a run are too few for {steps} steps; give {needed}"
+                )));
+            }
+        }
+        Ok((draw, hold, sines))
+    }
+
+    /// Variance of a noise that is white with mean zero.
+    pub fn noise_variance(&self) -> Option<f64> {
+        let plain = self.hold == 1 && self.sines.is_empty();
+        match self.draw {
+            DrawKind::Uniform(low, high) if plain && (low + high).abs() < 1e-12 * high.abs() => {
+                Some((high - low) * (high - low) / 12.0)
+            }
+            DrawKind::Normal(mean, std) if plain && mean.abs() < 1e-12 * std => Some(std * std),
+            _ => None,
+        }
+    }
+
+}
+
+const PLANT_METHODS: [&str; 7] =
+    ["euler", "rk4", "bogacki-shampine", "held", "euler-maruyama", "milstein", "taylor-1.5"];
+
+/// The schemes for plants with process noise.
+pub const STOCHASTIC_METHODS: [&str; 3] = ["euler-maruyama", "milstein", "taylor-1.5"];
+
+/// A stochastic scheme by name.
+pub fn stochastic(method: &str) -> Option<StochasticIntegrator> {
+    match method {
+        "euler-maruyama" => Some(StochasticIntegrator::EulerMaruyama),
+        "milstein" => Some(StochasticIntegrator::Milstein),
+        "taylor-1.5" => Some(StochasticIntegrator::Taylor15),
+        _ => None,
+    }
+}
+
+fn read_plant_scheme(spec: &Spec<'_>, method: &str) -> Result<PlantScheme> {
+    Ok(match method {
+        "held" => PlantScheme::Held,
+        "euler" => PlantScheme::Deterministic(Integrator::Euler),
+        "rk4" => PlantScheme::Deterministic(Integrator::Rk4),
+        "bogacki-shampine" => PlantScheme::Deterministic(Integrator::BogackiShampine),
+        other => match stochastic(other) {
+            Some(scheme) => PlantScheme::Stochastic(scheme),
+            None => return Err(spec.unknown("plant_method", other, &PLANT_METHODS)),
+        },
+    })
+}
+
