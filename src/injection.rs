@@ -198,6 +198,9 @@ pub trait Injected<T: Scalar>: ContinuousLaw<T> {
     type Gains: Copy;
     /// Whether the gains depend on the length of a step alone.
     const CONSTANT: bool;
+    /// Whether [`Self::gains`] is a sequence of operations that decides on no value, so that it can be
+    /// written down as a table.
+    const TRACEABLE: bool = true;
     /// Its poles (at r = 1).
     ///
     /// # Errors

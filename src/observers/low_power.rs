@@ -360,6 +360,7 @@ where
     /// a and b; a′ and b′.
     type Gains = [BlockGains<T, N>; 2];
     const CONSTANT: bool = G::Memory::LEN == 0;
+    const TRACEABLE: bool = false;
 
     /// The roots of Pₙ₋₁; the last one of each half is not used.
     fn poles(&self, at: Placement) -> Result<Self::Poles, DesignError> {

@@ -4,7 +4,7 @@
 use crate::error::Result;
 use crate::order::MAX_INPUTS;
 use crate::recursion::{AnyObserver, Block, Recursion, larger};
-use crate::step::Steps;
+use crate::step::{Steps, within};
 use crate::table::Table;
 use crate::tables::Tables;
 use hgo_rs::observer::Status;
@@ -37,7 +37,7 @@ impl Called {
         let made = steps.choose(memory, present).evaluate(&inputs)?;
         let (next, told) = made.split_at(memory.len());
         innovation.iter_mut().zip(told).for_each(|(slot, told)| *slot = *told);
-        if !next.iter().all(|value| value.is_finite()) {
+        if !next.iter().all(|value| value.is_finite()) && within(memory) {
             return Ok(Status::ModelUndefined);
         }
         memory.copy_from_slice(next);

@@ -260,7 +260,11 @@ impl<'a> Given<'a> {
     pub(crate) fn n_u(&self) -> Result<usize> {
         match self {
             Self::Paper(None) => Ok(0),
-            Self::Paper(Some(model)) => Ok(usize::from(model.text("kind")? == "input")),
+            Self::Paper(Some(model)) => Ok(match model.text("kind")?.as_str() {
+                "input" => 1,
+                "ship" => 2,
+                _ => 0,
+            }),
             Self::Own(own) => Ok(own.n_u),
             Self::Chain(own, _) => Ok(own.n_u),
         }

@@ -10,7 +10,7 @@ use crate::table::Table;
 use crate::tables::Tables;
 use crate::trace::{PlacedGains, Setting};
 
-/// An observer with a model of the user's own.
+/// An observer from its spec.
 pub fn build(spec: &Spec<'_>) -> Result<Box<dyn AnyObserver>> {
     let setting = Setting { gains: PlacedGains::Given, ..Setting::usual(false) };
     let tables = Tables::read(spec, setting)?;

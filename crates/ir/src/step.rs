@@ -10,6 +10,7 @@ use crate::trace::{self, Setting, Traced, input, named, trace};
 use hgo_rs::Scalar;
 use hgo_rs::observer::Status;
 use hgo_rs::program::{REGISTERS, Registers};
+use hgo_rs::simulate::DIVERGED;
 use std::sync::Arc;
 
 /// A step of an observer, or a half of it, as a program, with registers in which constants and
@@ -22,6 +23,11 @@ pub(crate) struct Step {
     /// Whether an entry of the memory is handed on to a later one: it must be read before its place is
     /// written.
     hands_on: bool,
+}
+
+/// Whether a memory is within the bounds beyond which an observer counts as diverged.
+pub(crate) fn within(memory: &[f64]) -> bool {
+    memory.iter().all(|value| value.abs() <= DIVERGED)
 }
 
 /// A step in all its forms.
@@ -217,7 +223,8 @@ impl Step {
         for output in next {
             spoilt += 0.0 * r.0[usize::from(*output)];
         }
-        let moved = !spoilt.is_nan();
+        // what was out of bounds before grew too large; within them the model has no value
+        let moved = !spoilt.is_nan() || !within(&r.0[MEMORY..MEMORY + memory]);
         if moved && !self.hands_on {
             // at once: a number that was just written is soon read again as it was written, by itself
             for (i, (output, shown)) in next.iter().zip(shown).enumerate() {

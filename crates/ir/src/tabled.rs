@@ -4,6 +4,7 @@
 use crate::choices::{AnyMethod, Manner, NOT_PLACED};
 use crate::error::{Result, refused};
 use crate::order::MAX_INPUTS;
+use crate::Function;
 use crate::table::Table;
 use crate::trace::{self, PlacedGains, Setting, Traced, inline, input, inputs, named, trace};
 use hgo_rs::Scalar;
@@ -55,6 +56,16 @@ struct PlacedTables {
     gains: Option<Arc<Gains>>,
 }
 
+/// Where the gains of a placed correction come from.
+enum GainsOf {
+    /// They are computed in the table.
+    Table,
+    /// They are inputs of it.
+    Inputs(Arc<Gains>),
+    /// The law computes them, called from the table.
+    Call(Arc<Gains>),
+}
+
 /// Gains of a placed correction as numbers.
 pub trait Numbers<T: Scalar>: Copy {
     const COUNT: usize;
@@ -86,11 +97,11 @@ impl<T: Scalar, const N: usize> Numbers<T> for [BlockGains<T, N>; 2] {
 /// Lengths of corrections whose gains are remembered.
 const RECENT: usize = 8;
 
-/// The gains of a law's placed corrections, computed by the law itself: they depend on its coefficients
-/// and on the time that a correction is for, on no model.
+/// The gains of a law's placed corrections, computed by the law itself: they depend on its coefficients,
+/// on the time that a correction is for and, where the gain moves, on the memory; on no model.
 pub struct Gains {
     pub count: usize,
-    of: Box<dyn Fn(f64) -> Vec<f64> + Send + Sync>,
+    of: Box<dyn Fn(f64, &[f64]) -> Vec<f64> + Send + Sync>,
     /// Those of the lengths used last.
     recent: Mutex<Vec<(u64, Vec<f64>)>>,
 }
@@ -102,12 +113,14 @@ impl Gains {
         L: Injected<f64, Gains: Numbers<f64>, Poles: Send + Sync> + Send + Sync + 'static,
     {
         let poles = law.poles(at)?;
-        let of = move |length| law.gains(at, &poles, &law.initial(), length).numbers();
+        let of = move |length, memory: &[f64]| {
+            law.gains(at, &poles, &L::State::read(memory), length).numbers()
+        };
         Ok(Arc::new(Self { count: L::Gains::COUNT, of: Box::new(of), recent: Mutex::default() }))
     }
 
-    /// The gains of a correction for this time. No thread waits for another: where one is at the
-    /// remembered gains, the others compute.
+    /// The gains of a correction for this time, of a gain that does not move. No thread waits for another:
+    /// where one is at the remembered gains, the others compute.
     pub fn write(&self, length: f64, into: &mut [f64]) {
         let bits = length.to_bits();
         if let Ok(recent) = self.recent.try_lock()
@@ -116,7 +129,7 @@ impl Gains {
             into.copy_from_slice(known);
             return;
         }
-        let gains = (self.of)(length);
+        let gains = (self.of)(length, &[]);
         into.copy_from_slice(&gains);
         if let Ok(mut recent) = self.recent.try_lock() {
             if recent.len() == RECENT {
@@ -124,6 +137,14 @@ impl Gains {
             }
             recent.push((bits, gains));
         }
+    }
+}
+
+/// Within a table: (time, memory) → gains.
+impl Function for Gains {
+    fn call(&self, arguments: &[f64]) -> Result<Vec<f64>> {
+        let (length, memory) = arguments.split_first().unwrap_or((&0.0, &[]));
+        Ok((self.of)(*length, memory))
     }
 }
 
@@ -184,8 +205,13 @@ impl LawTables {
         let placed = match manner.method {
             AnyMethod::Known(_) => None,
             AnyMethod::Placed(at) => {
+                let known = L::CONSTANT && matches!(setting.gains, PlacedGains::For(_));
                 let given = L::CONSTANT && matches!(setting.gains, PlacedGains::Given);
-                let gains = if given { Some(gains(at)?) } else { None };
+                let gains = match (given, L::TRACEABLE || known) {
+                    (true, _) => GainsOf::Inputs(gains(at)?),
+                    (false, true) => GainsOf::Table,
+                    (false, false) => GainsOf::Call(gains(at)?),
+                };
                 Some(Self::placed(setting, (at, manner.timing), n_u, &build, gains)?)
             }
         };
@@ -238,7 +264,7 @@ impl LawTables {
         (at, timing): (Placement, Timing),
         n_u: usize,
         build: &impl Fn() -> Result<L>,
-        gains: Option<Arc<Gains>>,
+        gains: GainsOf,
     ) -> Result<PlacedTables>
     where
         L: Injected<Traced, Input: Memory<Traced>, Gains: Numbers<Traced>>,
@@ -249,12 +275,23 @@ impl LawTables {
             let (z, u) = (L::State::read(&of[1]), L::Input::read(&of[2]));
             Ok(flat(&law.flow(of[0][0], &z, &u, of[3][0])))
         })?;
-        let count = gains.as_ref().map_or(0, |gains| gains.count);
+        let (inputs, called) = match gains {
+            GainsOf::Inputs(gains) => (Some(gains), None),
+            GainsOf::Call(gains) => (None, Some(gains)),
+            GainsOf::Table => (None, None),
+        };
+        let count = inputs.as_ref().map_or(0, |gains| gains.count);
         let sampled = [("z", len), ("y", 1), ("dt", 1), ("gains", count)];
         let correct = part(setting, build, &sampled, |law: &L, of| {
             let (z, y, dt) = (L::State::read(&of[0]), of[1][0], of[2][0]);
             if count > 0 {
                 let gains = L::Gains::from_numbers(&of[3]);
+                return Ok(flat(&law.inject(&z, &law.innovation(&z, y), &gains, dt)));
+            }
+            if let Some(gains) = &called {
+                let given = [&[dt], of[0].as_slice()].concat();
+                let gains = trace::native(gains.clone(), &given, gains.count);
+                let gains = L::Gains::from_numbers(&gains);
                 return Ok(flat(&law.inject(&z, &law.innovation(&z, y), &gains, dt)));
             }
             let scheme = Placed::new(law, at)?;
@@ -273,7 +310,7 @@ impl LawTables {
             });
             Ok(chosen.collect())
         })?;
-        Ok(PlacedTables { flow, correct, gains })
+        Ok(PlacedTables { flow, correct, gains: inputs })
     }
 
     /// The gains of a placed correction, where they are inputs of the step.

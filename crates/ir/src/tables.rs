@@ -91,17 +91,40 @@ impl Tables {
         self.correct.as_ref()
     }
     /// What takes the sample, whether the law has started or not: the correction with current timing,
-    /// else the way to the next sample.
-    pub fn taking(&self) -> Result<Table> {
+    /// else the way to the next sample. Where samples may be `missing`, also without one.
+    pub fn taking(&self, missing: bool) -> Result<Table> {
         let usual = self.correct.as_ref().unwrap_or(&self.advance);
-        let Some((index, [unstarted, _])) = &self.unstarted else { return Ok(usual.clone()) };
+        let without = self.missing.as_ref().filter(|_| missing);
+        if self.unstarted.is_none() && without.is_none() {
+            return Ok(usual.clone());
+        }
         trace(Setting::usual(false), || {
             let given: Vec<Traced> = usual.inputs.iter().map(|name| input(name)).collect();
-            let (made, first) = (trace::inline(usual, &given), trace::inline(unstarted, &given));
-            let started = given[MEMORY + index];
-            let chosen = made.iter().zip(&first);
-            let chosen: Vec<Traced> =
-                chosen.map(|(a, b)| trace::if_positive(started, *a, *b)).collect();
+            let choose = |of: &dyn Fn(Traced, Traced) -> Traced, a: &[Traced], b: &[Traced]| {
+                a.iter().zip(b).map(|(a, b)| of(*a, *b)).collect::<Vec<Traced>>()
+            };
+            // of a law that has started, and of one that has not
+            let form = |started: &Table, unstarted: Option<&Table>| {
+                let made = trace::inline(started, &given);
+                match (&self.unstarted, unstarted) {
+                    (Some((index, _)), Some(unstarted)) => {
+                        let elapsed = given[MEMORY + index];
+                        let first = trace::inline(unstarted, &given);
+                        choose(&|a, b| trace::if_positive(elapsed, a, b), &made, &first)
+                    }
+                    _ => made,
+                }
+            };
+            let [with, none] = [0, 1].map(|i| self.unstarted.as_ref().map(|(_, forms)| &forms[i]));
+            let mut chosen = form(usual, with);
+            if let Some(without) = without {
+                let y = MEMORY + self.shape.memory;
+                let nothing = given[y..y + self.shape.n_y].iter().fold(Traced::ZERO, |sum, y| {
+                    sum + (*y - *y) // NaN where one is not finite
+                });
+                let other = form(without, none);
+                chosen = choose(&|a, b| trace::if_equal([nothing; 2], a, b), &chosen, &other);
+            }
             Ok(usual.output_names.iter().cloned().zip(chosen).collect())
         })
     }

@@ -270,6 +270,13 @@ pub fn inline(table: &Table, inputs: &[Traced]) -> Vec<Traced> {
     })
 }
 
+/// The results of a function of numbers, called where the table stands.
+pub fn native(function: Arc<dyn crate::Function>, arguments: &[Traced], results: usize) -> Vec<Traced> {
+    let call = Call { function, arguments: Vec::new(), results };
+    let arguments = arguments.iter().map(|Traced(index)| *index as usize).collect();
+    with(|trace| trace.call(&call, arguments)).into_iter().map(Traced).collect()
+}
+
 /// Keep a function for the rest of the trace; its last inputs are `parameters`.
 pub fn function(table: Table, parameters: Vec<Traced>) -> usize {
     with(|trace| {

@@ -1,72 +1,25 @@
 //! Floor 6. The functions of `hgo_rs._core`.
 
 use crate::errors::{Result, refused};
-use crate::interrupt::{StopFlag, interruptible};
-use crate::observers::build;
-use crate::plan::{Plan, STOCHASTIC_METHODS, row, stochastic, vectors};
-use crate::program_study;
+use crate::interrupt::interruptible;
+use hgo_ir::study::{Plan, STOCHASTIC_METHODS, stochastic};
 use crate::values::{matrix, numbers, read_dict};
 use hgo_ir::Spec;
 use hgo_ir::systems::AnyPlant;
 use hgo_rs::covariance::ErrorCovariance;
-use hgo_rs::ensemble::coupled_block;
 use hgo_rs::gain::ConstantGain;
-use hgo_rs::lanes::LANES;
 use hgo_rs::memory::Memory;
 use hgo_rs::metrics::Moments;
 use hgo_rs::model::{Plant, StochasticIntegrator, Unknown};
-use hgo_rs::models::VanDerPol;
 use hgo_rs::noise::{Channel, Draw, Noise, SecondOrderSections, Stream};
 use hgo_rs::observer::{Discretised, Euler};
 use hgo_rs::observers::StandardObserver;
-use hgo_rs::simulate::Experiment;
-use hgo_rs::vectors::{Task, Vectors};
+use hgo_rs::simulate::{Experiment, coupled_paths as coupled_paths_of};
 use nalgebra::Vector2;
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
-
-/// Run an experiment described by a spec.
-#[pyfunction]
-pub fn simulate<'py>(py: Python<'py>, spec: &Bound<'py, PyAny>) -> Result<Bound<'py, PyDict>> {
-    let value = read_dict(spec, "simulation")?;
-    let spec = Spec::new(&value, "simulation")?;
-    if program_study::is_programmed(&spec)? {
-        return program_study::simulate(py, &spec);
-    }
-    let observer = build(&spec.sub("observer")?)?;
-    let plan = Plan::read(&spec, observer.law().initial().len(), &[])?;
-    vectors(&plan)?; // an instruction set that is asked for is there, whether this study needs it or not
-    let result = interruptible(py, |stop| observer.study(&plan, stop))?;
-    result.into_dict(py, &plan)
-}
-
-/// A block of coupled paths.
-struct Coupled<'a> {
-    plant: VanDerPol<f64>,
-    starts: [Vector2<f64>; LANES],
-    t_end: f64,
-    /// The schemes; the numbers of steps; seed and first run.
-    paths: (StochasticIntegrator, StochasticIntegrator, (u32, u32), (u64, u64)),
-    stop: &'a StopFlag,
-}
-
-impl Task for Coupled<'_> {
-    /// Where the coarse and the fine path of each run end.
-    type Output = [(Vector2<f64>, Vector2<f64>); LANES];
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self { plant, starts, t_end, paths: (scheme, finest, steps, of), stop } = self;
-        let mut x0 = <Vector2<f64> as Memory<f64>>::zero().in_columns::<LANES>();
-        for (lane, start) in starts.iter().enumerate() {
-            start.store(&mut x0, lane);
-        }
-        let stop = || stop.is_set();
-        let ends = coupled_block(&plant, scheme, finest, x0, t_end, steps, of, stop);
-        core::array::from_fn(|lane| (Vector2::load(&ends[0], lane), Vector2::load(&ends[1], lane)))
-    }
-}
 
 /// Coarse and fine paths of a stochastic plant on the same Brownian motion.
 #[pyfunction]
@@ -74,7 +27,7 @@ pub fn coupled_paths<'py>(py: Python<'py>, spec: &Bound<'py, PyAny>) -> Result<B
     let value = read_dict(spec, "coupled paths")?;
     let spec = Spec::new(&value, "coupled paths")?;
     spec.only(&["plant", "x0", "t_end", "coarse", "fine", "method", "runs", "seed", "first_run"])?;
-    let AnyPlant::VanDerPol(plant) = AnyPlant::read(&spec.sub("plant")?)? else {
+    let AnyPlant::VanDerPol(plant) = AnyPlant::<f64>::read(&spec.sub("plant")?)? else {
         return Err(refused("plant must have process noise: choose van-der-pol"));
     };
     let runs = if spec.has("runs") { spec.count("runs")? } else { 1 };
@@ -98,18 +51,14 @@ pub fn coupled_paths<'py>(py: Python<'py>, spec: &Bound<'py, PyAny>) -> Result<B
         StochasticIntegrator::Milstein
     };
     let (seed, first) = (spec.whole_or("seed", 0)?, spec.whole_or("first_run", 0)?);
-    let pairs = interruptible(py, |stop| {
-        let block = |number: usize| {
-            let starts = core::array::from_fn(|lane| {
-                // the last block is filled up with its last run
-                Vector2::read(row(&x0, 2, (number * LANES + lane).min(runs - 1)))
-            });
-            let first_run = first.wrapping_add((number * LANES) as u64);
-            let paths = (scheme, finest, (coarse, fine), (seed, first_run));
-            Vectors::widest().run(Coupled { plant, starts, t_end, paths, stop })
+    let pairs: Vec<_> = interruptible(py, |stop| {
+        let pair = |run: usize| {
+            let start = Vector2::read(if x0.len() == 2 { &x0 } else { &x0[2 * run..] });
+            let mut stream = Stream::new(seed, first.wrapping_add(run as u64), Channel::Process);
+            let (steps, stop) = ((coarse, fine), || stop.is_set());
+            coupled_paths_of(&plant, scheme, finest, start, t_end, steps, &mut stream, stop)
         };
-        let blocks: Vec<_> = (0..runs.div_ceil(LANES)).into_par_iter().filter_map(block).collect();
-        Ok(blocks.into_iter().flatten().take(runs).collect::<Vec<_>>())
+        Ok((0..runs).into_par_iter().map(pair).collect())
     })?;
     let out = PyDict::new(py);
     let coarse_end = pairs.iter().flat_map(|(a, _)| [a.x, a.y]).collect();
@@ -142,8 +91,7 @@ pub fn mean_covariance<'py>(
         ));
     }
     let ell = gain.f64("ell")?;
-    let observer = build(&observer_spec)?;
-    let plan = Plan::read(&spec, observer.law().initial().len(), &["variance"])?;
+    let plan = Plan::read(&spec, &["variance"])?.starting(&spec, (N, N))?;
     let variance = match (spec.get("variance"), plan.noise_variance()) {
         (Some(_), _) => hgo_rs::error::positive("variance", spec.f64("variance")?)?,
         (None, Some(variance)) => variance,
@@ -153,7 +101,7 @@ pub fn mean_covariance<'py>(
             ));
         }
     };
-    let AnyPlant::Lee(plant) = plan.plant else {
+    let AnyPlant::Lee(plant) = AnyPlant::<f64>::read(&spec.sub("plant")?)? else {
         return Err(refused("plant must be without process noise: choose lee"));
     };
     let law: StandardObserver<f64, _, _, N, 0> =

@@ -5,13 +5,9 @@
 mod design;
 mod errors;
 mod functions;
-mod halves;
 mod interrupt;
-mod lanes;
 mod observers;
 mod online;
-mod plan;
-mod program_study;
 mod record;
 mod study;
 mod tables;
@@ -28,11 +24,13 @@ mod _core {
         low_power_coefficients_from_poles, low_power_polynomial,
     };
     #[pymodule_export]
-    use crate::functions::{coupled_paths, filtered, mean_covariance, random, simulate};
+    use crate::functions::{coupled_paths, filtered, mean_covariance, random};
     #[pymodule_export]
     use crate::observers::Observer;
     #[pymodule_export]
     use crate::online::Online;
+    #[pymodule_export]
+    use crate::study::simulate;
     #[pymodule_export]
     use crate::tables::{evaluate_table, run_single, trace_step};
     /// The source of the elementary functions: `hgo_rs.exports` prints them into other programs.

@@ -1,110 +1,76 @@
-//! Floor 4. Studies: which observer runs beside which plants.
+//! Studies: a spec in, arrays out.
 
-use crate::errors::{Result, refused};
-use crate::interrupt::StopFlag;
-use crate::lanes;
-use crate::plan::{NO_PLANT, Plan, SAMPLED_ONLY, StudyResult, joint_integrator, told_nothing};
-use hgo_ir::systems::AnyPlant;
-use hgo_rs::model::Plant;
-use hgo_rs::models::{Ship, VanDerPol};
-use hgo_rs::observer::{ContinuousLaw, Discretisation, Discretised};
-use hgo_rs::observers::{ReducedOrderObserver, SampledDataObserver};
-use nalgebra::{SVector, Vector2};
+use crate::errors::Result;
+use crate::interrupt::interruptible;
+use crate::values::{matrix, read_dict};
+use hgo_ir::Spec;
+use hgo_ir::study::{Study, StudyResult};
+use hgo_rs::metrics::{LogHistogram, Moments};
+use numpy::{IntoPyArray, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
-type Continuous<L> = Discretised<L, Discretisation>;
-
-/// A SISO plant with a continuous law, sampled or joint.
-fn with_plant<P, L>(
-    observer: &Continuous<L>,
-    plant: P,
-    plan: &Plan,
-    stop: &StopFlag,
-) -> Result<StudyResult>
-where
-    P: Plant<f64, Output = f64, Input = SVector<f64, 0>> + Send + Sync,
-    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync,
-{
-    let kept = plan.memory_len();
-    if !plan.is_joint() {
-        return plan.sampled(observer, plant, kept, stop);
-    }
-    let integrator = joint_integrator(observer.scheme)?;
-    plan.execute(plant, kept, stop, |experiment, run, x0, z0, watch| {
-        experiment.joint(&observer.law, told_nothing, integrator, run, x0, z0, watch)
-    })
+/// Run an experiment described by a spec.
+#[pyfunction]
+pub fn simulate<'py>(py: Python<'py>, spec: &Bound<'py, PyAny>) -> Result<Bound<'py, PyDict>> {
+    let value = read_dict(spec, "simulation")?;
+    let study = Study::read(&Spec::new(&value, "simulation")?)?;
+    let result = interruptible(py, |stop| Ok(study.run(None, &|| stop.is_set())?))?;
+    as_dict(py, &study, result)
 }
 
-/// Laws of order 2 with the plants of order 2.
-pub fn of_order_2<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> Result<StudyResult>
-where
-    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync + 'static,
-{
-    if let Some(studied) = lanes::order_2(&o.law, o.scheme, plan, stop) {
-        return studied;
-    }
-    match plan.plant {
-        AnyPlant::Lee(plant) => with_plant(o, plant, plan, stop),
-        AnyPlant::SanfelicePraly(plant) => with_plant(o, plant, plan, stop),
-        AnyPlant::VanDerPol(plant) => with_plant(o, plant, plan, stop),
-        _ => Err(refused(NO_PLANT)),
-    }
+/// The index of a sample, or -1.
+fn index(k: Option<u64>) -> i64 {
+    k.and_then(|k| i64::try_from(k).ok()).unwrap_or(-1)
 }
 
-/// Collections with the plant that they are made for; with others they run as programs.
-pub fn of_copies<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> Result<StudyResult>
-where
-    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync + 'static,
-{
-    match plan.plant {
-        AnyPlant::SanfelicePraly(plant) => with_plant(o, plant, plan, stop),
-        _ => Err(refused(NO_PLANT)),
+/// What the runs gave, as a dict of arrays.
+fn as_dict<'py>(py: Python<'py>, study: &Study, result: StudyResult) -> Result<Bound<'py, PyDict>> {
+    let (out, plan) = (PyDict::new(py), &study.plan);
+    let StudyResult { runs, signals, counts, frames } = result;
+    let rows = runs.len();
+    let [mean, rms, max] = study.layout.kinds;
+    for (key, wanted, of) in [
+        ("mean", mean, Moments::mean as fn(&Moments<f64>) -> f64),
+        ("rms", rms, Moments::rms),
+        ("max", max, Moments::max),
+    ] {
+        if wanted {
+            let values: Vec<f64> = runs.iter().flat_map(|run| run.moments.iter().map(of)).collect();
+            let shape = [rows, plan.windows.len(), signals];
+            out.set_item(key, values.into_pyarray(py).reshape(shape)?)?;
+        }
     }
-}
-
-/// Laws of order 5 with the plant of order 5.
-pub fn of_order_5<L>(o: &Continuous<L>, plan: &Plan, stop: &StopFlag) -> Result<StudyResult>
-where
-    L: ContinuousLaw<f64, Input = SVector<f64, 1>> + Sync + 'static,
-{
-    if let Some(studied) = lanes::order_5(&o.law, o.scheme, plan, stop) {
-        return studied;
+    let flat = |of: fn(&hgo_ir::study::RunResult) -> &[f64]| -> Vec<f64> {
+        runs.iter().flat_map(|run| of(run).iter().copied()).collect()
+    };
+    if study.layout.peaks {
+        out.set_item("peak", matrix(py, flat(|run| &run.peak), rows)?)?;
     }
-    match plan.plant {
-        AnyPlant::Crackle(plant) => with_plant(o, plant, plan, stop),
-        _ => Err(refused(NO_PLANT)),
+    out.set_item("final_x", matrix(py, flat(|run| &run.final_x), rows)?)?;
+    out.set_item("final_memory", matrix(py, flat(|run| &run.final_memory), rows)?)?;
+    let settling: Vec<f64> = runs.iter().map(|run| run.settling_time).collect();
+    out.set_item("settling_time", settling.into_pyarray(py))?;
+    let diverged: Vec<i64> = runs.iter().map(|run| index(run.diverged_at)).collect();
+    out.set_item("diverged_at", diverged.into_pyarray(py))?;
+    let undefined: Vec<i64> = runs.iter().map(|run| index(run.undefined_at)).collect();
+    out.set_item("undefined_at", undefined.into_pyarray(py))?;
+    if plan.histogram.is_some() {
+        let counts: Vec<i64> =
+            counts.iter().map(|count| i64::try_from(*count).unwrap_or(i64::MAX)).collect();
+        let edges: Vec<f64> = (0..=LogHistogram::BINS).map(LogHistogram::edge).collect();
+        let histogram = PyDict::new(py);
+        histogram.set_item("edges", edges.into_pyarray(py))?;
+        histogram.set_item("counts", counts.into_pyarray(py))?;
+        out.set_item("histogram", histogram)?;
     }
-}
-
-pub fn of_sampled_data(
-    observer: &SampledDataObserver<VanDerPol<f64>, 2>,
-    plan: &Plan,
-    stop: &StopFlag,
-) -> Result<StudyResult> {
-    let AnyPlant::VanDerPol(plant) = plan.plant else { return Err(refused(NO_PLANT)) };
-    if plan.is_joint() {
-        return Err(refused(SAMPLED_ONLY));
+    if plan.every > 0 {
+        let length = frames.t.len();
+        out.set_item("t", frames.t.into_pyarray(py))?;
+        let parts = ["x", "memory", "y"].into_iter().zip(frames.values).zip(frames.widths);
+        for ((key, values), width) in parts {
+            out.set_item(key, values.into_pyarray(py).reshape([rows, length, width])?)?;
+        }
     }
-    if let Some(studied) = lanes::sampled_data(observer, plant, plan, stop) {
-        return studied;
-    }
-    plan.execute(plant, 2, stop, |experiment, run, x0, z0, watch| {
-        experiment.sampled(observer, |u| *u, run, x0, z0, watch)
-    })
-}
-
-pub fn of_reduced_order(
-    observer: &ReducedOrderObserver<f64, Ship<f64>, 3, 3, 2>,
-    plan: &Plan,
-    stop: &StopFlag,
-) -> Result<StudyResult> {
-    let AnyPlant::Ship(plant) = plan.plant else { return Err(refused(NO_PLANT)) };
-    if plan.is_joint() {
-        return Err(refused(SAMPLED_ONLY));
-    }
-    if let Some(studied) = lanes::reduced_order(observer, plant, plan, stop) {
-        return studied;
-    }
-    plan.execute(plant, 3, stop, |experiment, run, x0, z0, watch| {
-        experiment.sampled(observer, |u: &Vector2<f64>| *u, run, x0, z0, watch)
-    })
+    Ok(out)
 }

@@ -1,7 +1,7 @@
 //! The low-power and the peaking-free law.
 
-use super::{constant, continuous};
-use crate::choices::{AnyGain, AnyMethod, AnySaturation, Manner};
+use super::continuous;
+use crate::choices::{AnyGain, AnySaturation, Manner};
 use crate::error::{Result, refused};
 use crate::model::Given;
 use crate::order::MAX_INPUTS;
@@ -27,11 +27,11 @@ pub(super) fn tables<const N: usize>(
              observer",
         ));
     }
-    if matches!(manner.method, AnyMethod::Placed(_)) && spec.sub("gain")?.text("law")? != "constant"
-    {
+    if matches!(given, Given::Paper(Some(model)) if model.text("kind")? == "sanfelice-praly") {
         return Err(refused(
-            "method = 'zoh' or 'bilinear' is not allowed for this law with a model of one's own and a \
-             gain that moves: choose a constant gain, the standard law, or rk4",
+            "model = 'sanfelice-praly' is not allowed here: the low-power and the peaking-free \
+             observer need a phase-variable model (known terms in the last equation only); use \
+             the standard observer",
         ));
     }
     let (alpha, beta) = (spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?);
@@ -55,9 +55,12 @@ pub(super) fn tables<const N: usize>(
                 },
                 |at| {
                     let saturation = AnySaturation::<N>::read(spec, saturated)?;
-                    let (gain, model) = (constant(&gain)?, AnyModel::Unknown);
+                    let $gain = AnyGain::read(&gain)? else {
+                        return Err(refused("another gain law"));
+                    };
+                    let model = AnyModel::Unknown;
                     let law =
-                        LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
+                        LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, $made, model, saturation)?;
                     Gains::new(law, at)
                 },
             )

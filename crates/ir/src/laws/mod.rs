@@ -7,7 +7,7 @@ mod reduced_order;
 mod sampled;
 mod standard;
 
-use crate::choices::{AnyGain, AnyMethod, Manner};
+use crate::choices::{AnyMethod, Manner};
 use crate::dispatch_order;
 use crate::error::{Result, refused};
 use crate::model::Given;
@@ -16,7 +16,6 @@ use crate::spec::Spec;
 use crate::tabled::LawTables;
 use crate::tables::{PlacedChain, Shape, Tables};
 use crate::trace::Setting;
-use hgo_rs::gain::ConstantGain;
 use hgo_rs::observer::Timing;
 
 impl Tables {
@@ -49,6 +48,11 @@ fn of(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Result<Tables> {
                             else Err(order_refused(n)))
         }
         "collection" | "modified" => {
+            if n != 2 {
+                return Err(refused(format!(
+                    "n = {n} is not allowed: a collection has n = 2 from Python"
+                )));
+            }
             let modified = kind == "modified";
             match spec.count("copies")? {
                 2 => collection::tables::<2>(spec, given, setting, modified),
@@ -63,7 +67,15 @@ fn of(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Result<Tables> {
         other => Err(spec.unknown(
             "kind",
             other,
-            &["standard", "low-power", "peaking-free", "collection", "modified", "sampled-data"],
+            &[
+                "standard",
+                "low-power",
+                "peaking-free",
+                "collection",
+                "modified",
+                "sampled-data",
+                "reduced-order",
+            ],
         )),
     }
 }
@@ -102,12 +114,4 @@ fn continuous(
         law: if together { Some(law.together(setting)?) } else { None },
         parameters: given.parameters().to_vec(),
     })
-}
-
-/// A gain that does not move.
-fn constant(spec: &Spec<'_>) -> Result<ConstantGain<f64>> {
-    match AnyGain::read(spec)? {
-        AnyGain::Constant(gain) => Ok(gain),
-        AnyGain::Moving(_) => Err(refused("a gain that moves has no gains for a length alone")),
-    }
 }

@@ -4,16 +4,24 @@ use crate::error::{Result, refused};
 use crate::model::{Given, OwnModel, OwnStrictFeedback};
 use crate::order::MAX_INPUTS;
 use crate::spec::Spec;
-use crate::tables::{Tables, half_table, shape_of};
+use crate::systems::read_ship;
+use crate::tables::{Shape, Tables, half_table, shape_of};
 use crate::trace::{self, Setting, Traced, input};
 use hgo_rs::Scalar;
+use hgo_rs::model::StrictFeedback;
+use hgo_rs::models::Ship;
 use hgo_rs::observers::ReducedOrderObserver;
 use std::cmp::Ordering;
 
 pub(super) fn tables(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Result<Tables> {
     spec.only(&["kind", "model", "h_bar", "epsilon"])?;
     let Given::Own(own) = &given else {
-        return Err(refused("the ship's observer decides on its samples: it has no table"));
+        let known = spec.sub("model")?;
+        let name = known.text("kind")?;
+        if name != "ship" {
+            return Err(known.unknown("kind", &name, &["ship"]));
+        }
+        return of::<Ship<Traced>, 3, 3, 2>(spec, given, setting, || read_ship(&known));
     };
     if own.form != "strict-feedback" {
         return Err(refused("the reduced-order observer needs a strict-feedback model"));
@@ -21,7 +29,7 @@ pub(super) fn tables(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Re
     macro_rules! sizes {
         ($(($x:literal, $z:literal)),+) => {
             match (own.n, own.n_z) {
-                $(($x, $z) => of_sizes::<$x, $z>(spec, given, own, setting),)+
+                $(($x, $z) => of_own::<$x, $z>(spec, given, own, setting),)+
                 (n_x, n_z) => Err(refused(format!(
                     "{n_x} measured and {n_z} unmeasured states are not allowed: the \
                      reduced-order observer takes 1 to 4, and no more unmeasured than measured"
@@ -34,33 +42,47 @@ pub(super) fn tables(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Re
     }
 }
 
-fn of_sizes<const NX: usize, const NZ: usize>(
+fn of_own<const NX: usize, const NZ: usize>(
     spec: &Spec<'_>,
     given: &Given<'_>,
     own: &OwnModel,
     setting: Setting,
 ) -> Result<Tables> {
-    type Reduced<const NX: usize, const NZ: usize> =
-        ReducedOrderObserver<Traced, OwnStrictFeedback, NX, NZ, MAX_INPUTS>;
-    let (h_bar, epsilon) = (spec.vector::<NZ>("h_bar", NZ)?, spec.f64("epsilon")?);
-    let n_u = own.n_u;
-    let build = || -> Result<Reduced<NX, NZ>> {
+    of::<_, NX, NZ, MAX_INPUTS>(spec, given, setting, || {
         let parameters = own.names().iter().map(|name| input(name)).collect();
-        let model =
-            OwnStrictFeedback { function: trace::function(own.table.clone(), parameters), n_u };
+        let function = trace::function(own.table.clone(), parameters);
+        Ok(OwnStrictFeedback { function, n_u: own.n_u })
+    })
+}
+
+/// Of the model that `model` makes.
+fn of<Md, const NX: usize, const NZ: usize, const M: usize>(
+    spec: &Spec<'_>,
+    given: &Given<'_>,
+    setting: Setting,
+    model: impl Fn() -> Result<Md>,
+) -> Result<Tables>
+where
+    Md: StrictFeedback<Traced, NX, NZ, M>,
+{
+    let (h_bar, epsilon) = (spec.vector::<NZ>("h_bar", NZ)?, spec.f64("epsilon")?);
+    let n_u = given.n_u()?;
+    let build = || -> Result<ReducedOrderObserver<Traced, Md, NX, NZ, M>> {
         let h_bar = h_bar.map(Traced::from_f64);
-        Ok(ReducedOrderObserver::new(h_bar, Traced::from_f64(epsilon), model)?)
+        Ok(ReducedOrderObserver::new(h_bar, Traced::from_f64(epsilon), model()?)?)
     };
     let correct = |started, present| {
         let answer = Some(if started { Ordering::Greater } else { Ordering::Equal });
         half_table(Setting { present, answer, ..setting }, n_u, true, build)
     };
+    let elapsed = NZ + NX + M; // where it stands in the memory
     Ok(Tables {
-        shape: shape_of::<Reduced<NX, NZ>>(n_u, build)?,
+        // the filters' states are no signals
+        shape: Shape { signals: NZ, ..shape_of(n_u, build)? },
         correct: Some(correct(true, true)?),
         advance: half_table(setting, n_u, false, build)?,
         missing: Some(correct(true, false)?),
-        unstarted: Some((NZ + NX + MAX_INPUTS, [correct(false, true)?, correct(false, false)?])),
+        unstarted: Some((elapsed, [correct(false, true)?, correct(false, false)?])),
         placed: Vec::new(),
         law: None,
         parameters: given.parameters().to_vec(),

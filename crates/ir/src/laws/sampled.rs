@@ -20,9 +20,15 @@ pub(super) fn tables(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Re
                                else Err(order_refused(own.n)));
     }
     let correction = match spec.text_or("gain", "derived")?.as_str() {
+        "derived" => Correction::Derived,
         "printed" => Correction::Printed,
-        _ => Correction::Derived,
+        other => return Err(spec.unknown("gain", other, &["derived", "printed"])),
     };
+    let known = spec.sub("model")?;
+    let name = known.text("kind")?;
+    if name != "van-der-pol" {
+        return Err(known.unknown("kind", &name, &["van-der-pol"]));
+    }
     of(given, setting, || {
         let model = read_van_der_pol::<Traced>(&spec.sub("model")?, correction)?;
         Ok(SampledDataObserver::<_, 2, 0> { model })

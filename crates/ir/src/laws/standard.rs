@@ -1,6 +1,6 @@
 //! The standard law of any order.
 
-use super::{constant, continuous};
+use super::continuous;
 use crate::choices::{AnyGain, Manner};
 use crate::error::{Result, refused};
 use crate::model::Given;
@@ -36,9 +36,11 @@ pub(super) fn tables<const N: usize>(
                     Ok(StandardObserver::<Traced, _, _, N, MAX_INPUTS>::new(k, $made, model)?)
                 },
                 |at| {
-                    let gain = constant(&gain)?;
+                    let $gain = AnyGain::read(&gain)? else {
+                        return Err(refused("another gain law"));
+                    };
                     Gains::new(
-                        StandardObserver::<f64, _, _, N, 1>::new(k, gain, AnyModel::Unknown)?,
+                        StandardObserver::<f64, _, _, N, 1>::new(k, $made, AnyModel::Unknown)?,
                         at,
                     )
                 },

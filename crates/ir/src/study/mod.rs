@@ -120,7 +120,6 @@ impl Study {
         }
         let plan = plan.starting(spec, (plant.n, observer.memory_len()))?;
         if let (PlacedGains::For(dt), true) = (gains, observer.is_current())
-            && of_observer.text("kind")? == "standard"
             && waits(&plan, &plant, observer.memory_len(), dt)
         {
             observer = Tables::read(&of_observer, usual)?;

@@ -118,7 +118,7 @@ impl Making<'_> {
     }
 
     fn sample(&self) -> Result<Table> {
-        let taking = self.observer.taking()?;
+        let taking = self.observer.taking(self.plan.samples_miss())?;
         trace(Self::setting(), || {
             let (t, dt) = (input("t"), length(self.plan.schedule, "dt", 1.0));
             let (plant_t, sines) = (input("plant_t"), self.sines());
