@@ -22,6 +22,7 @@ pub mod choices;
 pub mod compile;
 pub mod derivative;
 pub mod error;
+pub mod llvm;
 mod laws;
 mod model;
 pub mod observer;

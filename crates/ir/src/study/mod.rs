@@ -91,6 +91,9 @@ pub struct Study {
     programs: Programs,
     /// Whether the plants' motion is the same for all runs, and so is computed once.
     pub plants_are_shared: bool,
+    /// Whether no sample can be missing while the plant's state is finite: what is measured are states of
+    /// the plant and noise that is a number.
+    pub samples_are_there: bool,
 }
 
 impl Study {
@@ -142,7 +145,10 @@ impl Study {
         let moves = tables.plant.as_ref().is_some_and(|plant| plant.calls.is_empty());
         let alike = plan.x0.len() == plant.n && plant.n_u == 0 && !tables.is_random;
         let plants_are_shared = moves && alike;
-        Ok(Self { plan, layout, tables, programs, plants_are_shared })
+        let measured = plant.output.outputs.iter().skip(plant.n_u);
+        let plain = { measured }.all(|output| *output < plant.output.inputs.len());
+        let samples_are_there = plain && !plan.samples_miss();
+        Ok(Self { plan, layout, tables, programs, plants_are_shared, samples_are_there })
     }
 
     /// All runs. `kernel` takes the interpreter's place where there is one; `stop` is asked now and then

@@ -58,7 +58,7 @@ impl PlantTables {
         }
         macro_rules! paper {
             ($($variant:ident),+) => {
-                match AnyPlant::<Traced>::read(spec)? {
+                match AnyPlant::<f64>::read(spec)? {
                     $(AnyPlant::$variant(_) => Self::known(scheme, || {
                         match AnyPlant::<Traced>::read(spec)? {
                             AnyPlant::$variant(plant) => Ok(plant),

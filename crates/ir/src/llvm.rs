@@ -1,0 +1,922 @@
+//! Studies printed as LLVM IR: one function that moves vectors of runs over a span of samples.
+//!
+//! Every operation of the tables is one instruction without fast-math flags, so that it rounds as the
+//! interpreter's does. What is the same for all runs is a number, computed once; everything else is a
+//! vector, of which several copies stand side by side, operation by operation, since a processor works
+//! on more of them at once than one chain of operations keeps busy.
+
+use crate::study::{DrawKind, LANES, Study};
+use crate::table::{Table, operands};
+use hgo_rs::program::Operation;
+use std::collections::{BTreeSet, HashMap};
+use std::fmt::Write as _;
+
+/// Numbers in a row of [`Instant`](crate::study::Instant)s, as a kernel reads them: t, dt, the plant's
+/// time, h, sines, recorded noise, whether noise is drawn anew, nothing.
+pub const ROW: usize = 8;
+
+/// A kernel's parameters, in order.
+const PARAMETERS: [&str; 9] = [
+    "columns", "shared", "measurement", "process", "rows", "recorded", "shown", "worst", "distances",
+];
+
+/// A value of the function: of all runs, or of each.
+#[derive(Clone, Debug)]
+enum Value {
+    /// The name of a number.
+    Uniform(String),
+    /// Names of vectors, one a copy.
+    Each(Vec<String>),
+}
+
+/// What kind of number a vector holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Float,
+    Bits,
+}
+
+/// A function in the making.
+struct Printer {
+    lanes: usize,
+    copies: usize,
+    next: usize,
+    lines: Vec<String>,
+    /// The block that is being written.
+    label: String,
+    /// Vectors of a number, of this block.
+    splats: HashMap<String, String>,
+    /// Elementary functions that are called, with the number of their arguments.
+    functions: BTreeSet<(&'static str, usize, bool)>,
+}
+
+impl Printer {
+    fn name(&mut self) -> String {
+        self.next += 1;
+        format!("%v{}", self.next)
+    }
+
+    fn of(&self, kind: Kind, uniform: bool) -> String {
+        let name = match kind {
+            Kind::Float => "double",
+            Kind::Bits => "i64",
+        };
+        if uniform || self.lanes == 1 { name.into() } else { format!("<{} x {name}>", self.lanes) }
+    }
+
+    fn line(&mut self, line: String) {
+        self.lines.push(line);
+    }
+
+    fn begin(&mut self, label: &str) {
+        self.lines.push(format!("{label}:"));
+        self.label = label.to_owned();
+        self.splats.clear();
+    }
+
+    /// A constant of every run.
+    fn constant(value: f64) -> Value {
+        Value::Uniform(format!("0x{:016X}", value.to_bits()))
+    }
+
+    /// The name of a value in one copy, as a vector.
+    fn vector(&mut self, value: &Value, copy: usize) -> String {
+        match value {
+            Value::Each(names) => names[copy].clone(),
+            Value::Uniform(name) if self.lanes == 1 => name.clone(),
+            Value::Uniform(name) if !name.starts_with('%') => {
+                let entries = vec![format!("double {name}"); self.lanes];
+                format!("<{}>", entries.join(", "))
+            }
+            Value::Uniform(name) => {
+                if let Some(splat) = self.splats.get(name) {
+                    return splat.clone();
+                }
+                let (first, splat) = (self.name(), self.name());
+                let of = self.of(Kind::Float, false);
+                self.line(format!("  {first} = insertelement {of} poison, double {name}, i64 0"));
+                let mask = format!("<{} x i32> zeroinitializer", self.lanes);
+                self.line(format!("  {splat} = shufflevector {of} {first}, {of} poison, {mask}"));
+                self.splats.insert(name.clone(), splat.clone());
+                splat
+            }
+        }
+    }
+
+    /// One instruction of values, printed by `print` from its type and its operands: once where all are
+    /// uniform, else once a copy.
+    fn apply(&mut self, values: &[&Value], print: impl Fn(&str, &[String]) -> String) -> Value {
+        let names: Option<Vec<String>> = values
+            .iter()
+            .map(|value| match value {
+                Value::Uniform(name) => Some(name.clone()),
+                Value::Each(_) => None,
+            })
+            .collect();
+        if let Some(names) = names {
+            let result = self.name();
+            self.line(format!("  {result} = {}", print("double", &names)));
+            return Value::Uniform(result);
+        }
+        let of = self.of(Kind::Float, false);
+        let results = (0..self.copies).map(|copy| {
+            let names: Vec<String> = values.iter().map(|value| self.vector(value, copy)).collect();
+            let result = self.name();
+            self.line(format!("  {result} = {}", print(&of, &names)));
+            result
+        });
+        Value::Each(results.collect())
+    }
+
+    fn binary(&mut self, name: &str, a: &Value, b: &Value) -> Value {
+        self.apply(&[a, b], |of, names| format!("{name} {of} {}, {}", names[0], names[1]))
+    }
+
+    /// A call of LLVM's own function of that name.
+    fn intrinsic(&mut self, name: &str, values: &[&Value]) -> Value {
+        let lanes = self.lanes;
+        self.apply(values, |of, names| {
+            let suffix = if of == "double" { "f64".into() } else { format!("v{lanes}f64") };
+            let given: Vec<String> = names.iter().map(|name| format!("{of} {name}")).collect();
+            format!("call {of} @llvm.{name}.{suffix}({})", given.join(", "))
+        })
+    }
+
+    /// A call of an elementary function of the core.
+    fn call(&mut self, name: &'static str, values: &[&Value]) -> Value {
+        let lanes = self.lanes;
+        let uniform = values.iter().all(|value| matches!(value, Value::Uniform(_))) || lanes == 1;
+        self.functions.insert((name, values.len(), uniform));
+        self.apply(values, |of, names| {
+            let given: Vec<String> = names.iter().map(|name| format!("{of} {name}")).collect();
+            format!("call {of} @{}({})", function_name(name, lanes, uniform), given.join(", "))
+        })
+    }
+
+    /// `then` where the comparison holds, else `otherwise`.
+    fn choose(&mut self, compare: (&str, &Value, &Value), then: &Value, otherwise: &Value) -> Value {
+        let (predicate, a, b) = compare;
+        let lanes = self.lanes;
+        let truth = self.apply(&[a, b], |of, names| {
+            format!("fcmp {predicate} {of} {}, {}", names[0], names[1])
+        });
+        // a truth of each run chooses between vectors, one of all between numbers
+        if let (Value::Uniform(truth), Value::Uniform(x), Value::Uniform(y)) =
+            (&truth, then, otherwise)
+        {
+            let result = self.name();
+            self.line(format!("  {result} = select i1 {truth}, double {x}, double {y}"));
+            return Value::Uniform(result);
+        }
+        let of = self.of(Kind::Float, false);
+        let results = (0..self.copies).map(|copy| {
+            let (x, y) = (self.vector(then, copy), self.vector(otherwise, copy));
+            let truth = match &truth {
+                Value::Uniform(name) => format!("i1 {name}"),
+                Value::Each(names) if lanes == 1 => format!("i1 {}", names[copy]),
+                Value::Each(names) => format!("<{lanes} x i1> {}", names[copy]),
+            };
+            let result = self.name();
+            self.line(format!("  {result} = select {truth}, {of} {x}, {of} {y}"));
+            result
+        });
+        Value::Each(results.collect())
+    }
+
+    /// An operation of a table; `finite` where a sample is known to be there.
+    fn operation(&mut self, operation: Operation, of: &[&Value], finite: bool) -> Value {
+        let (zero, one) = (Self::constant(0.0), Self::constant(1.0));
+        match operation {
+            Operation::Negate => self.apply(of, |of, names| format!("fneg {of} {}", names[0])),
+            Operation::Abs => self.intrinsic("fabs", of),
+            Operation::Sqrt => self.intrinsic("sqrt", of),
+            Operation::CopySign => self.intrinsic("copysign", of),
+            Operation::Sign => {
+                let up = self.choose(("ogt", of[0], &zero), &one, of[0]);
+                self.choose(("olt", of[0], &zero), &Self::constant(-1.0), &up)
+            }
+            Operation::Add => self.binary("fadd", of[0], of[1]),
+            Operation::Subtract => self.binary("fsub", of[0], of[1]),
+            Operation::Multiply => self.binary("fmul", of[0], of[1]),
+            Operation::Divide => self.binary("fdiv", of[0], of[1]),
+            Operation::Min => self.choose(("olt", of[1], of[0]), of[1], of[0]),
+            Operation::Max => self.choose(("ogt", of[1], of[0]), of[1], of[0]),
+            Operation::Less => self.choose(("olt", of[0], of[1]), &one, &zero),
+            Operation::LessEqual => self.choose(("ole", of[0], of[1]), &one, &zero),
+            Operation::Equal => self.choose(("oeq", of[0], of[1]), &one, &zero),
+            Operation::Select => self.choose(("oeq", of[0], &zero), of[2], of[1]),
+            Operation::Innovation if finite => self.binary("fsub", of[0], of[1]),
+            Operation::Innovation => {
+                let size = self.intrinsic("fabs", &of[..1]);
+                let e = self.binary("fsub", of[0], of[1]);
+                self.choose(("olt", &size, &Self::constant(f64::INFINITY)), &e, &zero)
+            }
+            Operation::Sin => self.call("sin", of),
+            Operation::Cos => self.call("cos", of),
+            Operation::Tan => self.call("tan", of),
+            Operation::Atan => self.call("atan", of),
+            Operation::Exp => self.call("exp", of),
+            Operation::Ln => self.call("ln", of),
+            Operation::Tanh => self.call("tanh", of),
+            Operation::Power => self.call("powf", of),
+            Operation::Atan2 => self.call("atan2", of),
+            // compiled programs alone hold these
+            _ => zero,
+        }
+    }
+
+    /// The outputs of a table.
+    fn table(&mut self, table: &Table, inputs: &[&[Value]], finite: bool) -> Vec<Value> {
+        let mut values: Vec<Value> = inputs.concat();
+        values.resize(table.inputs.len(), Self::constant(0.0));
+        values.extend(table.constants.iter().map(|value| Self::constant(*value)));
+        for (operation, from) in &table.operations {
+            let given: Vec<Value> =
+                from.iter().take(operands(*operation)).map(|at| values[*at].clone()).collect();
+            let given: Vec<&Value> = given.iter().collect();
+            let made = self.operation(*operation, &given, finite);
+            values.push(made);
+        }
+        table.outputs.iter().map(|output| values[*output].clone()).collect()
+    }
+
+    /// A column of numbers at `base` + `at` doubles.
+    fn load(&mut self, kind: Kind, base: &str, at: &str, uniform: bool) -> Value {
+        let of = self.of(kind, uniform);
+        let one = |printer: &mut Self, copy: usize| {
+            let (place, result) = (printer.name(), printer.name());
+            let name = if kind == Kind::Float { "double" } else { "i64" };
+            let offset = printer.offset(at, copy);
+            printer.line(format!("  {place} = getelementptr {name}, ptr %{base}, i64 {offset}"));
+            printer.line(format!("  {result} = load {of}, ptr {place}, align 8"));
+            result
+        };
+        if uniform {
+            return Value::Uniform(one(self, 0));
+        }
+        Value::Each((0..self.copies).map(|copy| one(self, copy)).collect())
+    }
+
+    fn store(&mut self, kind: Kind, base: &str, at: &str, value: &Value, uniform: bool) {
+        let of = self.of(kind, uniform);
+        let copies = if uniform { 1 } else { self.copies };
+        for copy in 0..copies {
+            let name = match (value, uniform) {
+                (Value::Uniform(name), true) => name.clone(),
+                (value, _) => self.vector(value, copy),
+            };
+            let (place, offset) = (self.name(), self.offset(at, copy));
+            let entry = if kind == Kind::Float { "double" } else { "i64" };
+            self.line(format!("  {place} = getelementptr {entry}, ptr %{base}, i64 {offset}"));
+            self.line(format!("  store {of} {name}, ptr {place}, align 8"));
+        }
+    }
+
+    /// The place of a copy: a number, or the name of one and the copy's distance.
+    fn offset(&mut self, at: &str, copy: usize) -> String {
+        let far = copy * self.lanes;
+        match at.parse::<usize>() {
+            Ok(at) => (at + far).to_string(),
+            Err(_) if far == 0 => at.to_owned(),
+            Err(_) => {
+                let sum = self.name();
+                self.line(format!("  {sum} = add i64 {at}, {far}"));
+                sum
+            }
+        }
+    }
+
+    // --- random numbers --------------------------------------------------------------------------
+
+    fn bits(&mut self, values: &[&Value], print: impl Fn(&str, &[String]) -> String) -> Value {
+        let of = self.of(Kind::Bits, false);
+        let results = (0..self.copies).map(|copy| {
+            let names: Vec<String> = values
+                .iter()
+                .map(|value| match value {
+                    Value::Each(names) => names[copy].clone(),
+                    Value::Uniform(name) => name.clone(),
+                })
+                .collect();
+            let result = self.name();
+            self.line(format!("  {result} = {}", print(&of, &names)));
+            result
+        });
+        Value::Each(results.collect())
+    }
+
+    fn word(&self, value: u64) -> String {
+        if self.lanes == 1 {
+            return value.to_string();
+        }
+        format!("<{}>", vec![format!("i64 {value}"); self.lanes].join(", "))
+    }
+
+    fn rotated(&mut self, value: &Value, by: u64) -> Value {
+        let (by, lanes) = (self.word(by), self.lanes);
+        self.bits(&[value], |of, names| {
+            let suffix = if lanes == 1 { "i64".into() } else { format!("v{lanes}i64") };
+            let [x] = names else { return String::new() };
+            format!("call {of} @llvm.fshl.{suffix}({of} {x}, {of} {x}, {of} {by})")
+        })
+    }
+
+    /// The next 64 bits of xoshiro256++.
+    fn next_bits(&mut self, state: &mut [Value; 4]) -> Value {
+        let two = |name: &'static str| {
+            move |of: &str, names: &[String]| format!("{name} {of} {}, {}", names[0], names[1])
+        };
+        let [s0, s1, s2, s3] = state.clone();
+        let sum = self.bits(&[&s0, &s3], two("add"));
+        let rotated = self.rotated(&sum, 23);
+        let result = self.bits(&[&rotated, &s0], two("add"));
+        let shift = self.word(17);
+        let n2 = self.bits(&[&s2, &s0], two("xor"));
+        let n3 = self.bits(&[&s3, &s1], two("xor"));
+        let m0 = self.bits(&[&s0, &n3], two("xor"));
+        let m1 = self.bits(&[&s1, &n2], two("xor"));
+        let shifted = self.bits(&[&s1], |of, names| format!("shl {of} {}, {shift}", names[0]));
+        let m2 = self.bits(&[&n2, &shifted], two("xor"));
+        let m3 = self.rotated(&n3, 45);
+        *state = [m0, m1, m2, m3];
+        result
+    }
+
+    /// Uniform on [0, 1): the upper 53 bits as a fraction, exactly.
+    fn uniform(&mut self, state: &mut [Value; 4]) -> Value {
+        let bits = self.next_bits(state);
+        if self.lanes == 8 {
+            let by = self.word(11);
+            let high = self.bits(&[&bits], |of, names| format!("lshr {of} {}, {by}", names[0]));
+            let whole = self.cast("uitofp", &high);
+            return self.binary("fmul", &whole, &Self::constant(2.0_f64.powi(-53)));
+        }
+        // narrower vectors do not convert: the upper 21 bits put below the point of 2^31, the lower 32
+        // below that of a half, both then taken off
+        let (upper, lower) = (2_147_483_648.0_f64, 0.5_f64);
+        let [by_upper, by_lower, mask] = [43, 11, 0xFFFF_FFFF].map(|word| self.word(word));
+        let [put_upper, put_lower] = [upper, lower].map(|point| self.word(point.to_bits()));
+        let high = self.bits(&[&bits], |of, names| format!("lshr {of} {}, {by_upper}", names[0]));
+        let high = self.bits(&[&high], |of, names| format!("or {of} {}, {put_upper}", names[0]));
+        let low = self.bits(&[&bits], |of, names| format!("lshr {of} {}, {by_lower}", names[0]));
+        let low = self.bits(&[&low], |of, names| format!("and {of} {}, {mask}", names[0]));
+        let low = self.bits(&[&low], |of, names| format!("or {of} {}, {put_lower}", names[0]));
+        let (high, low) = (self.cast("bitcast", &high), self.cast("bitcast", &low));
+        let high = self.binary("fsub", &high, &Self::constant(upper + lower));
+        self.binary("fadd", &high, &low)
+    }
+
+    /// Bits as numbers.
+    fn cast(&mut self, name: &str, bits: &Value) -> Value {
+        let (of, from) = (self.of(Kind::Float, false), self.of(Kind::Bits, false));
+        let Value::Each(names) = bits else { return bits.clone() };
+        let results = names.iter().map(|bits| {
+            let result = self.name();
+            self.line(format!("  {result} = {name} {from} {bits} to {of}"));
+            result
+        });
+        Value::Each(results.collect())
+    }
+
+    /// A standard normal pair, the second where it is wanted.
+    fn normal_pair(&mut self, state: &mut [Value; 4], both: bool) -> [Value; 2] {
+        let first = self.uniform(state);
+        let second = self.uniform(state);
+        let radius = self.call("normal_radius", &[&first]);
+        let one = self.call("normal_cos", &[&radius, &second]);
+        let other =
+            if both { self.call("normal_sin", &[&radius, &second]) } else { Self::constant(0.0) };
+        [one, other]
+    }
+
+    /// The largest bits of magnitudes so far: those of NaN are larger than those of any number.
+    fn larger(&mut self, worst: &Value, value: &Value) -> Value {
+        let (of, from) = (self.of(Kind::Bits, false), self.of(Kind::Float, false));
+        let (mask, lanes) = (self.word(i64::MAX as u64), self.lanes);
+        let Value::Each(worst) = worst else { return worst.clone() };
+        let results = (0..self.copies).map(|copy| {
+            let name = self.vector(value, copy);
+            let (bits, size, result) = (self.name(), self.name(), self.name());
+            self.line(format!("  {bits} = bitcast {from} {name} to {of}"));
+            self.line(format!("  {size} = and {of} {bits}, {mask}"));
+            let suffix = if lanes == 1 { "i64".into() } else { format!("v{lanes}i64") };
+            let so_far = &worst[copy];
+            self.line(format!(
+                "  {result} = call {of} @llvm.smax.{suffix}({of} {so_far}, {of} {size})"
+            ));
+            result
+        });
+        Value::Each(results.collect())
+    }
+}
+
+/// The name of an elementary function for vectors or numbers.
+fn function_name(name: &str, lanes: usize, uniform: bool) -> String {
+    format!("hgo_{name}_v{}", if uniform { 1 } else { lanes })
+}
+
+/// A study's kernels as source.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// LLVM IR; elementary functions are declared, not defined: see [`Source::functions`].
+    pub text: String,
+    /// For each number of open windows, with and without distances, the name of its function.
+    pub names: Vec<(usize, bool, String)>,
+    /// Elementary functions that are called: name, number of arguments, lanes.
+    pub functions: Vec<(String, usize, usize)>,
+}
+
+impl Study {
+    /// The study as LLVM IR for vectors of `lanes` runs, `copies` of them side by side; `None` where
+    /// functions of the user's are called, or the block is no multiple of so many runs.
+    pub fn kernel(&self, lanes: usize, copies: usize) -> Option<Source> {
+        if self.tables.calls() || lanes * copies == 0 || !LANES.is_multiple_of(lanes * copies) {
+            return None;
+        }
+        let mut source = Source { text: String::new(), names: Vec::new(), functions: Vec::new() };
+        let mut functions = BTreeSet::new();
+        for (open, distances) in self.forms() {
+            let name = format!("span_{open}_{}", u8::from(distances));
+            let kernel = Kernel { study: self, open, distances };
+            let printer = kernel.print(lanes, copies);
+            let given = PARAMETERS.map(|name| format!("ptr noalias %{name}")).join(", ");
+            // writing to a string does not fail
+            let _ = writeln!(source.text, "define void @{name}({given}, i64 %n) {{");
+            for line in &printer.lines {
+                let _ = writeln!(source.text, "{line}");
+            }
+            let _ = writeln!(source.text, "  ret void\n}}");
+            functions.extend(printer.functions);
+            source.names.push((open, distances, name));
+        }
+        let of = |kind: &str, lanes: usize| {
+            if lanes == 1 { kind.to_owned() } else { format!("<{lanes} x {kind}>") }
+        };
+        for lanes in BTreeSet::from([1, lanes]) {
+            let (float, bits) = (of("double", lanes), of("i64", lanes));
+            let suffix = |kind: &str| if lanes == 1 { kind.into() } else { format!("v{lanes}{kind}") };
+            for (name, count) in [("fabs", 1), ("sqrt", 1), ("copysign", 2)] {
+                let given = vec![float.clone(); count].join(", ");
+                let _ = writeln!(source.text, "declare {float} @llvm.{name}.{}({given})", suffix("f64"));
+            }
+            for (name, count) in [("fshl", 3), ("smax", 2)] {
+                let given = vec![bits.clone(); count].join(", ");
+                let _ = writeln!(source.text, "declare {bits} @llvm.{name}.{}({given})", suffix("i64"));
+            }
+        }
+        source.functions = functions
+            .into_iter()
+            .map(|(name, count, uniform)| (name.to_owned(), count, if uniform { 1 } else { lanes }))
+            .collect();
+        Some(source)
+    }
+
+    /// How many vectors a sample carries to the next: what fills the processor's registers.
+    pub fn carried(&self) -> usize {
+        let (layout, plan) = (&self.layout, &self.plan);
+        let x = if self.plants_are_shared { 0 } else { layout.x };
+        let draws = matches!(plan.draw, DrawKind::Uniform(..) | DrawKind::Normal(..));
+        let streams = 4 * (usize::from(draws) + usize::from(self.tables.is_random));
+        let open = self.forms().into_iter().map(|(open, _)| open).max().unwrap_or(0);
+        x + layout.z + streams + layout.open() - layout.noise() + open * layout.moments()
+    }
+
+    /// Numbers of windows that are open at a time, with and without distances.
+    fn forms(&self) -> BTreeSet<(usize, bool)> {
+        let windows = self.plan.windows.iter();
+        let all = windows.chain(&self.plan.histogram);
+        let edges = all.flat_map(|window| [window.from, window.to]).chain([0]);
+        let at = edges.filter(|k| *k < self.plan.steps);
+        at.map(|k| {
+            let open = self.plan.windows.iter().filter(|window| window.contains(k)).count();
+            (open, self.plan.histogram.is_some_and(|window| window.contains(k)))
+        })
+        .collect()
+    }
+}
+
+/// A function for spans in which so many windows are open.
+struct Kernel<'a> {
+    study: &'a Study,
+    open: usize,
+    distances: bool,
+}
+
+/// What a span carries from sample to sample.
+struct State {
+    x: Vec<Value>,
+    z: Vec<Value>,
+    noise: Vec<Value>,
+    measurement: [Value; 4],
+    process: [Value; 4],
+    /// Peaks, the settling time, the moments of the open windows.
+    sums: Vec<Value>,
+    worst: Value,
+}
+
+impl Kernel<'_> {
+    fn draws(&self) -> bool {
+        matches!(self.study.plan.draw, DrawKind::Uniform(..) | DrawKind::Normal(..))
+    }
+
+    /// Every number that is carried, with its kind, where it is kept, and whether it is uniform.
+    fn places(&self) -> Vec<(Kind, &'static str, usize, bool)> {
+        let layout = &self.study.layout;
+        let shared = self.study.plants_are_shared;
+        let column = |at: usize| (Kind::Float, "columns", at * LANES, false);
+        let mut places: Vec<_> = (0..layout.x)
+            .map(|i| if shared { (Kind::Float, "shared", i, true) } else { column(i) })
+            .collect();
+        places.extend((layout.memory()..layout.noise()).map(column));
+        places.extend((layout.noise()..layout.noise() + layout.y).map(column));
+        for name in ["measurement", "process"] {
+            places.extend((0..4).map(|i| (Kind::Bits, name, i * LANES, false)));
+        }
+        let end = layout.open() + self.open * layout.moments();
+        places.extend((layout.peak()..end).map(column));
+        places.push((Kind::Bits, "worst", 0, false));
+        places
+    }
+
+    /// The numbers of [`Self::places`] by their names.
+    fn state(&self, values: &[Value]) -> State {
+        let layout = &self.study.layout;
+        let mut rest = values.iter().cloned();
+        let mut take = |count: usize| -> Vec<Value> { rest.by_ref().take(count).collect() };
+        let four = |values: Vec<Value>| -> [Value; 4] {
+            std::array::from_fn(|i| values.get(i).cloned().unwrap_or(Printer::constant(0.0)))
+        };
+        let (x, z, noise) = (take(layout.x), take(layout.z), take(layout.y));
+        let (measurement, process) = (four(take(4)), four(take(4)));
+        let mut sums = take(values.len());
+        let worst = sums.pop().unwrap_or(Printer::constant(0.0));
+        State { x, z, noise, measurement, process, sums, worst }
+    }
+
+    fn values(state: State) -> Vec<Value> {
+        let State { x, z, noise, measurement, process, sums, worst } = state;
+        let parts = [x, z, noise, measurement.into(), process.into(), sums, vec![worst]];
+        parts.concat()
+    }
+
+    fn print(&self, lanes: usize, copies: usize) -> Printer {
+        let mut printer = Printer {
+            lanes,
+            copies,
+            next: 0,
+            lines: Vec::new(),
+            label: String::new(),
+            splats: HashMap::new(),
+            functions: BTreeSet::new(),
+        };
+        let p = &mut printer;
+        p.begin("entry");
+        let places = self.places();
+        let mut starts = Vec::new();
+        for (kind, base, at, uniform) in &places {
+            starts.push(p.load(*kind, base, &at.to_string(), *uniform));
+        }
+        p.line("  br label %loop".into());
+        p.begin("loop");
+        // what is carried has a name now, and a line once it is known where it comes from
+        let header = p.lines.len();
+        let mut now = Vec::new();
+        for (_, _, _, uniform) in &places {
+            let count = if *uniform { 1 } else { copies };
+            let names: Vec<String> = (0..count).map(|_| p.name()).collect();
+            now.push(if *uniform { Value::Uniform(names[0].clone()) } else { Value::Each(names) });
+        }
+        let (next, shown) = self.sample(p, self.state(&now));
+        let next = Self::values(next);
+        p.line("  %k.next = add i64 %k, 1".into());
+        p.line("  %more = icmp ult i64 %k.next, %n".into());
+        p.line("  br i1 %more, label %loop, label %done".into());
+        let latch = p.label.clone();
+        let mut phis = vec![format!("  %k = phi i64 [ 0, %entry ], [ %k.next, %{latch} ]")];
+        for (((kind, _, _, uniform), now), (start, next)) in
+            places.iter().zip(&now).zip(starts.iter().zip(&next))
+        {
+            let of = p.of(*kind, *uniform);
+            let of_copy = |value: &Value, copy: usize| match value {
+                Value::Uniform(name) => name.clone(),
+                Value::Each(names) => names[copy].clone(),
+            };
+            for copy in 0..if *uniform { 1 } else { copies } {
+                let [now, start, next] = [now, start, next].map(|value| of_copy(value, copy));
+                phis.push(format!(
+                    "  {now} = phi {of} [ {start}, %entry ], [ {next}, %{latch} ]"
+                ));
+            }
+        }
+        p.lines.splice(header..header, phis);
+        p.begin("done");
+        for ((kind, base, at, uniform), value) in places.iter().zip(&next) {
+            p.store(*kind, base, &at.to_string(), value, *uniform);
+            if *uniform {
+                p.store(Kind::Float, "columns", &(at * LANES).to_string(), value, false);
+            }
+        }
+        for (i, value) in shown.iter().enumerate() {
+            p.store(Kind::Float, "shown", &(i * LANES).to_string(), value, false);
+        }
+        printer
+    }
+
+    /// A number of the sample's row.
+    fn of_row(p: &mut Printer, row: &str, at: usize) -> Value {
+        let (place, result) = (p.name(), p.name());
+        p.line(format!("  {place} = getelementptr double, ptr {row}, i64 {at}"));
+        p.line(format!("  {result} = load double, ptr {place}, align 8"));
+        Value::Uniform(result)
+    }
+
+    /// A sample: the state after it, and what a frame shows.
+    fn sample(&self, p: &mut Printer, mut state: State) -> (State, Vec<Value>) {
+        let (study, tables) = (self.study, &self.study.tables);
+        let (offset, row) = (p.name(), p.name());
+        p.line(format!("  {offset} = mul i64 %k, {ROW}"));
+        p.line(format!("  {row} = getelementptr double, ptr %rows, i64 {offset}"));
+        let clock: Vec<Value> = (0..5).map(|at| Self::of_row(p, &row, at)).collect();
+        let [t, dt, plant_t, h, sines] = &clock[..] else { return (state, Vec::new()) };
+        self.draw(p, &mut state, &row);
+        if !tables.is_current {
+            self.show(p, &mut state, t);
+        }
+        for value in state.z.iter().chain(&state.x) {
+            state.worst = p.larger(&state.worst, value);
+        }
+        let given = [t.clone(), dt.clone(), plant_t.clone(), sines.clone()];
+        let inputs: [&[Value]; 4] = [&given, &state.z, &state.x, &state.noise];
+        let mut made = p.table(&tables.sample, &inputs, study.samples_are_there).into_iter();
+        let before = state.z.clone();
+        let next = made.by_ref().take(study.layout.z).collect();
+        state.z = self.each(p, next);
+        let y: Vec<Value> = made.by_ref().take(study.layout.y).collect();
+        let u: Vec<Value> = made.by_ref().take(study.layout.u).collect();
+        if tables.is_current {
+            self.show(p, &mut state, t);
+        }
+        let mut shown = Vec::new();
+        if study.plan.every > 0 {
+            let z = if tables.is_current { state.z.clone() } else { before };
+            shown = [state.x.clone(), z, y].concat();
+        }
+        if tables.is_joint {
+            state.x = self.each(p, made.collect());
+        }
+        if let Some(predict) = &tables.predict {
+            let inputs: [&[Value]; 3] = [&[t.clone(), dt.clone()], &state.z, &u];
+            let next = p.table(predict, &inputs, study.samples_are_there);
+            state.z = self.each(p, next);
+        }
+        if let Some(plant) = &tables.plant {
+            self.plants(p, &mut state, (plant_t, h), (plant, &u));
+        }
+        (state, shown)
+    }
+
+    /// The drawn or recorded noise.
+    fn draw(&self, p: &mut Printer, state: &mut State, row: &str) {
+        let plan = &self.study.plan;
+        match plan.draw {
+            DrawKind::None => {}
+            DrawKind::Shared(_) => {
+                let noise = Self::of_row(p, row, 5);
+                // carried as a vector: the interpreter takes it from there
+                let noise = Value::Each((0..p.copies).map(|copy| p.vector(&noise, copy)).collect());
+                state.noise.fill(noise);
+            }
+            DrawKind::Recorded { .. } => {
+                let at = p.name();
+                p.line(format!("  {at} = mul i64 %k, {LANES}"));
+                let noise = p.load(Kind::Float, "recorded", &at, false);
+                state.noise.fill(noise);
+            }
+            DrawKind::Uniform(..) | DrawKind::Normal(..) if plan.hold <= 1 => {
+                self.fresh(p, state);
+            }
+            DrawKind::Uniform(..) | DrawKind::Normal(..) => {
+                let fresh = Self::of_row(p, row, 6);
+                let (Value::Uniform(fresh), truth, from) = (fresh, p.name(), p.label.clone()) else {
+                    return;
+                };
+                p.line(format!("  {truth} = fcmp une double {fresh}, 0x{:016X}", 0));
+                p.line(format!("  br i1 {truth}, label %draw, label %drawn"));
+                let held = [&state.noise[..], &state.measurement[..]].concat();
+                p.begin("draw");
+                self.fresh(p, state);
+                p.line("  br label %drawn".into());
+                let new = [&state.noise[..], &state.measurement[..]].concat();
+                let by = p.label.clone();
+                p.begin("drawn");
+                let noises = state.noise.len();
+                let mut joined = Vec::new();
+                for (i, (held, new)) in held.iter().zip(&new).enumerate() {
+                    let kind = if i < noises { Kind::Float } else { Kind::Bits };
+                    let of = p.of(kind, false);
+                    let (Value::Each(held), Value::Each(new)) = (held, new) else { continue };
+                    let names = held.iter().zip(new).map(|(held, new)| {
+                        let name = p.name();
+                        p.line(format!(
+                            "  {name} = phi {of} [ {held}, %{from} ], [ {new}, %{by} ]"
+                        ));
+                        name
+                    });
+                    joined.push(Value::Each(names.collect()));
+                }
+                let streams = joined.split_off(noises);
+                state.noise = joined;
+                for (word, stream) in state.measurement.iter_mut().zip(streams) {
+                    *word = stream;
+                }
+            }
+        }
+    }
+
+    /// New draws.
+    fn fresh(&self, p: &mut Printer, state: &mut State) {
+        for i in 0..state.noise.len() {
+            state.noise[i] = match self.study.plan.draw {
+                DrawKind::Uniform(low, high) => {
+                    let fraction = p.uniform(&mut state.measurement);
+                    let part = p.binary("fmul", &Printer::constant(high - low), &fraction);
+                    p.binary("fadd", &Printer::constant(low), &part)
+                }
+                DrawKind::Normal(mean, std) => {
+                    let [normal, _] = p.normal_pair(&mut state.measurement, false);
+                    let part = p.binary("fmul", &Printer::constant(std), &normal);
+                    p.binary("fadd", &Printer::constant(mean), &part)
+                }
+                _ => return,
+            };
+        }
+    }
+
+    /// A sample in the metrics.
+    fn show(&self, p: &mut Printer, state: &mut State, t: &Value) {
+        let layout = &self.study.layout;
+        let (zero, signals) = (Printer::constant(0.0), layout.signals);
+        let largest = |p: &mut Printer, so_far: &Value, value: &Value| {
+            let size = p.intrinsic("fabs", &[value]);
+            p.choose(("ogt", &size, so_far), &size, so_far)
+        };
+        let peaks = if layout.peaks { signals } else { 0 };
+        for i in 0..peaks {
+            state.sums[i] = largest(p, &state.sums[i].clone(), &state.z[i].clone());
+        }
+        let settled = peaks;
+        let open = settled + usize::from(layout.settle.is_some());
+        if self.open > 0 {
+            let errors: Vec<Value> = (0..signals)
+                .map(|i| {
+                    let x = layout.truth.get(i).map(|at| state.x[*at].clone());
+                    let x = x.unwrap_or_else(|| zero.clone());
+                    p.binary("fsub", &state.z[i].clone(), &x)
+                })
+                .collect();
+            let [mean, rms, max] = layout.kinds;
+            let squares: Vec<Value> = if rms {
+                errors.iter().map(|e| p.binary("fmul", e, e)).collect()
+            } else {
+                Vec::new()
+            };
+            let mut at = open;
+            for _ in 0..self.open {
+                if mean {
+                    for (i, e) in errors.iter().enumerate() {
+                        state.sums[at + i] = p.binary("fadd", &state.sums[at + i].clone(), e);
+                    }
+                    at += signals;
+                }
+                if rms {
+                    for (i, square) in squares.iter().enumerate() {
+                        state.sums[at + i] = p.binary("fadd", &state.sums[at + i].clone(), square);
+                    }
+                    at += signals;
+                }
+                if max {
+                    for (i, e) in errors.iter().enumerate() {
+                        state.sums[at + i] = largest(p, &state.sums[at + i].clone(), e);
+                    }
+                    at += signals;
+                }
+            }
+        }
+        if layout.settle.is_none() && !self.distances {
+            return;
+        }
+        let mut square = zero;
+        for (i, at) in layout.truth.iter().enumerate() {
+            let e = p.binary("fsub", &state.z[i].clone(), &state.x[*at].clone());
+            let part = p.binary("fmul", &e, &e);
+            square = p.binary("fadd", &square, &part);
+        }
+        if let Some(threshold) = layout.settle {
+            let distance = p.intrinsic("sqrt", &[&square]);
+            let far = ("oge", &distance, &Printer::constant(threshold));
+            let last = state.sums[settled].clone();
+            state.sums[settled] = p.choose(far, t, &last);
+        }
+        if self.distances {
+            let at = p.name();
+            p.line(format!("  {at} = mul i64 %k, {LANES}"));
+            p.store(Kind::Float, "distances", &at, &square, false);
+        }
+    }
+
+    /// The plants over their substeps.
+    fn plants(
+        &self,
+        p: &mut Printer,
+        state: &mut State,
+        (plant_t, h): (&Value, &Value),
+        (plant, u): (&Table, &[Value]),
+    ) {
+        let substeps = self.study.plan.substeps;
+        if substeps == 1 {
+            // the plant's time + 0·h is the plant's time, but for the sign of 0, which no sum keeps
+            let zero = p.binary("fmul", &Printer::constant(0.0), h);
+            let time = p.binary("fadd", plant_t, &zero);
+            self.substep(p, state, (&time, h), (plant, u));
+            return;
+        }
+        let from = p.label.clone();
+        p.line("  br label %substep".into());
+        p.begin("substep");
+        let header = p.lines.len();
+        let random = self.study.tables.is_random;
+        let started = [&state.x[..], if random { &state.process[..] } else { &[] }].concat();
+        let states = state.x.len();
+        let mut inside = Vec::new();
+        for value in &started {
+            inside.push(match value {
+                Value::Uniform(_) => Value::Uniform(p.name()),
+                Value::Each(names) => Value::Each(names.iter().map(|_| p.name()).collect()),
+            });
+        }
+        state.x = inside[..states].to_vec();
+        for (word, value) in state.process.iter_mut().zip(&inside[states..]) {
+            *word = value.clone();
+        }
+        let number = p.name();
+        p.line(format!("  {number} = uitofp i64 %s to double"));
+        let offset = p.binary("fmul", &Value::Uniform(number), h);
+        let time = p.binary("fadd", plant_t, &offset);
+        self.substep(p, state, (&time, h), (plant, u));
+        let ended = [&state.x[..], if random { &state.process[..] } else { &[] }].concat();
+        p.line("  %s.next = add i64 %s, 1".into());
+        p.line(format!("  %s.more = icmp ult i64 %s.next, {substeps}"));
+        p.line("  br i1 %s.more, label %substep, label %moved".into());
+        let latch = p.label.clone();
+        let mut phis = vec![format!("  %s = phi i64 [ 0, %{from} ], [ %s.next, %{latch} ]")];
+        for (i, ((inside, start), end)) in inside.iter().zip(&started).zip(&ended).enumerate() {
+            let kind = if i < states { Kind::Float } else { Kind::Bits };
+            let each: Vec<[String; 3]> = match (inside, start, end) {
+                (Value::Uniform(a), Value::Uniform(b), Value::Uniform(c)) => {
+                    vec![[a.clone(), b.clone(), c.clone()]]
+                }
+                (Value::Each(a), Value::Each(b), Value::Each(c)) => {
+                    let rows = a.iter().zip(b).zip(c);
+                    rows.map(|((a, b), c)| [a.clone(), b.clone(), c.clone()]).collect()
+                }
+                _ => Vec::new(),
+            };
+            let of = p.of(kind, matches!(inside, Value::Uniform(_)));
+            for [name, start, end] in each {
+                phis.push(format!("  {name} = phi {of} [ {start}, %{from} ], [ {end}, %{latch} ]"));
+            }
+        }
+        p.lines.splice(header..header, phis);
+        p.begin("moved");
+    }
+
+    fn substep(
+        &self,
+        p: &mut Printer,
+        state: &mut State,
+        (time, h): (&Value, &Value),
+        (plant, u): (&Table, &[Value]),
+    ) {
+        let tables = &self.study.tables;
+        let mut xi = [Printer::constant(0.0), Printer::constant(0.0)];
+        if tables.is_random {
+            xi = p.normal_pair(&mut state.process, tables.draws_both);
+        }
+        let inputs: [&[Value]; 4] = [&[time.clone(), h.clone()], &state.x, u, &xi];
+        let next = p.table(plant, &inputs, true);
+        state.x = if self.study.plants_are_shared { next } else { self.each(p, next) };
+    }
+
+    /// Values that are carried as vectors.
+    fn each(&self, p: &mut Printer, values: Vec<Value>) -> Vec<Value> {
+        values
+            .into_iter()
+            .map(|value| match value {
+                Value::Uniform(_) => {
+                    Value::Each((0..p.copies).map(|copy| p.vector(&value, copy)).collect())
+                }
+                each => each,
+            })
+            .collect()
+    }
+}
