@@ -5,15 +5,14 @@
 //! vector, of which several copies stand side by side, operation by operation, since a processor works
 //! on more of them at once than one chain of operations keeps busy.
 
-use crate::study::{DrawKind, LANES, Study};
+use crate::study::{DrawKind, Instant, LANES, Study};
 use crate::table::{Table, operands};
 use hgo_rs::program::Operation;
 use std::collections::{BTreeSet, HashMap};
 use std::fmt::Write as _;
 
-/// Numbers in a row of [`Instant`](crate::study::Instant)s, as a kernel reads them: t, dt, the plant's
-/// time, h, sines, recorded noise, whether noise is drawn anew, nothing.
-pub const ROW: usize = 8;
+/// Numbers of an [`Instant`](crate::study::Instant).
+const ROW: usize = size_of::<Instant>() / size_of::<f64>();
 
 /// A kernel's parameters, in order.
 const PARAMETERS: [&str; 9] = [
@@ -471,8 +470,17 @@ impl Study {
         Some(source)
     }
 
-    /// How many vectors a sample carries to the next: what fills the processor's registers.
-    pub fn carried(&self) -> usize {
+    /// How many vectors of so many runs stand side by side: as many as the processor's registers hold of
+    /// what a sample carries to the next.
+    pub fn copies(&self, lanes: usize) -> usize {
+        let registers = if lanes == 8 { 32 } else { 16 };
+        let most = LANES / lanes.max(1);
+        let fitting = (registers / (self.carried() + 4)).clamp(1, 4);
+        (1..=fitting.min(most)).rev().find(|copies| most.is_multiple_of(*copies)).unwrap_or(1)
+    }
+
+    /// How many vectors a sample carries to the next.
+    fn carried(&self) -> usize {
         let (layout, plan) = (&self.layout, &self.plan);
         let x = if self.plants_are_shared { 0 } else { layout.x };
         let draws = matches!(plan.draw, DrawKind::Uniform(..) | DrawKind::Normal(..));
@@ -482,7 +490,7 @@ impl Study {
     }
 
     /// Numbers of windows that are open at a time, with and without distances.
-    fn forms(&self) -> BTreeSet<(usize, bool)> {
+    pub(crate) fn forms(&self) -> BTreeSet<(usize, bool)> {
         let windows = self.plan.windows.iter();
         let all = windows.chain(&self.plan.histogram);
         let edges = all.flat_map(|window| [window.from, window.to]).chain([0]);

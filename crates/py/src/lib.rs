@@ -6,6 +6,7 @@ mod design;
 mod errors;
 mod functions;
 mod interrupt;
+mod kernel;
 mod observers;
 mod online;
 mod record;
@@ -30,7 +31,9 @@ mod _core {
     #[pymodule_export]
     use crate::online::Online;
     #[pymodule_export]
-    use crate::study::simulate;
+    use crate::kernel::{StudyKernel, study_source};
+    #[pymodule_export]
+    use crate::study::{kernel_agrees, simulate};
     #[pymodule_export]
     use crate::tables::{evaluate_table, run_single, trace_step};
     /// The source of the elementary functions: `hgo_rs.exports` prints them into other programs.

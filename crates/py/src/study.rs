@@ -2,21 +2,41 @@
 
 use crate::errors::Result;
 use crate::interrupt::interruptible;
+use crate::kernel::StudyKernel;
 use crate::values::{matrix, read_dict};
 use hgo_ir::Spec;
-use hgo_ir::study::{Study, StudyResult};
+use hgo_ir::study::{Kernel, Study, StudyResult};
 use hgo_rs::metrics::{LogHistogram, Moments};
 use numpy::{IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// Run an experiment described by a spec.
+/// Run an experiment described by a spec, by the interpreter or by a kernel of its own source.
 #[pyfunction]
-pub fn simulate<'py>(py: Python<'py>, spec: &Bound<'py, PyAny>) -> Result<Bound<'py, PyDict>> {
+#[pyo3(signature = (spec, kernel=None))]
+pub fn simulate<'py>(
+    py: Python<'py>,
+    spec: &Bound<'py, PyAny>,
+    kernel: Option<&Bound<'py, StudyKernel>>,
+) -> Result<Bound<'py, PyDict>> {
     let value = read_dict(spec, "simulation")?;
     let study = Study::read(&Spec::new(&value, "simulation")?)?;
-    let result = interruptible(py, |stop| Ok(study.run(None, &|| stop.is_set())?))?;
+    let kernel = kernel.map(|kernel| kernel.get() as &dyn Kernel);
+    let result = interruptible(py, |stop| Ok(study.run(kernel, &|| stop.is_set())?))?;
     as_dict(py, &study, result)
+}
+
+/// Whether a kernel gives the interpreter's bits, over the first samples of a study's first runs.
+#[pyfunction]
+pub fn kernel_agrees(
+    py: Python<'_>,
+    spec: &Bound<'_, PyAny>,
+    kernel: &Bound<'_, StudyKernel>,
+) -> Result<bool> {
+    let value = read_dict(spec, "simulation")?;
+    let mut study = Study::read(&Spec::new(&value, "simulation")?)?;
+    let kernel = kernel.get();
+    Ok(py.detach(|| study.agrees(kernel))?)
 }
 
 /// The index of a sample, or -1.

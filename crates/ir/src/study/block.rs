@@ -11,7 +11,7 @@
 // The form that a compiler makes vector code of: an index, and no branch between two truths.
 #![allow(clippy::needless_range_loop)]
 
-use super::plan::Plan;
+use super::plan::{AnySchedule, Plan};
 use super::{RunResult, Study};
 use crate::error::Result;
 use hgo_rs::metrics::{LogHistogram, Moments, Window};
@@ -82,14 +82,13 @@ impl Layout {
     }
 }
 
-/// What is the same for all runs at one sample.
-#[derive(Clone, Copy, Debug)]
+/// What is the same for all runs at one sample: a row of eight numbers, as a kernel reads it.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
 pub struct Instant {
-    /// Number of the sample.
-    pub k: u64,
-    /// Time of the observers, and length of their step, in s.
+    /// Time of the observers, in s.
     pub t: f64,
-    /// Length of the step.
+    /// Length of their step, in s.
     pub dt: f64,
     /// Time of the plants, in s.
     pub plant_t: f64,
@@ -99,15 +98,17 @@ pub struct Instant {
     pub sines: f64,
     /// Noise that is recorded for all runs alike.
     pub noise: f64,
-    /// Whether noise is drawn anew.
-    pub fresh: bool,
-    /// Whether a sample follows.
-    pub more: bool,
+    /// 1 where noise is drawn anew, else 0.
+    pub fresh: f64,
+    /// 1 where a sample follows, else 0.
+    pub more: f64,
 }
 
 /// A span of samples over which the same windows are open.
 #[derive(Debug)]
 pub struct Span<'a, const L: usize> {
+    /// Number of its first sample.
+    pub first: u64,
     /// Its samples.
     pub instants: &'a [Instant],
     /// Recorded noise of each run, a row a sample; empty without.
@@ -221,21 +222,35 @@ impl Clock<'_> {
     /// The samples from `from` to `to`; the clock stands at the first and is moved to the end.
     fn advance(&mut self, from: u64, to: u64) {
         let plan = self.plan;
-        let plants = plan.plant_schedule.unwrap_or(plan.schedule);
         self.instants.clear();
+        if let (AnySchedule::Fixed(fixed), None, true) =
+            (plan.schedule, plan.plant_schedule, plan.is_plain())
+        {
+            // without a choice or a sum: it is done for every block again
+            let dt = fixed.dt(0);
+            let h = dt / f64::from(plan.substeps);
+            let more = if to > plan.steps { 0.0 } else { 1.0 };
+            let usual = Instant { dt, h, fresh: 1.0, more, ..Instant::default() };
+            self.instants.extend((from..to).map(|k| {
+                let t = k as f64 * dt;
+                Instant { t, plant_t: t, ..usual }
+            }));
+            return;
+        }
+        let plants = plan.plant_schedule.unwrap_or(plan.schedule);
         for k in from..to {
             let (dt, plant_dt) = (plan.schedule.dt(k), plants.dt(k));
             let (t, more) = (self.t, k < plan.steps);
+            let fresh = plan.hold <= 1 || k.is_multiple_of(plan.hold);
             self.instants.push(Instant {
-                k,
                 t,
                 dt,
                 plant_t: self.plant_t,
                 h: plant_dt / f64::from(plan.substeps),
                 sines: Sine::sum(&plan.sines, t),
                 noise: plan.shared_noise(k),
-                fresh: plan.hold <= 1 || k.is_multiple_of(plan.hold),
-                more,
+                fresh: f64::from(u8::from(fresh)),
+                more: f64::from(u8::from(more)),
             });
             if more {
                 self.plant_t = plants.next_time(self.plant_t, k, plant_dt);
@@ -311,7 +326,7 @@ pub fn run<const L: usize, E: Engine<L>>(
         let distances = histogram.iter().any(|window| window.contains(k));
         let careful = to - k == 1 && k < careful_until;
         let (instants, recorded) = (clock.instants.as_slice(), recorded.as_slice());
-        let span = Span { instants, recorded, distances, open: open.len(), careful };
+        let span = Span { first: k, instants, recorded, distances, open: open.len(), careful };
         engine.span(&mut block, &span)?;
         let mut fell = Lane([false; L]);
         for lane in 0..L {

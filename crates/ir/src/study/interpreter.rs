@@ -157,6 +157,7 @@ impl<'a, const L: usize> Interpreter<'a, L> {
     #[inline(always)]
     fn sample(&mut self, block: &mut Block<L>, span: &Span<'_, L>, number: usize) -> Result<()> {
         let (study, at) = (self.study, &span.instants[number]);
+        let (k, more) = (span.first + number as u64, at.more > 0.0);
         let (layout, tables) = (&study.layout, &study.tables);
         let (memory, noise) = (layout.memory(), layout.noise());
         draw(study, block, span, number);
@@ -174,13 +175,13 @@ impl<'a, const L: usize> Interpreter<'a, L> {
             block.shown[..noise].copy_from_slice(&block.columns[..noise]);
             self.sample.take(layout.z, &mut block.shown[noise..]);
         }
-        if at.more || tables.is_current {
+        if more || tables.is_current {
             self.held.copy_from_slice(&block.columns[memory..noise]);
             self.sample.take(0, &mut block.columns[memory..noise]);
             if tables.is_joint {
                 self.sample.take(layout.z + layout.y + layout.u, &mut block.columns[..memory]);
             }
-            hold(layout, block, &self.held, at.k);
+            hold(layout, block, &self.held, k);
         }
         if tables.is_current {
             if frames {
@@ -188,8 +189,8 @@ impl<'a, const L: usize> Interpreter<'a, L> {
             }
             show(layout, block, (at.t, span, number));
         }
-        if at.more {
-            self.predict(block, at)?;
+        if more {
+            self.predict(block, at, k)?;
             self.plants(block, at)?;
         }
         Ok(())
@@ -197,7 +198,7 @@ impl<'a, const L: usize> Interpreter<'a, L> {
 
     /// With current timing: the way on.
     #[inline(always)]
-    fn predict(&mut self, block: &mut Block<L>, at: &Instant) -> Result<()> {
+    fn predict(&mut self, block: &mut Block<L>, at: &Instant, k: u64) -> Result<()> {
         let Some(predict) = &mut self.predict else { return Ok(()) };
         let layout = &self.study.layout;
         let (memory, noise) = (layout.memory(), layout.noise());
@@ -205,7 +206,7 @@ impl<'a, const L: usize> Interpreter<'a, L> {
         predict.evaluate()?;
         self.held.copy_from_slice(&block.columns[memory..noise]);
         predict.take(0, &mut block.columns[memory..noise]);
-        hold(layout, block, &self.held, at.k);
+        hold(layout, block, &self.held, k);
         Ok(())
     }
 
@@ -373,7 +374,7 @@ fn draw<const L: usize>(study: &Study, block: &mut Block<L>, span: &Span<'_, L>,
     let columns = &mut block.columns[layout.noise()..layout.noise() + layout.y];
     match study.plan.draw {
         DrawKind::None => {}
-        DrawKind::Uniform(low, high) if at.fresh => {
+        DrawKind::Uniform(low, high) if at.fresh > 0.0 => {
             let streams = &mut block.streams[0];
             for column in columns {
                 for lane in 0..L {
@@ -386,7 +387,7 @@ fn draw<const L: usize>(study: &Study, block: &mut Block<L>, span: &Span<'_, L>,
                 }
             }
         }
-        DrawKind::Normal(mean, std) if at.fresh => {
+        DrawKind::Normal(mean, std) if at.fresh > 0.0 => {
             for column in columns {
                 let [normal, _] = normal_pairs(&mut block.streams[0], false);
                 for lane in 0..L {

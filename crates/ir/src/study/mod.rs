@@ -16,10 +16,10 @@ use crate::spec::Spec;
 use crate::tables::Tables;
 use crate::trace::{PlacedGains, Setting};
 use crate::vectors::{Task, Vectors};
-pub use block::{LANES, Layout};
 use block::Frames;
+pub use block::{Block, Instant, LANES, Layout, Span};
 use hgo_rs::integrate::Integrator;
-use hgo_rs::metrics::{LogHistogram, Moments};
+use hgo_rs::metrics::{LogHistogram, Moments, Window};
 use hgo_rs::observer::{Discretisation, Hold, RungeKutta};
 use hgo_rs::schedule::Schedule;
 use interpreter::{Interpreter, Programs};
@@ -78,6 +78,23 @@ pub struct StudyResult {
     pub counts: Vec<u64>,
     /// Kept frames.
     pub frames: AllFrames,
+}
+
+impl StudyResult {
+    /// All its numbers as bits.
+    fn bits(&self) -> Vec<u64> {
+        let mut bits = self.counts.clone();
+        for run in &self.runs {
+            for moments in &run.moments {
+                bits.extend([moments.mean(), moments.rms(), moments.max()].map(f64::to_bits));
+            }
+            let numbers = run.peak.iter().chain(&run.final_x).chain(&run.final_memory);
+            bits.extend(numbers.chain([&run.settling_time]).map(|value| value.to_bits()));
+            bits.extend([run.diverged_at, run.undefined_at].map(|k| k.unwrap_or(u64::MAX)));
+        }
+        bits.extend(self.frames.values.iter().flatten().map(|value| value.to_bits()));
+        bits
+    }
 }
 
 /// A study that can run.
@@ -172,6 +189,46 @@ impl Study {
             let task = BlockTask { study: self, kernel, first, counts, frames, stop };
             vectors.run(task).unwrap_or_else(|| Err(refused("this processor lacks the instructions")))
         })
+    }
+
+    /// Whether a kernel gives the interpreter's bits: for every number of windows that may be open, the
+    /// first runs over some samples by both.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn agrees(&mut self, kernel: &dyn Kernel) -> Result<bool> {
+        const SAMPLES: u64 = 96;
+        let whole = self.plan.clone();
+        let runs = whole.runs.min(LANES);
+        let rows = |table: &[f64], columns: usize| {
+            table.get(..runs * columns).unwrap_or(table).to_vec()
+        };
+        let steps = whole.steps.min(SAMPLES);
+        let mut agree = true;
+        for (open, distances) in self.forms() {
+            let window = |is_open: bool| Window { from: 0, to: if is_open { steps } else { 0 } };
+            self.plan = Plan {
+                steps,
+                runs,
+                x0: rows(&whole.x0, self.layout.x),
+                memory0: rows(&whole.memory0, self.layout.z),
+                windows: (0..whole.windows.len()).map(|i| window(i < open)).collect(),
+                histogram: whole.histogram.map(|_| window(distances)),
+                ..whole.clone()
+            };
+            let never = || false;
+            let results = (self.run(None, &never), self.run(Some(kernel), &never));
+            agree &= match &results {
+                (Ok(ours), Ok(other)) => ours.bits() == other.bits(),
+                _ => false,
+            };
+            if let (Err(error), _) | (_, Err(error)) = results {
+                self.plan = whole;
+                return Err(error);
+            }
+        }
+        self.plan = whole;
+        Ok(agree)
     }
 
     /// Runs in blocks of L, which `go` moves: from the first run of each, with the counts of its

@@ -83,7 +83,7 @@ pub struct Plan {
     pub joint: bool,
     /// How the plant moves, and its name.
     pub plant_scheme: PlantScheme,
-    plant_method: String,
+    pub(super) plant_method: String,
     /// Equal substeps of the plant in one step.
     pub substeps: u32,
     /// When the observer steps.
@@ -323,6 +323,11 @@ impl Plan {
 
     fn place(&self, k: u64) -> Option<usize> {
         usize::try_from(k / self.hold).ok()
+    }
+
+    /// Whether the noise is drawn at every sample, if at all, and has no sines.
+    pub fn is_plain(&self) -> bool {
+        self.hold <= 1 && self.sines.is_empty() && !matches!(self.draw, DrawKind::Shared(_))
     }
 
     /// Whether samples may be missing: recorded noise that is not finite.

@@ -1,0 +1,107 @@
+//! Kernels: studies that LLVM has compiled, called by their addresses.
+
+use crate::errors::{Result, refused};
+use crate::values::read_dict;
+use hgo_ir::Spec;
+use hgo_ir::study::{Block, Kernel, LANES, Layout, Span, Study};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// A compiled span: columns, the plants' shared state, random streams of measurement and process, the
+/// rows of the samples, recorded noise, what a frame shows, the largest magnitudes, distances; and how
+/// many samples there are.
+type Function = unsafe extern "C" fn(
+    *mut f64,
+    *mut f64,
+    *mut u64,
+    *mut u64,
+    *const f64,
+    *const f64,
+    *mut f64,
+    *mut f64,
+    *mut f64,
+    u64,
+);
+
+/// The functions of a study's source, compiled.
+#[pyclass(frozen, module = "hgo_rs._core")]
+pub struct StudyKernel {
+    /// Runs that a call moves.
+    runs: usize,
+    /// For each number of open windows, with and without distances, its function.
+    functions: Vec<(usize, bool, Function)>,
+}
+
+#[pymethods]
+impl StudyKernel {
+    /// From runs that a call moves, and for each form (open windows, distances, address). The addresses
+    /// must be those of functions compiled from [`study_source`], which live as long as this does.
+    #[new]
+    fn new(runs: usize, forms: Vec<(usize, bool, usize)>) -> Result<Self> {
+        if runs == 0 || !LANES.is_multiple_of(runs) || forms.iter().any(|(.., at)| *at == 0) {
+            return Err(refused("a kernel needs functions, for a part of a block of runs"));
+        }
+        let function = |(open, distances, address): (usize, bool, usize)| {
+            // SAFETY: the caller says that a function of this type stands there.
+            #[allow(unsafe_code)]
+            let function = unsafe { std::mem::transmute::<usize, Function>(address) };
+            (open, distances, function)
+        };
+        Ok(Self { runs, functions: forms.into_iter().map(function).collect() })
+    }
+}
+
+impl Kernel for StudyKernel {
+    fn span(&self, _: &Layout, block: &mut Block<LANES>, span: &Span<'_, LANES>) -> bool {
+        let form = |(open, distances, _): &&(usize, bool, Function)| {
+            (*open, *distances) == (span.open, span.distances)
+        };
+        let Some((.., function)) = self.functions.iter().find(form) else { return false };
+        let shared = block.shared.clone();
+        for first in (0..LANES).step_by(self.runs) {
+            block.shared.copy_from_slice(&shared);
+            let [measurement, process] = &mut block.streams;
+            // SAFETY: a lane is an array of numbers, and so are lanes one after the other; the function
+            // moves `runs` of them from the first on, within what its source says these hold.
+            #[allow(unsafe_code)]
+            unsafe {
+                function(
+                    block.columns.as_mut_ptr().cast::<f64>().add(first),
+                    block.shared.as_mut_ptr(),
+                    measurement.as_mut_ptr().cast::<u64>().add(first),
+                    process.as_mut_ptr().cast::<u64>().add(first),
+                    span.instants.as_ptr().cast::<f64>(),
+                    span.recorded.as_ptr().cast::<f64>().wrapping_add(first),
+                    block.shown.as_mut_ptr().cast::<f64>().wrapping_add(first),
+                    (&raw mut block.worst).cast::<f64>().add(first),
+                    block.distances.as_mut_ptr().cast::<f64>().wrapping_add(first),
+                    span.instants.len() as u64,
+                );
+            }
+        }
+        true
+    }
+}
+
+/// A study as LLVM IR, for vectors of `lanes` runs, `copies` of them side by side (0: as many as suit it):
+/// a dict of `text`, `forms` (open windows, distances, name), `runs` that a call moves, and `operations`
+/// of a sample; None where functions of the user's are called.
+#[pyfunction]
+#[pyo3(signature = (spec, lanes, copies=0))]
+pub fn study_source<'py>(
+    py: Python<'py>,
+    spec: &Bound<'py, PyAny>,
+    lanes: usize,
+    copies: usize,
+) -> Result<Option<Bound<'py, PyDict>>> {
+    let value = read_dict(spec, "simulation")?;
+    let study = Study::read(&Spec::new(&value, "simulation")?)?;
+    let copies = if copies == 0 { study.copies(lanes) } else { copies };
+    let Some(source) = study.kernel(lanes, copies) else { return Ok(None) };
+    let out = PyDict::new(py);
+    out.set_item("text", source.text)?;
+    out.set_item("forms", source.names)?;
+    out.set_item("runs", lanes * copies)?;
+    out.set_item("operations", study.tables.operations(study.plan.substeps))?;
+    Ok(Some(out))
+}
