@@ -1,408 +1,28 @@
-"""The `hgo` command: list, run and reproduce scenarios; run an observer over a recorded log.
-
-Exit status: 0 all well, 1 a row missed its tolerance or a scenario failed, 2 bad usage or bad
-input (one line on standard error), 130 interrupted, 143 terminated.
-"""
+"""`hgo estimate`: an observer over a recorded log."""
 
 from __future__ import annotations
 
-import difflib
 import inspect
-import json
 import math
-import os
-import signal
-import sys
-import threading
-import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
 
-from hgo_rs import plotting, scenarios
+from hgo_rs import observers, plots
+from hgo_rs.cli.reproduce import OutputError
+from hgo_rs.cli.terminal import say, unknown
 from hgo_rs.config import FORMAT, OBSERVERS, Config, load
-from hgo_rs.data import Log, LogSummary, TableWriter, check_writable_format, read_chunks
 from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING
 from hgo_rs.errors import HgoError, MissingExtraError, printable
-from hgo_rs.estimation import check_fit, run_chunks
 from hgo_rs.files import together
-from hgo_rs.gaps import gap_error
-from hgo_rs.record import rows_to_json
-from hgo_rs.report import counted, format_value
-from hgo_rs.reproduce import (
-    OutputError,
-    OutputFolder,
-    Record,
-    about_this_run,
-    execute,
-)
-from hgo_rs.reproduce import run as run_scenarios
-from hgo_rs.scenarios.base import BACKENDS, Row
-from hgo_rs.times import UNITS
-
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from hgo_rs.observers import Observer
-    from hgo_rs.results import Gap, RunResult
-
-__all__ = ["main"]
-
-MISSED, USAGE, INTERRUPTED, TERMINATED = 1, 2, 130, 143
-
-
-def main(args: Sequence[str] | None = None) -> None:
-    """Run the command and exit with its status; every error is one clear line."""
-    try:
-        if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, _terminated)  # workers end, half-written files go
-        status = command.main(args=args, prog_name="hgo", standalone_mode=False)
-    except click.ClickException as error:
-        _complain(error.format_message())
-        sys.exit(USAGE)
-    except HgoError as error:
-        _complain(str(error))
-        sys.exit(USAGE)
-    except (KeyboardInterrupt, click.Abort):
-        _complain("interrupted")
-        sys.exit(INTERRUPTED)
-    except BrokenPipeError:  # `hgo list | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
-    sys.exit(status if isinstance(status, int) else 0)
-
-
-def _terminated(*_: object) -> None:
-    sys.exit(TERMINATED)
-
-
-def _complain(message: str) -> None:
-    _say("hgo: " + " ".join(message.split("\n")), err=True)
-
-
-def _say(text: str, err: bool = False) -> None:
-    """Print lines whose names, from files and arguments, do nothing to the terminal."""
-    click.echo("\n".join(map(printable, text.split("\n"))), err=err)
-
-
-class _Commands(click.Group):
-    """A group that names the nearest command for an unknown one."""
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        name = args[0]
-        if not name.startswith("-") and self.get_command(ctx, name) is None:
-            raise click.UsageError(_unknown("command", name, self.list_commands(ctx)))
-        return super().resolve_command(ctx, args)
-
-
-def _unknown(kind: str, name: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
-    hint = f"nearest: {', '.join(near)}; " if near else ""
-    return f"unknown {kind} {name!r}; {hint}known: {', '.join(known)}"
-
-
-@click.group(
-    cls=_Commands,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-)
-@click.version_option(package_name="hgo_rs", prog_name="hgo")
-def command() -> None:
-    """High-gain observers: recompute five papers, or estimate states from a recorded log."""
-
-
-_backend = click.option(
-    "--backend",
-    type=click.Choice(list(BACKENDS)),
-    default="rust",
-    show_default=True,
-    help="The compiled core, or the NumPy reference.",
-)
-_seed = click.option(
-    "--seed",
-    type=click.IntRange(min=0, max=2**64 - 1),
-    default=1,
-    show_default=True,
-    help="Seed of the random streams.",
-)
-
-
-# --- scenarios -------------------------------------------------------------------------------
-
-
-@command.command("list")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
-def list_command(as_json: bool) -> None:
-    """List the scenarios: id and title, paper by paper."""
-    known = scenarios.load()
-    if as_json:
-        items = [{"id": s.id, "title": s.title, "paper": s.paper} for s in known.values()]
-        click.echo(json.dumps(items, ensure_ascii=False))
-        return
-    width = max((len(id) for id in known), default=0)
-    paper = ""
-    for s in known.values():
-        if s.paper != paper and sys.stdout.isatty():
-            paper = s.paper
-            info = scenarios.PAPERS[paper]
-            click.secho(f"\n{info.title}", bold=True)
-            click.secho(info.authors, dim=True)
-        click.echo(f"{s.id:<{width}}  {s.title}")
-
-
-@command.command("run", short_help="Run one scenario and print its rows.")
-@click.argument("id")
-@_backend
-@_seed
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Folder for ID.json and the figure as PNG and SVG.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
-def run_command(id: str, backend: str, seed: int, out: Path | None, as_json: bool) -> int:
-    """Run the scenario ID and print its rows beside the paper's values."""
-    scenario = scenarios.find(id)
-    folder = None
-    if out is not None:
-        plotting.require_matplotlib()
-        folder = OutputFolder(out)
-    record = execute(scenario, scenarios.Context(backend, seed), figures=folder is not None)
-    if record.error:
-        click.echo(record.error, err=True, nl=False)
-        _complain(f"{id} failed")
-    if folder is not None:
-        text = json.dumps(record.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
-        images = {f"{id}.{kind}": image for kind, image in record.images.items()}
-        folder.write_all({**images, f"{id}.json": text.encode()})
-    if as_json:
-        result = {
-            "id": id,
-            "backend": backend,
-            "rows": rows_to_json(record.rows),
-            "elapsed_s": record.elapsed_s,
-        }
-        click.echo(json.dumps(result, ensure_ascii=False, allow_nan=False))
-    else:
-        _print_rows(record)
-        if folder is not None:
-            names = [f"{id}.json", *(f"{id}.{kind}" for kind in record.images)]
-            _say(f"written to {printable(str(folder.path))}: {', '.join(names)}")
-    return 0 if record.ok else MISSED
-
-
-@command.command("reproduce", short_help="Run every scenario; write figures and a report.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path("out"),
-    show_default=True,
-    help="Folder for results.json, report.html and the figures.",
-)
-@_backend
-@_seed
-@click.option(
-    "--jobs",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Papers at a time. The compiled core uses all cores by itself; useful with numpy.",
-)
-@click.option(
-    "--figures/--no-figures",
-    default=True,
-    show_default=True,
-    help="Draw the figures, or only compute and compare: about half of the work.",
-)
-def reproduce_command(out: Path, backend: str, seed: int, jobs: int, figures: bool) -> int:
-    """Run every scenario; write results.json, all figures and one report.html.
-
-    Ctrl-C ends the run cleanly: what is finished is written.
-    """
-    if figures:
-        plotting.require_matplotlib()
-    folder = OutputFolder(out)
-    chosen = list(scenarios.load().values())
-    if not chosen:
-        raise HgoError("there are no scenarios in this installation")
-    records: list[Record] = []
-    start = time.perf_counter()
-    interrupted = False
-    with _Progress(len(chosen)) as progress:
-        try:
-            for record in run_scenarios(
-                chosen,
-                backend=backend,
-                seed=seed,
-                jobs=jobs,
-                figures=figures,
-                on_start=progress.started,
-            ):
-                folder.write_figure(record)
-                records.append(record)
-                progress.finished(record)
-        except KeyboardInterrupt:
-            interrupted = True
-    order = {s.id: i for i, s in enumerate(chosen)}
-    records.sort(key=lambda r: order[r.id])
-    about = about_this_run(backend, seed, time.perf_counter() - start, len(chosen))
-    about["interrupted"] = interrupted
-    folder.write_results(records, about)
-    report = folder.write_report(records, about)
-    return _print_summary(records, about, report)
-
-
-class _Progress:
-    """A live display on a terminal, a line a scenario elsewhere."""
-
-    def __init__(self, total: int) -> None:
-        from rich.console import Console
-
-        self.total = total
-        self.done = 0
-        self.steps = 0
-        self.start = time.perf_counter()
-        self.running: list[str] = []
-        self.console: Console = Console(highlight=False)
-        self.bar: Progress | None = None
-        if self.console.is_terminal:
-            from rich import progress as rich
-
-            self.bar = rich.Progress(
-                rich.SpinnerColumn(),
-                rich.TextColumn("{task.description}"),
-                rich.BarColumn(),
-                rich.MofNCompleteColumn(),
-                rich.TextColumn("{task.fields[rate]}"),
-                rich.TimeElapsedColumn(),
-                console=self.console,
-                transient=True,
-            )
-            self.task = self.bar.add_task("starting", total=total, rate="")
-
-    def __enter__(self) -> _Progress:
-        if self.bar is not None:
-            self.bar.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self.bar is not None:
-            self.bar.stop()
-
-    def started(self, id: str) -> None:
-        self.running.append(id)
-        self._refresh()
-
-    def finished(self, record: Record) -> None:
-        from rich.text import Text
-
-        self.done += 1
-        self.steps += record.steps
-        self.running.remove(record.id)
-        if record.error:
-            told = "failed: " + record.error.strip().splitlines()[-1]
-        elif record.missed or not record.rows:
-            told = f"{record.missed} of {counted(len(record.rows), 'row')} missed"
-        else:
-            told = counted(len(record.rows), "row")
-        mark = "ok  " if record.ok else "MISS"
-        line = f"{mark}  {record.id:<24} {record.elapsed_s:7.2f} s  {told}"
-        if self.bar is None:
-            line = f"[{self.done:{len(str(self.total))}}/{self.total}] {line}  ({self._rate()})"
-        # A Text of its own: a style given to print() would colour the bar too.
-        self.console.print(Text(line, "" if record.ok else "bold red"), soft_wrap=True)
-        self._refresh(advance=1)
-
-    def _rate(self) -> str:
-        elapsed = max(time.perf_counter() - self.start, 1e-9)
-        return f"{self.steps / elapsed / 1e6:.3g} M steps/s, {elapsed:.1f} s"
-
-    def _refresh(self, advance: int = 0) -> None:
-        if self.bar is not None:
-            self.bar.update(
-                self.task,
-                advance=advance,
-                description=", ".join(self.running) or "writing the report",
-                rate=self._rate().split(",")[0],
-            )
-
-
-def _print_summary(records: Sequence[Record], about: dict[str, Any], report: Path) -> int:
-    rows = [r for record in records for r in record.rows]
-    missed = sum(not r.ok for r in rows)
-    failed = [r.id for r in records if r.error]
-    empty = [r.id for r in records if not r.rows and not r.error]
-    told = f"{counted(len(records), 'scenario')}, {counted(len(rows), 'row')}"
-    if missed or failed or empty:
-        told += f": {counted(missed, 'row')} missed"
-        told += f", failed: {', '.join(failed)}" if failed else ""
-        told += f", without rows: {', '.join(empty)}" if empty else ""
-        for record in records:
-            for r in record.rows:
-                if not r.ok:
-                    click.echo(_row_line(r, record.id))
-    elif not about["interrupted"]:
-        told += ", all within tolerance"
-    click.echo(f"{told} ({about['elapsed_s']:.1f} s)")
-    _say(f"report: {printable(str(report))}")
-    if about["interrupted"]:
-        _complain(f"interrupted: {len(records)} of {about['planned']} scenarios finished")
-        return INTERRUPTED
-    return 0 if all(r.ok for r in records) else MISSED
-
-
-def _print_rows(record: Record) -> None:
-    from rich.console import Console
-
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        click.echo(f"{record.id}: {record.title}")
-        for r in record.rows:
-            click.echo(_row_line(r))
-    else:
-        from rich.table import Table
-        from rich.text import Text
-
-        table = Table(title=record.title, title_justify="left", title_style="bold", box=None)
-        table.add_column("")
-        table.add_column("quantity", overflow="fold")
-        for name in ("paper", "ours", "expected"):
-            table.add_column(name, justify="right")
-        table.add_column("tolerance")
-        table.add_column("note", overflow="fold", style="dim")
-        for r in record.rows:
-            mark = Text("ok", style="green") if r.ok else Text("MISS", style="bold red")
-            cells = [r.quantity, *map(format_value, (r.paper, r.ours, r.expected))]
-            table.add_row(mark, *map(Text, (*cells, r.tolerance, r.note)))
-        console.print(table)
-    told = "all ok" if record.ok else f"{record.missed} missed"
-    click.echo(
-        f"{counted(len(record.rows), 'row')}, {told}, {record.elapsed_s:.2f} s, {record.backend}"
-    )
-
-
-def _row_line(r: Row, scenario: str = "") -> str:
-    """A row on a line: for pipes and logs."""
-    parts = [
-        f"{'ok  ' if r.ok else 'MISS'} {scenario + ': ' if scenario else ''}{r.quantity}",
-        f"ours {format_value(r.ours)}",
-    ]
-    if r.expected is not None:
-        parts.append(f"expected {format_value(r.expected)}")
-    parts.append(f"({r.tolerance})")
-    if r.paper is not None:
-        parts.append(f"paper {format_value(r.paper)}")
-    if r.note:
-        parts.append(f"[{r.note}]")
-    return "  ".join(parts)
-
-
-# --- estimate --------------------------------------------------------------------------------
+from hgo_rs.logs import Log, LogSummary, TableWriter, read_chunks, run_chunks
+from hgo_rs.logs.estimation import check_fit
+from hgo_rs.logs.times import UNITS
+from hgo_rs.logs.write import check_writable_format
+from hgo_rs.observers import Gap, Observer, RunResult
 
 
 class _Numbers(click.ParamType):
@@ -425,7 +45,7 @@ class _Numbers(click.ParamType):
         return numbers
 
 
-@command.command("estimate", short_help="Run an observer over a recorded log.")
+@click.command("estimate", short_help="Run an observer over a recorded log.")
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--config", type=click.Path(path_type=Path), help="observer.toml; options go before.")
 @click.option("--time", "time", metavar="COL", multiple=True, help="Time column.")
@@ -526,23 +146,23 @@ def estimate_command(
                     piece += len(chunk.starts)
                     split = arguments.get("resets") == "split"
                     writer.write(_columns(chunk, result, piece if split else None))
-                    gaps.add(law, result)
+                    gaps.add(result)
                     if draw:
                         trace.add(chunk, result)
             if draw:
                 drawn = trace.draw(law, arguments["output"], told.data["observer"])
-                plotting.save(drawn, figure, files["--figure"])
+                plots.save(drawn, figure, files["--figure"])
             if save_config is not None:
                 files["--save-config"].write(told.to_toml().encode())
     except OSError as error:
         named = error.filename or ", ".join(map(str, results.values()))
         raise OutputError(f"cannot write {named}: {error.strerror or error}") from error
-    _say(f"{printable(str(log))}: {summary.describe()}")
-    _say(f"run by {_law(law)}")
+    say(f"{printable(str(log))}: {summary.describe()}")
+    say(f"run by {_law(law)}")
     gaps.tell()
     if not draw:
         click.echo("no figure: pip install 'hgo_rs[plot]'", err=True)
-    _say(f"written: {', '.join(printable(str(path)) for path in results.values())}")
+    say(f"written: {', '.join(printable(str(path)) for path in results.values())}")
     return 0
 
 
@@ -584,14 +204,12 @@ def _configuration(path: Path | None, options: dict[str, Any]) -> Config:
 
 def _check_options(given: dict[str, Any], base: Config | None) -> None:
     """Refuse options that the observer has no use for, and without a file, missing ones."""
-    import hgo_rs
-
     name = given.get("observer", base.data["observer"] if base else None)
     if name is None:
         raise HgoError("--observer is needed, or a --config that names one")
     if name not in OBSERVERS:
-        raise HgoError(_unknown("observer", name, list(OBSERVERS)))
-    accepted = inspect.signature(getattr(hgo_rs, OBSERVERS[name])).parameters
+        raise HgoError(unknown("observer", name, list(OBSERVERS)))
+    accepted = inspect.signature(getattr(observers, OBSERVERS[name])).parameters
     for key in given:
         if key != "observer" and {"order": "n"}.get(key, key) not in accepted:
             option = "--" + {"model": "input"}.get(key, key).replace("_", "-")
@@ -610,11 +228,11 @@ def _can_draw(figure: Path | None) -> bool:
     """A figure that is asked for needs matplotlib; the default one is left out without it."""
     if figure is None:
         try:
-            plotting.require_matplotlib()
+            plots.require_matplotlib()
         except MissingExtraError:
             return False
         return True
-    plotting.require_matplotlib()
+    plots.require_matplotlib()
     known = (".png", ".svg", ".pdf")
     if figure.suffix.lower() not in known:
         raise HgoError(f"{figure}: unknown format {figure.suffix!r}; known: {', '.join(known)}")
@@ -689,7 +307,7 @@ class _LongestGaps:
     def __init__(self) -> None:
         self.found: list[tuple[float, float, Gap, np.ndarray]] = []
 
-    def add(self, law: Observer, result: RunResult) -> None:
+    def add(self, result: RunResult) -> None:
         """Look at a chunk; what a gap costs is computed for those that are among the longest."""
         if not result.missing.any():
             return
@@ -698,7 +316,7 @@ class _LongestGaps:
         gaps = [gap for gap in gaps if gap.duration > least]
         if not gaps:
             return
-        errors = gap_error(law, result, result.inputs, gaps)
+        errors = result.error_after(gaps)
         for gap, error in zip(gaps, errors, strict=True):
             self.found.append((gap.duration, float(result.time[gap.start]), gap, error))
         self.found = sorted(self.found, key=lambda f: -f[0])[: self.COUNT]
@@ -709,7 +327,7 @@ class _LongestGaps:
                 f"x_hat{i + 1} {e:.3g}" for i, e in enumerate(error) if np.isfinite(e)
             )
             told = f"error to expect at its end: {states}" if states else "no error estimate"
-            _say(f"gap of {duration:.4g} s ({gap.length} samples) at t = {t:.10g} s: {told}")
+            say(f"gap of {duration:.4g} s ({gap.length} samples) at t = {t:.10g} s: {told}")
 
 
 class _Trace:
@@ -753,7 +371,7 @@ class _Trace:
         if self.stride > 1:
             title += f" (every {self.stride}th row)"
         name = f"column {output}" if str(output).isdigit() else printable(str(output))
-        return plotting.estimate_figure(
+        return plots.estimate_figure(
             signals.pop("time"),
             signals.pop("x_hat"),
             names=_state_names(law, name),
@@ -774,35 +392,3 @@ def _state_names(law: Observer, output: str) -> list[str] | None:
         which = f"{ordinals[i - 1]} derivative" if i <= len(ordinals) else f"derivative {i}"
         names.append(f"{which} of {output}")
     return names
-
-
-# --- export ----------------------------------------------------------------------------------
-
-
-@command.command("export", short_help="Write an observer as C or Rust source.")
-@click.argument("config", type=click.Path(path_type=Path))
-@click.option("--to", type=click.Choice(["c", "rust"]), required=True, help="C99 or no_std Rust.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
-@click.option("--name", help="Name of files and functions; by default the file's.")
-@click.option("--precision", type=click.Choice(["double", "single"]), default="double")
-def export_command(config: Path, to: str, out: Path, name: str | None, precision: str) -> int:
-    """Write the observer of CONFIG, an observer.toml, as source code that needs nothing else.
-
-    Its steps have the bits of this package's; a test vector and a program that runs it are beside
-    it.
-    """
-    from hgo_rs.config import load
-    from hgo_rs.exports import export
-
-    told = load(config)
-    name = name if name is not None else config.stem.lower().replace("-", "_")
-    files = export(
-        told.observer(), to=to, out=out, name=name, precision=precision, dt=told.log.get("dt")
-    )
-    names = ", ".join(str(file.relative_to(out)) for file in files)
-    _say(f"written to {printable(str(out))}: {names}")
-    return 0
-
-
-if __name__ == "__main__":
-    main()

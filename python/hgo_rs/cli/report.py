@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from hgo_rs.scenarios.base import PAPERS, Row, format_number
 
 if TYPE_CHECKING:
-    from hgo_rs.record import Record
+    from hgo_rs.cli.record import Record
 
 __all__ = ["build", "counted", "format_value", "markdown", "markdown_row"]
 

@@ -21,12 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from hgo_rs import plotting, report
+from hgo_rs import plots
+from hgo_rs.cli import report
+from hgo_rs.cli.record import Record
 from hgo_rs.errors import HgoError
 from hgo_rs.files import together
-from hgo_rs.record import Record
 from hgo_rs.scenarios import Context, Row, Scenario, find
-from hgo_rs.workers import end_with_parent
+from hgo_rs.simulation.workers import end_with_parent
 
 __all__ = ["OutputError", "OutputFolder", "Record", "execute", "run"]
 
@@ -48,7 +49,7 @@ def execute(scenario: Scenario, ctx: Context, *, figures: bool) -> Record:
         rows = tuple(outcome.rows)
         elapsed = time.perf_counter() - start
         if figures and outcome.figure is not None:
-            images = plotting.render(outcome.figure)
+            images = plots.render(outcome.figure)
     except Exception:
         error = traceback.format_exc()
     if elapsed is None:

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from threading import Lock
 from weakref import WeakValueDictionary
 
+from hgo_rs import upward
 from hgo_rs.expressions.errors import ExpressionError
 
 __all__ = [
@@ -81,9 +82,8 @@ class Node:
     size: int
 
     def __repr__(self) -> str:
-        from hgo_rs.expressions.printing import text
-
-        return text(self)
+        shown: str = upward.call("text of an expression", self)
+        return shown
 
     def __reduce__(self) -> tuple[Callable[..., Node], tuple[object, ...]]:
         return _restore, (pack([self]),)

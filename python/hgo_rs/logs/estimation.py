@@ -6,17 +6,16 @@ import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hgo_rs.config import Config, load
-from hgo_rs.data import DataError, Log, read_log
 from hgo_rs.errors import DesignError, HgoError
-
-if TYPE_CHECKING:
-    from hgo_rs.observers import Observer
-    from hgo_rs.results import RunResult
+from hgo_rs.logs.log import Log
+from hgo_rs.logs.read import read_log
+from hgo_rs.logs.table import DataError
+from hgo_rs.observers import Observer, RunResult
 
 __all__ = ["check_fit", "estimate", "run_chunks"]
 
@@ -27,7 +26,7 @@ def estimate(log: str | Path | Log, config: str | Path | Config) -> RunResult:
     Parameters
     ----------
     log
-        A file, read as the configuration's `[log]` says; or what `hgo_rs.data.read_log` gave.
+        A file, read as the configuration's `[log]` says; or what `hgo_rs.logs.read_log` gave.
     config
         An `observer.toml`, or what `hgo_rs.load` gave.
 

@@ -21,17 +21,15 @@ constant.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from hgo_rs import _core
 from hgo_rs.errors import HgoError, check, check_array, check_integer, check_number
-
-if TYPE_CHECKING:
-    from hgo_rs.observers import Observer
-    from hgo_rs.results import Gap, RunResult
+from hgo_rs.observers.result import Gap, RunResult
 
 __all__ = ["gap_bound", "gap_error"]
 
@@ -46,36 +44,37 @@ NEAREST = 64
 
 
 def gap_error(
-    observer: Observer,
+    core: _core.Observer,
+    spec: Mapping[str, Any],
     result: RunResult,
-    u: npt.ArrayLike | None = None,
-    gaps: Sequence[Gap] | None = None,
+    u: Array,
+    gaps: Sequence[Gap],
+    *,
+    index: int | None,
 ) -> Array:
     """Error to expect at the end of each of a result's gaps, (number of gaps, n).
 
     The root mean square of x - x̃ over gaps of the same duration that are put into the complete
     parts of the same record, those nearest to the gap. Where no part is long enough: the longest
     that there is, times (τ/τ')^(n-i+1) as for a chain with nothing known. NaN if no sample can be
-    left out, for a gap that no sample ends, and for a model that runs as Python.
+    left out, and for a gap that no sample ends.
 
     Parameters
     ----------
-    observer
+    core, spec
         The law that gave the result.
     result
-        Its run over the record; `result.gaps` are the gaps.
-    u : (N,) or (N, n_u), optional
+        Its run over the record.
+    u : (N, n_u)
         The record's inputs.
-    gaps : optional
-        Some of the result's gaps. Default: all.
+    gaps
+        Some of the result's gaps.
+    index
+        Where the law's gain stands in the memory, if it moves.
     """
-    gaps = result.gaps if gaps is None else gaps
-    n = observer.n
+    n = core.n
     error = np.full((len(gaps), n), np.nan)
-    if getattr(observer, "_interpreted", False):
-        return error
-    inputs = np.empty((len(result.y), 0)) if u is None else check_array(u, "u")
-    record = _Record(observer, result, inputs.reshape(len(result.y), -1))
+    record = _Record(core, spec, result, u, index)
     for channel in sorted({gap.channel for gap in gaps}):
         mine = [i for i, g in enumerate(gaps) if g.channel == channel and g.duration > 0.0]
         if not mine:
@@ -96,18 +95,26 @@ def gap_error(
 class _Record:
     """A run whose samples can be left out once more."""
 
-    def __init__(self, observer: Observer, result: RunResult, u: Array) -> None:
-        self.observer, self.u = observer, u
+    def __init__(
+        self,
+        core: _core.Observer,
+        spec: Mapping[str, Any],
+        result: RunResult,
+        u: Array,
+        index: int | None,
+    ) -> None:
+        self.core, self.u, self.gain = core, u, index
+        self.delays = spec["kind"] in ("low-power", "peaking-free")
         self.t, self.y, self.memory = result.time, result.y, result.memory
         self.innovation = result.innovation
-        self.filters = observer._core.is_current
+        self.filters = core.is_current
         self.settling = 3.0 * self._time_constant()
-        self._known = np.full((len(self.t), observer.n), np.nan)
+        self._known = np.full((len(self.t), core.n), np.nan)
         self.gap = np.zeros(self.y.shape, bool)
         for gap in result.gaps:
             self.gap[gap.start : gap.start + gap.length, gap.channel] = True
-        chains = observer.spec.get("observers")  # one for each output, or one chain
-        self.orders = [chain["n"] for chain in chains] if chains else [observer.n]
+        chains = spec.get("observers")  # one for each output, or one chain
+        self.orders = [chain["n"] for chain in chains] if chains else [core.n]
 
     def _found(self, k: int) -> Array:
         """The memory as sample k finds it."""
@@ -118,11 +125,11 @@ class _Record:
 
     def _advance(self, k: int, memory: Array, y: Array) -> Array:
         dt = self.t[k + 1] - self.t[k]
-        return self.observer._core.advance(memory, y, self.u[k], self.t[k], dt)[0]
+        return self.core.advance(memory, y, self.u[k], self.t[k], dt)[0]
 
     def _step(self, k: int, memory: Array, y: Array) -> Array:
         """The memory as sample k + 1 finds it, from that which sample k finds."""
-        used = self.observer._core.correct(memory, y, self.t[k])[0]
+        used = self.core.correct(memory, y, self.t[k])[0]
         return self._advance(k, used, y)
 
     def _time_constant(self) -> float:
@@ -138,8 +145,7 @@ class _Record:
         columns = [
             (self._step(k, memory + size * unit, y) - after) / size for unit in np.eye(len(memory))
         ]
-        gain = self.observer._gain_index()
-        states = [i for i in range(len(memory)) if i != gain]
+        states = [i for i in range(len(memory)) if i != self.gain]
         matrix = np.array(columns).T[np.ix_(states, states)]
         if not np.all(np.isfinite(matrix)):
             return 0.0
@@ -150,7 +156,7 @@ class _Record:
 
     def replays(self, channel: int, duration: float) -> tuple[Array, Array]:
         """Times (S,) at which a gap of this duration was put into the record, and x - x̃ (S, n)."""
-        t, n = self.t, self.observer.n
+        t, n = self.t, self.core.n
         none = self.gap[:, channel]
         end = np.searchsorted(t, t + duration * (1.0 - 1e-9))  # of a gap that begins at an index
         before = np.r_[0, np.cumsum(none)]  # missing samples before an index
@@ -175,7 +181,7 @@ class _Record:
             left[:, channel] = np.nan
             record = (t[rows], left, self.u[rows], self._found(k))
             # as the sample that ends the gap finds it
-            track = self.observer._core.run(*record, innovation=False, until=float(t[stop]))
+            track = self.core.run(*record, innovation=False, until=float(t[stop]))
             told[row] = track["undefined"] is None  # else the model has no value in such a gap
             drift[row] = self._found(stop)[:n] - track["next"][:n] + self.usual(stop)
         return t[begin][told], drift[told]
@@ -185,7 +191,7 @@ class _Record:
         chain (noise that averages out is left out, which counts where no sample is missing). Of
         states that are no chain from an output on, nothing is known.
         """
-        usual = np.zeros(self.observer.n)
+        usual = np.zeros(self.core.n)
         if len(self.orders) != self.y.shape[1]:
             return usual
         first = int(np.searchsorted(self.t, self.t[stop] - self.settling))
@@ -201,13 +207,13 @@ class _Record:
 
     def _corrections(self, first: int, stop: int) -> Array:
         """What samples first to stop - 1 move beyond the model's own step, each computed once."""
-        n = self.observer.n
+        n = self.core.n
         known = self._known[first:stop]
         none = np.full(self.y.shape[1], np.nan)
         for k in (first + np.flatnonzero(np.isnan(known[:, 0]))).tolist():
             before = k - int(self.filters)  # what is used is shown at once with current timing
             found = self.memory[before].copy()
-            if self.observer.spec["kind"] in ("low-power", "peaking-free"):
+            if self.delays:
                 found[n : 2 * n - 1] = found[1:n]  # eta_i stands for x_(i+1): no correction inside
             free = self._advance(before, found, none)
             known[k - first] = self.memory[before + 1, :n] - free[:n]

@@ -1,145 +1,20 @@
-"""Figures: one style for results, scenarios and the report. Needs matplotlib (the extra `plot`).
-
-matplotlib is imported inside the functions. Figures are drawn with the object interface, so
-nothing here changes pyplot's state or needs a display.
-"""
+"""The figures of results: estimates, a sweep over a parameter, the trade-off of a gain."""
 
 from __future__ import annotations
 
-import contextlib
-import io
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hgo_rs.errors import HgoError, MissingExtraError
-from hgo_rs.files import replacing
+from hgo_rs.errors import HgoError
+from hgo_rs.plots.style import COLOURS, new_figure, require_matplotlib, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from hgo_rs.tuning import Tuning
-
-__all__ = [
-    "COLOURS",
-    "estimate_figure",
-    "new_figure",
-    "render",
-    "require_matplotlib",
-    "save",
-    "shade_gaps",
-    "style",
-    "tuning_figure",
-]
-
-COLOURS = {
-    "black": "#1a1a1a",
-    "blue": "#0072b2",
-    "vermillion": "#d55e00",
-    "green": "#009e73",
-    "orange": "#e69f00",
-    "sky": "#56b4e9",
-    "purple": "#cc79a7",
-    "grey": "#8c8c8c",
-}
-"""Okabe and Ito's palette, distinct for every kind of colour vision (yellow left out on white)."""
-
-STYLE: dict[str, Any] = {
-    "axes.axisbelow": True,
-    "axes.edgecolor": "#4d4d4d",
-    "axes.facecolor": "white",
-    "axes.grid": True,
-    "axes.labelsize": 10,
-    "axes.linewidth": 0.8,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlelocation": "left",
-    "axes.titlesize": 10,
-    "axes.titleweight": "bold",
-    "axes.xmargin": 0.0,
-    "figure.constrained_layout.use": True,
-    "figure.dpi": 100,
-    "figure.facecolor": "white",
-    "figure.figsize": (7.2, 4.4),
-    "figure.titlesize": 11,
-    "figure.titleweight": "bold",
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 9.5,
-    "grid.alpha": 1.0,
-    "grid.color": "#e6e6e6",
-    "grid.linewidth": 0.7,
-    "legend.fontsize": 9,
-    "legend.framealpha": 0.9,
-    "legend.frameon": False,
-    "lines.linewidth": 1.3,
-    "lines.solid_capstyle": "round",
-    "mathtext.fontset": "dejavusans",
-    "path.simplify_threshold": 0.3,
-    "savefig.dpi": 160,
-    "savefig.facecolor": "white",
-    "svg.fonttype": "path",
-    "svg.hashsalt": "hgo_rs",
-    "xtick.color": "#4d4d4d",
-    "xtick.labelcolor": "#1a1a1a",
-    "ytick.color": "#4d4d4d",
-    "ytick.labelcolor": "#1a1a1a",
-}
-
-
-def require_matplotlib() -> None:
-    """Raise `MissingExtraError`, with the remedy, if there is no matplotlib."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError("figures need matplotlib: pip install 'hgo_rs[plot]'") from error
-
-
-@contextlib.contextmanager
-def style() -> Iterator[None]:
-    """The package's style, for as long as the context lasts."""
-    require_matplotlib()
-    import matplotlib
-    from cycler import cycler
-
-    cycle = [COLOURS[c] for c in ("blue", "vermillion", "green", "purple", "orange", "sky", "grey")]
-    settings: Any = {**STYLE, "axes.prop_cycle": cycler(color=cycle)}
-    with matplotlib.rc_context(settings):
-        yield
-
-
-def new_figure(size: tuple[float, float] | None = None) -> Figure:
-    """An empty figure in the package's style; one of pyplot's if pyplot is in use (notebooks)."""
-    with style():
-        pyplot = sys.modules.get("matplotlib.pyplot")
-        if pyplot is not None:
-            figure: Figure = pyplot.figure(figsize=size)
-            return figure
-        from matplotlib.figure import Figure
-
-        return Figure(figsize=size)
-
-
-def render(draw: Callable[[Figure], None]) -> dict[str, bytes]:
-    """Draw on a fresh figure; {"png": ..., "svg": ...}; equal input gives equal bytes."""
-    with style():
-        import matplotlib
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.backends.backend_svg import FigureCanvasSVG
-        from matplotlib.figure import Figure
-
-        figure = Figure(dpi=matplotlib.rcParams["savefig.dpi"])
-        draw(figure)
-        # by the canvases themselves: savefig draws each figure twice
-        png, svg = io.BytesIO(), io.BytesIO()
-        FigureCanvasAgg(figure).print_png(png, metadata={"Software": None})
-        figure.set_layout_engine("none")  # the next one is laid out as the first
-        FigureCanvasSVG(figure).print_svg(svg, metadata={"Date": None})
-        return {"png": png.getvalue(), "svg": svg.getvalue()}
+__all__ = ["estimate_figure", "note_peak", "shade_gaps", "sweep_figure", "tuning_figure"]
 
 
 def shade_gaps(ax: Axes, time: np.ndarray, missing: np.ndarray) -> None:
@@ -342,14 +217,20 @@ def sweep_figure(
     return figure
 
 
-def tuning_figure(tuning: Tuning, figure: Figure | None = None) -> Figure:
-    """Draw the trade-off of `tune` with the chosen point marked: error over the gain, noise and
-    peaking against bandwidth and, from a log, the innovation.
+def tuning_figure(
+    curves: Mapping[str, Any],
+    chosen: str,
+    point: Mapping[str, float],
+    *,
+    title: str,
+    figure: Figure | None = None,
+) -> Figure:
+    """Draw the trade-off of `tune`, curves by structure, with the chosen point marked: error over
+    the gain, noise and peaking against bandwidth and, from a log, the innovation.
     """
     require_matplotlib()
-    several = len(tuning.curves) > 1
-    measured = any(np.isfinite(curve.innovation).any() for curve in tuning.curves.values())
-    point = {**tuning.point, "ell": tuning.ell}
+    several = len(curves) > 1
+    measured = any(np.isfinite(curve.innovation).any() for curve in curves.values())
     panels: list[tuple[str, str, str, tuple[str, ...]]] = [
         ("error of the estimate", "gain (1/s)", "ell", ("error", "noise", "model")),
         ("noise of the estimate", "bandwidth (rad/s)", "bandwidth", ("noise",)),
@@ -365,8 +246,8 @@ def tuning_figure(tuning: Tuning, figure: Figure | None = None) -> Figure:
         shape = (2, 2) if measured else (1, 3)
         axes = list(figure.subplots(*shape, squeeze=False).flat)
         colours = [COLOURS[c] for c in ("blue", "green", "purple", "orange", "sky", "grey")]
-        for ax, (title, label, across, shown) in zip(axes, panels, strict=True):
-            for j, (name, curve) in enumerate(tuning.curves.items()):
+        for ax, (heading, label, across, shown) in zip(axes, panels, strict=True):
+            for j, (name, curve) in enumerate(curves.items()):
                 for quantity in shown:
                     x, y = getattr(curve, across), getattr(curve, quantity)
                     there = np.isfinite(x) & np.isfinite(y) & (y > 0.0)
@@ -384,16 +265,16 @@ def tuning_figure(tuning: Tuning, figure: Figure | None = None) -> Figure:
             if y != y:
                 y = point.get("noise", np.nan)
             if shown[0] == "innovation":
-                curve = tuning.curves[tuning.structure]
+                curve = curves[chosen]
                 alive = np.isfinite(curve.innovation)
-                y = np.interp(np.log(tuning.ell), np.log(curve.ell[alive]), curve.innovation[alive])
+                y = np.interp(
+                    np.log(point["ell"]), np.log(curve.ell[alive]), curve.innovation[alive]
+                )
             if np.isfinite(point[across]) and np.isfinite(y):
                 mark = {"marker": "o", "markersize": 8, "linestyle": "none", "zorder": 5}
                 ax.plot(point[across], y, color=COLOURS["vermillion"], label="chosen", **mark)
-            ax.set(xscale="log", yscale="log", xlabel=label, title=title)
+            ax.set(xscale="log", yscale="log", xlabel=label, title=heading)
         axes[0].legend(loc="best")
-        name = f"{tuning.structure}, " if tuning.structure else ""
-        title = f"{name}estimate {tuning.state}: gain {tuning.ell:.4g} /s by {tuning.criterion}"
         figure.suptitle(title, x=0.01, ha="left")
     return figure
 
@@ -404,13 +285,3 @@ def _spans_decades(values: np.ndarray) -> bool:
         return False
     finite = values[np.isfinite(values)]
     return len(finite) > 0 and finite.min() > 0.0 and finite.max() > 10.0 * finite.min()
-
-
-def save(figure: Figure, path: str | Path, into: IO[bytes] | None = None) -> None:
-    """Write a figure in the package's style; the suffix of `path` says the format, also of what is
-    written to the open file `into` in its place.
-    """
-    path = Path(path)
-    place = replacing(path) if into is None else contextlib.nullcontext(into)
-    with style(), place as file:
-        figure.savefig(file, format=path.suffix[1:] or None)

@@ -14,12 +14,12 @@ import numpy.typing as npt
 from hgo_rs import _core
 from hgo_rs.design.discretisation import check_step
 from hgo_rs.errors import HgoError, check, check_array, check_choice, check_integer, check_number
-from hgo_rs.gains import FixedStep, StochasticApproximation
 from hgo_rs.models import Ship, System, VanDerPol
-from hgo_rs.noise import Noise, RecordedNoise
-from hgo_rs.observers import Observer
+from hgo_rs.models.own.callables import runnable
+from hgo_rs.observers import FixedStep, Observer, StochasticApproximation
 from hgo_rs.read_only import ReadOnlyDict
-from hgo_rs.results import SimulationResult
+from hgo_rs.simulation.noise import Noise, RecordedNoise
+from hgo_rs.simulation.result import SimulationResult
 
 __all__ = ["simulate"]
 
@@ -204,7 +204,7 @@ def plan(
     clock = FixedStep(check_number(dt, "dt", above=0.0)) if schedule is None else schedule
     for name, given in (("schedule", clock), ("plant_schedule", plant_schedule)):
         known = given is None or isinstance(given, (FixedStep, StochasticApproximation))
-        check(known, name, given, "a FixedStep or StochasticApproximation", "see hgo_rs.gains")
+        check(known, name, given, "a FixedStep or StochasticApproximation", "see hgo_rs.observers")
     allowed = allow_unstable or observer.allow_unstable
     check_step(observer.spec, clock.longest, allow_unstable=allowed)
     period = clock.longest if isinstance(clock, FixedStep) else None
@@ -235,8 +235,8 @@ def plan(
     check(listed, "windows", windows, "pairs (from, to)", "give a list of them")
     seed = int(rng.integers(2**63)) if isinstance(rng, np.random.Generator) else rng
     spec: dict[str, Any] = {
-        "plant": _runnable(plant.spec, plant),
-        "observer": _runnable(observer.spec, observer.model),
+        "plant": runnable(plant.spec, plant),
+        "observer": runnable(observer.spec, observer.model),
         "mode": mode,
         "steps": steps,
         "schedule": clock.spec,
@@ -334,15 +334,6 @@ def _plant_method(plant: System) -> str:
     return "rk4"
 
 
-def _runnable(spec: dict[str, Any], system: System | None) -> dict[str, Any]:
-    """The spec, with calls where its system is not compiled."""
-    if getattr(system, "compiled", True):
-        return spec
-    from hgo_rs.own.callables import runnable
-
-    return runnable(spec, system)
-
-
 def _is_own(plant: System) -> bool:
     return plant.spec["kind"] == "own-plant"
 
@@ -400,7 +391,7 @@ def _noise(
 ) -> dict[str, Any]:
     if noise is None:
         return {"kind": "none"}
-    check(isinstance(noise, Noise), "noise", noise, "a Noise", "see hgo_rs.noise")
+    check(isinstance(noise, Noise), "noise", noise, "a Noise", "see hgo_rs.simulation")
     fixed = noise.hold is None or isinstance(clock, FixedStep)
     check(fixed, "hold", noise.hold, "used with fixed steps", "leave it out for this schedule")
     spec = noise.spec(clock.longest)

@@ -1,18 +1,10 @@
-"""Choosing a gain, and a structure, from a log or from what is known of the noise.
-
-A larger gain follows faster and passes more noise. `tune` computes that trade-off over the gain and
-marks the point that is asked for: a cutoff frequency, a settling time, or the least mean-square
-error against noise and model error together.
-"""
+"""One structure: what it does at each gain, the gain of a criterion, and the doubts left."""
 
 from __future__ import annotations
 
 import math
 import re
-import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,25 +19,14 @@ from hgo_rs.design.response import (
     peaking,
     settling,
 )
-from hgo_rs.errors import (
-    HgoError,
-    MissingExtraError,
-    check,
-    check_array,
-    check_integer,
-    check_number,
-    explain,
-)
+from hgo_rs.errors import HgoError, check, check_array, explain
+from hgo_rs.observers import Observer
+from hgo_rs.tuning.record import Record
+from hgo_rs.tuning.result import Array, TradeOff
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+__all__ = ["Build", "Candidate"]
 
-    from hgo_rs.observers import Observer
-
-__all__ = ["TradeOff", "Tuning", "TuningWarning", "tune"]
-
-Array = npt.NDArray[np.float64]
-Build = Callable[[float], "Observer"]
+Build = Callable[[float], Observer]
 """An observer with the gain given [1/s]."""
 
 _POINTS = 41
@@ -54,390 +35,12 @@ _NEAR = 2.0  # innovations up to this many times the least variance tell of nois
 _LAGS = 20  # of the innovations' autocorrelation
 _FAR = 500  # lags after which what R and Q give of it has died out
 _LEVEL = 1e-3  # of the test that they are white
-# What is not white is said where it reaches the choice: see `_Candidate.doubts`.
+# What is not white is said where it reaches the choice: see `Candidate.doubts`.
 _MISFIT, _CORRELATED = 0.15, 1.5
 _DITHER = 1.2  # noise up to this many times step/sqrt(12) is rounding and little else
 
 
-class TuningWarning(UserWarning):
-    """What `tune` cannot know from what it was given, so that its choice may be off."""
-
-
-@dataclass(frozen=True, eq=False)
-class TradeOff:
-    """What one structure does at each gain `ell`, all (points,), for the estimate `tune` was asked
-    about. Gains that were refused are not in it.
-
-    Attributes
-    ----------
-    ell : [1/s]
-    bandwidth : [rad/s]
-        See `Observer.bandwidth`; infinite where it has no cutoff below the Nyquist frequency.
-    settling : [s]
-    peaking
-        Largest error after a start with x_hat_1 wrong by 1.
-    noise
-        Standard deviation of the estimate from measurement noise; NaN if the noise is not known.
-    model
-        Standard deviation of its error from what the model lacks; NaN if that is not known.
-    innovation
-        RMS of y - y_hat, before the sample is used, over the log; NaN without a log.
-    """
-
-    ell: Array
-    bandwidth: Array
-    settling: Array
-    peaking: Array
-    noise: Array
-    model: Array
-    innovation: Array
-
-    @property
-    def error(self) -> Array:
-        """Standard deviation of the error: noise and model error together."""
-        return np.asarray(np.hypot(self.noise, self.model))
-
-
-@dataclass(frozen=True, eq=False)
-class Tuning:
-    """A gain, why it was chosen, and the trade-off it was chosen from.
-
-    Attributes
-    ----------
-    observer : Observer
-        The chosen one.
-    ell : float [1/s]
-    structure : str
-        Its name, where several were offered.
-    state : int
-        The estimate that the choice is about, 1 to n.
-    criterion : str
-    noise : float
-        Standard deviation of the measurement noise: given, or found in the log; NaN if unknown.
-    model_error : float
-        Square root of the spectral density of what x_n' lacks: given, or found in the log; NaN if
-        unknown.
-    point : dict
-        The columns of `TradeOff`, and `error`, at the chosen gain.
-    curves : dict
-        A `TradeOff` a structure.
-    whiteness : float
-        On a log, how probable autocorrelations of the innovation as large as those at the chosen
-        gain are (20 lags, a portmanteau test), if noise and model error are white;
-        NaN without a log.
-    warnings : tuple of str
-        What the choice leaves open, each also given as a `TuningWarning`.
-    """
-
-    observer: Observer
-    ell: float
-    structure: str
-    state: int
-    criterion: str
-    noise: float
-    model_error: float
-    point: dict[str, float]
-    curves: dict[str, TradeOff] = field(repr=False)
-    whiteness: float = math.nan
-    warnings: tuple[str, ...] = ()
-
-    def __str__(self) -> str:
-        name = f"{self.structure}: " if self.structure else ""
-        rows = [f"{name}gain {self.ell:.4g} /s, {self.criterion} of estimate {self.state}"]
-        units = {"bandwidth": " rad/s", "settling": " s"}
-        rows += [f"  {k:10s} {v:.4g}{units.get(k, '')}" for k, v in self.point.items() if v == v]
-        if self.whiteness == self.whiteness:
-            rows.append(f"  {'whiteness':10s} {self.whiteness:.2g}")
-        rows += [f"  warning: {text}" for text in self.warnings]
-        return "\n".join(rows)
-
-    def columns(self) -> dict[str, Any]:
-        """The curves of all structures, one below the other, as named columns."""
-        out: dict[str, Any] = {"structure": []}
-        for name, curve in self.curves.items():
-            out["structure"] += [name] * len(curve.ell)
-            for key, values in (*vars(curve).items(), ("error", curve.error)):
-                out.setdefault(key, []).extend(values.tolist())
-        return out
-
-    def to_dataframe(self) -> Any:
-        """A pandas DataFrame of `columns`. Needs the extra `data`."""
-        try:
-            import pandas as pd
-        except ImportError as error:
-            raise MissingExtraError("a table needs pandas: pip install 'hgo_rs[data]'") from error
-        return pd.DataFrame(self.columns())
-
-    def plot(self, figure: Figure | None = None) -> Figure:
-        """Draw the trade-off with the chosen point marked. Needs the extra `plot`."""
-        from hgo_rs.plotting import tuning_figure
-
-        return tuning_figure(self, figure)
-
-
-# --- the choice -------------------------------------------------------------------------------
-
-
-def tune(
-    build: Build | Mapping[str, Build],
-    log_or_noise: float | tuple[npt.ArrayLike, ...],
-    dt: float | None = None,
-    *,
-    cutoff: float | None = None,
-    settling: float | None = None,
-    model_error: float | None = None,
-    state: int | None = None,
-    ells: npt.ArrayLike | None = None,
-    skip: float | None = None,
-) -> Tuning:
-    """Choose the gain of an observer, and its structure if several are offered.
-
-    By least mean-square error, unless `cutoff` or `settling` is given. The law's linear part, as it
-    runs with the step `dt`, gives cutoff, settling time, peaking, and the error's variance
-
-        P(ell) = R n(ell) + Q m(ell)
-
-    from measurement noise of variance R and from what the model lacks in x_n', taken as white
-    noise of spectral density Q (`noise_gain`, `model_gain` of `hgo_rs.design`). On a log, R and Q
-    are found from the record alone: the innovation y - y_hat of the observer run with gain ell
-    has the variance S(ell) = R s_R(ell) + Q s_Q(ell) (`innovation_gain`), and R, Q >= 0 are fitted
-    to the measured S around its minimum, where the observer is nearest to the Kalman filter of
-    this noise. (Prediction errors as criterion: Ljung, System Identification, 1999, chapter 7. R
-    and Q from innovations of a filter that is not optimal: Mehra, IEEE TAC 15, 1970.)
-
-    Parameters
-    ----------
-    build : callable, or mapping of names to callables
-        ell -> observer with that constant gain. A gain that is refused is left out, with a warning.
-    log_or_noise : (t, y), (t, y, u), or float
-        A record (t: (N,) times or a period [s]; y: (N,); u: (N, n_u)), or the standard deviation of
-        the measurement noise, white from sample to sample.
-    dt : float, optional
-        Sampling period [s]; of a log the median time between samples of y, and found in it.
-    cutoff : float, optional
-        Wanted cutoff of the estimate [rad/s]. Among structures the least noise wins.
-    settling : float, optional
-        Wanted settling time (2 %) of the estimate [s]. Among structures the least noise wins.
-    model_error : float, optional
-        sqrt(Q), unit of x_n per sqrt(s); needed for the least error without a log.
-    state : int, optional
-        The estimate the choice is about, 1 to n. Default: the last one all structures have.
-    ells : (points,), optional
-        Gains to look at [1/s], three or more, in any order. Default: 41 from 1e-3/dt
-        (on a log: from where what was wrong at the start is forgotten after `skip`) to 5/dt or 0.9
-        of the step limit.
-    skip : float, optional
-        Time [s] at the start of a log that is not judged. Default: a twentieth of it.
-
-    Returns
-    -------
-    Tuning
-
-    Warns
-    -----
-    TuningWarning
-        The least error at the lowest or highest gain tried; a record that white noise and white
-        model error do not explain, or of which a coarse step of y is all the noise; gains or
-        structures that were left out, and why.
-
-    Raises
-    ------
-    HgoError
-        Two criteria at once; a target no gain reaches, with what can be reached; no model_error
-        for the least error without a log; a log that is too short, stands still or has no noise;
-        fewer than three gains that are not refused.
-    """
-    asked = {"cutoff": cutoff, "settling": settling}
-    targets = {
-        name: check_number(value, name, above=0.0)
-        for name, value in asked.items()
-        if value is not None
-    }
-    check(len(targets) < 2, "cutoff, settling", targets, "given one at a time", "leave one out")
-    structures = dict(build) if isinstance(build, Mapping) else {"": build}
-    check(structures, "build", build, "at least one observer", "give ell -> observer")
-    for make in structures.values():
-        check(callable(make), "build", make, "callable", "give ell -> observer")
-
-    record, known = None, (math.nan, math.nan)
-    if isinstance(log_or_noise, (tuple, list)):
-        record = _Record.of(tuple(log_or_noise), skip)
-        step = record.dt
-        if dt is not None:
-            given = check_number(dt, "dt", above=0.0)
-            median = f"the log's median time between samples, {step:.6g} s"
-            fits = math.isclose(given, step, rel_tol=1e-2)
-            check(fits, "dt", given, median, "leave it out, or correct the times")
-        found = "it is found in the log; give a noise level in place of the log to use it"
-        check(model_error is None, "model_error", model_error, "left out with a log", found)
-    else:
-        check(skip is None, "skip", skip, "left out without a log", "leave it out")
-        remedy = "give the standard deviation of the noise, or a log as a tuple (t, y)"
-        level = check_number(log_or_noise, "log_or_noise", above=0.0, remedy=remedy)
-        check(dt is not None, "dt", dt, "given with a noise level", "give the sampling period")
-        step = check_number(dt, "dt", above=0.0)
-        needed = "given with a noise level, for the least error"
-        remedy = "say how much the model lacks, or give a log, cutoff= or settling="
-        check(targets or model_error is not None, "model_error", None, needed, remedy)
-        lack = math.nan if model_error is None else model_error
-        if model_error is not None:
-            lack = check_number(model_error, "model_error", least=0.0)
-        known = level, lack
-
-    candidates: dict[str, _Candidate] = {}
-    refusals: dict[str, HgoError] = {}
-    for name, make in structures.items():
-        try:
-            candidates[name] = _Candidate(make, step, ells)
-        except HgoError as error:
-            refusals[name] = error
-    if not candidates:
-        raise next(iter(refusals.values()))
-    order = min(candidate.n for candidate in candidates.values())
-    index = order if state is None else check_integer(state, "state", least=1, most=order)
-    reached: dict[str, float] = {}
-    for name, candidate in candidates.items():
-        try:
-            candidate.look(index - 1, record, *known)
-            if targets:
-                reached[name] = candidate.reach(*next(iter(targets.items())))
-            else:
-                reached[name] = candidate.least_error()
-        except HgoError as error:
-            refusals[name] = error
-    if not reached:
-        raise next(iter(refusals.values()))
-
-    def cost(name: str) -> float:
-        """The noise at the target; else what explains the log best, or errs least on paper."""
-        if targets:
-            return candidates[name].point(reached[name])["noise"]
-        if record is not None:
-            return float(np.nanmin(candidates[name].curve.innovation))
-        return candidates[name].point(reached[name])["error"]
-
-    best = min(reached, key=cost)
-    chosen = candidates[best]
-    criterion = "least error"
-    for name, value in targets.items():
-        criterion = f"{name} {value:.4g} " + ("rad/s" if name == "cutoff" else "s")
-    ell = reached[best]
-    said = [f"structure {name!r} was left out: {error}" for name, error in refusals.items()]
-    for name in reached:
-        of = f"{name}: " if name else ""
-        said += [of + text for text in candidates[name].left_out()]
-    if not targets:
-        said += chosen.at_an_edge(ell)
-    whiteness = math.nan
-    if record is not None:
-        whiteness, doubts = chosen.doubts(ell, record, bool(targets))
-        said += doubts
-    for text in said:
-        warnings.warn(text, TuningWarning, stacklevel=2)
-    return Tuning(
-        observer=chosen.made(ell),
-        ell=ell,
-        structure=best,
-        state=index,
-        criterion=criterion,
-        noise=chosen.noise,
-        model_error=chosen.model_error,
-        point=chosen.point(ell),
-        curves={name: candidates[name].curve for name in reached},
-        whiteness=whiteness,
-        warnings=tuple(said),
-    )
-
-
-# --- a record ---------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class _Record:
-    """A log, and the part of it that is judged."""
-
-    arguments: tuple[Any, ...]
-    y: Array
-    dt: float
-    skip: float
-    judged: npt.NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, log: tuple[npt.ArrayLike, ...], skip: float | None) -> _Record:
-        fits = len(log) in (2, 3)
-        check(fits, "log_or_noise", f"{len(log)} arrays", "(t, y) or (t, y, u)", "give these")
-        clock, y = check_array(log[0], "t"), check_array(log[1], "y")
-        y = y[:, 0] if y.ndim == 2 and y.shape[1] == 1 else y
-        one = y.ndim == 1 and clock.shape in ((), y.shape)
-        shapes = f"{clock.shape}, {y.shape}"
-        check(one, "shapes of t and y", shapes, "(N,) each, or t a period", "give one output")
-        longer = "give a longer log"
-        check(len(y) >= 50, "samples of the log", len(y), ">= 50", longer)
-        t = clock
-        if not clock.ndim:
-            period = check_number(float(clock), "t, a period", above=0.0)
-            t = period * np.arange(len(y), dtype=np.float64)
-        steps = np.diff(t)
-        k = int(np.argmin(steps > 0.0))
-        increasing, remedy = bool(np.all(steps > 0.0)), "sort the record, drop repeated times"
-        around = f"{t[k]:.9g}, {t[k + 1]:.9g}"
-        check(increasing, f"t at samples {k} and {k + 1}", around, "increasing", remedy)
-        length = float(t[-1] - t[0])
-        start = length / 20.0
-        if skip is not None:
-            start = check_number(skip, "skip", above=0.0, below=length)
-        there = np.flatnonzero(np.isfinite(y))
-        check(
-            there.size >= 50, "samples of the log that are not missing", there.size, ">= 50", longer
-        )
-        waits = np.diff(t[there])
-        period = float(np.median(waits))
-        # After a gap the estimate has to be found again, for as long as it was left alone.
-        gap = np.flatnonzero(waits > 1.5 * period)
-        found = np.full(len(y), -np.inf)
-        found[there[gap + 1]] = t[there[gap + 1]] + np.minimum(waits[gap] - period, start)
-        judged = np.isfinite(y) & (t - t[0] >= start) & (t >= np.maximum.accumulate(found))
-        enough = int(np.sum(judged))
-        remedy = f"{longer}, steadier steps (their median is {period:.4g} s), or a shorter skip"
-        check(enough >= 50, "samples after skip and gaps", enough, ">= 50", remedy)
-        arguments = (clock if clock.ndim else float(clock), y, *log[2:])
-        return cls(arguments, y, period, start, judged)
-
-    def innovation(self, observer: Observer) -> Array:
-        """The innovation y - y_hat, NaN where it is not judged."""
-        start = np.zeros(observer.n)
-        start[0] = self.y[np.argmax(np.isfinite(self.y))]
-        run = observer.run(*self.arguments, x_hat0=start)
-        return np.where(self.judged, np.ravel(run.innovation), np.nan)
-
-    def moves(self, n: int) -> None:
-        """Refuse a record that stands still."""
-        values = np.unique(self.y[self.judged]).size
-        allowed = f"> {n}, the order: a record that stands still tells of no gain"
-        remedy = "give a log in which y moves, or the noise level in its place"
-        check(values > n, "distinct values of y after skip", values, allowed, remedy)
-
-    def coarse_step(self) -> float:
-        """The step of y where most samples move by one of it or not at all; else 0.
-
-        All increments are whole numbers of it.
-        """
-        both = self.judged[1:] & self.judged[:-1]
-        moved = np.abs(np.diff(self.y)[both])
-        rounding = 64.0 * np.finfo(np.float64).eps * float(np.max(np.abs(self.y[self.judged])))
-        if not np.any(moved > rounding):
-            return 0.0
-        step = float(np.min(moved[moved > rounding]))
-        counts = np.rint(moved / step)
-        whole = np.mean(np.abs(moved / step - counts) < 0.05) > 0.99
-        coarse = np.mean(counts <= 1.0) > 0.5 and np.unique(counts).size > 1
-        return step if whole and coarse else 0.0
-
-
-# --- one structure ----------------------------------------------------------------------------
-
-
-class _Candidate:
+class Candidate:
     """One structure: its trade-off over the gain."""
 
     curve: TradeOff
@@ -470,8 +73,6 @@ class _Candidate:
 
     def made(self, ell: float) -> Observer:
         """The observer with this gain, which must be what `build` is there for."""
-        from hgo_rs.observers import Observer
-
         call = f"build({ell:.6g})"
         try:
             observer = self.build(ell)
@@ -494,7 +95,7 @@ class _Candidate:
         check(self.n in (0, observer.n), f"order of {call}", observer.n, f"{self.n}", remedy)
         return observer
 
-    def look(self, index: int, record: _Record | None, noise: float, model_error: float) -> None:
+    def look(self, index: int, record: Record | None, noise: float, model_error: float) -> None:
         """Compute the curve of estimate `index`, over a record where there is one."""
         self.index, self.noise, self.model_error = index, noise, model_error
         if record is not None:
@@ -533,7 +134,7 @@ class _Candidate:
             },
         )
 
-    def grid(self, record: _Record | None) -> Array:
+    def grid(self, record: Record | None) -> Array:
         """The gains asked for; else gains that are stable and, on a record, forget their start
         before they are judged.
         """
@@ -681,7 +282,7 @@ class _Candidate:
             return [f"the least error is at the highest gain tried, {high:.4g} /s: {remedy}"]
         return []
 
-    def doubts(self, ell: float, record: _Record, by_target: bool) -> tuple[float, list[str]]:
+    def doubts(self, ell: float, record: Record, by_target: bool) -> tuple[float, list[str]]:
         """Whether the innovation at this gain is what white noise R and white model error Q give.
 
         A portmanteau test. Of the autocorrelations r_j, over n_j pairs, less those rho_j that R and

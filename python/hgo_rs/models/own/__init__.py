@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from hgo_rs.own.base import OwnSystem
-from hgo_rs.own.model import Model
-from hgo_rs.own.plant import Plant
+from hgo_rs.models.own.base import OwnSystem
+from hgo_rs.models.own.model import Model
+from hgo_rs.models.own.plant import Plant
 
 __all__ = ["Model", "OwnSystem", "Plant"]

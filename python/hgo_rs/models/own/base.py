@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, explain
+from hgo_rs.expressions import nodes
+from hgo_rs.expressions.errors import ExpressionError
 from hgo_rs.expressions.grammar import MAX_LENGTH, unknown
 from hgo_rs.expressions.nodes import Node, symbol
 from hgo_rs.expressions.printing import LONGEST, latex, text
 from hgo_rs.expressions.table import compile_table
-from hgo_rs.models import System
-from hgo_rs.own import analysis, show
-from hgo_rs.own.analysis import Jacobian
-from hgo_rs.own.names import Names
-from hgo_rs.own.sources import Group
+from hgo_rs.models.own import analysis
+from hgo_rs.models.own.analysis import Jacobian
+from hgo_rs.models.own.names import Names
+from hgo_rs.models.own.sources import Group
+from hgo_rs.models.papers import System
 from hgo_rs.read_only import ReadOnlyDict
 
 if TYPE_CHECKING:
@@ -254,7 +256,7 @@ class OwnSystem(System):
         for left, node in self.shown_equations():
             shown = latex(symbol(left.removesuffix("'")))
             rows.append((rf"\dot{{{shown}}}" if left.endswith("'") else shown, node))
-        return show.as_latex(rows)
+        return _as_latex(rows)
 
     def _repr_latex_(self) -> str | None:
         return f"${self.latex()}$" if self.compiled else None
@@ -264,7 +266,7 @@ class OwnSystem(System):
         raise NotImplementedError
 
     def __str__(self) -> str:
-        return show.as_text(self, self._title)
+        return _as_text(self, self._title)
 
     def __repr__(self) -> str:
         return f"<{self._title}: {', '.join(self.states)}>"
@@ -317,3 +319,46 @@ def written(side: Sequence[Node], name: str, shape: tuple[int, ...]) -> Any:
     if len(shape) == 2:
         return [texts[i : i + shape[1]] for i in range(0, len(texts), shape[1])]
     return texts
+
+
+def _as_text(system: OwnSystem, title: str) -> str:
+    """Equations, parameters, Jacobian and structure."""
+    lines = [title, *_names(system)]
+    if not system.compiled:
+        return "\n".join([*lines, f"  runs as Python, slowly: {system.why_not_compiled}"])
+    lines.append("  equations")
+    lines += [f"    {left} = {right}" for left, right in system.shown_equations()]
+    jacobian = system.jacobian()
+    lines.append("  Jacobian (where it is not 0)")
+    for label, row in zip(system.known_names, jacobian.rows, strict=True):
+        for name, entry in zip(jacobian.names, row, strict=True):
+            if entry.number != 0.0:
+                lines.append(f"    d({label})/d({name}) = {entry}")
+    return "\n".join([*lines, *_structure(system)])
+
+
+def _names(system: OwnSystem) -> Iterable[str]:
+    yield f"  states      {', '.join(system.states)}"
+    if system.inputs:
+        yield f"  inputs      {', '.join(system.inputs)}"
+    if system.parameters:
+        yield f"  parameters  {', '.join(f'{k} = {v:.9g}' for k, v in system.parameters.items())}"
+
+
+def _structure(system: OwnSystem) -> Iterable[str]:
+    for name in system.inputs:
+        try:
+            degree = system.relative_degree(name)
+            shown = "none: it does not reach the output" if degree is None else str(degree)
+        except ExpressionError as error:
+            shown = f"not found, {error}"
+        yield f"  relative degree of {name}: {shown}"
+    for node in nodes.order(node for group in system.equations.values() for node in group):
+        if node.op in ("sign", "atan2"):
+            yield f"  jumps: {node}; no Lipschitz bound across it"
+
+
+def _as_latex(equations: Sequence[tuple[str, Node]]) -> str:
+    """The equations, aligned."""
+    rows = [rf"{left} &= {latex(right)}" for left, right in equations]
+    return r"\begin{aligned} " + r" \\ ".join(rows) + r" \end{aligned}"

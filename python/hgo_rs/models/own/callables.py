@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from hgo_rs.own.base import OwnSystem
-from hgo_rs.own.sources import Group
+from hgo_rs.models.own.base import OwnSystem
+from hgo_rs.models.own.sources import Group
 
 __all__ = ["SlowModelWarning", "runnable", "stand_in", "warn_slow"]
 

@@ -16,7 +16,7 @@ from hgo_rs.expressions import nodes
 from hgo_rs.expressions.derivative import add, mul
 from hgo_rs.expressions.errors import ExpressionError
 from hgo_rs.expressions.nodes import Node
-from hgo_rs.own.sources import Arguments, Group
+from hgo_rs.models.own.sources import Arguments, Group
 
 __all__ = ["Form", "form_of"]
 

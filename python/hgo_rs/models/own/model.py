@@ -9,11 +9,11 @@ from hgo_rs.errors import HgoError, explain
 from hgo_rs.expressions import nodes
 from hgo_rs.expressions.grammar import unknown
 from hgo_rs.expressions.nodes import Node
-from hgo_rs.own.base import OwnSystem, written
-from hgo_rs.own.forms import form_of
-from hgo_rs.own.names import Names
-from hgo_rs.own.plant import Plant
-from hgo_rs.own.sources import Arguments, Group, read_group
+from hgo_rs.models.own.base import OwnSystem, written
+from hgo_rs.models.own.forms import form_of
+from hgo_rs.models.own.names import Names
+from hgo_rs.models.own.plant import Plant
+from hgo_rs.models.own.sources import Arguments, Group, read_group
 
 __all__ = ["Model"]
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hgo_rs.expressions.nodes import Node
-from hgo_rs.own.base import OwnSystem, written
-from hgo_rs.own.names import Names
-from hgo_rs.own.sources import Arguments, read_group
+from hgo_rs.models.own.base import OwnSystem, written
+from hgo_rs.models.own.names import Names
+from hgo_rs.models.own.sources import Arguments, read_group
 
 __all__ = ["Plant"]
 

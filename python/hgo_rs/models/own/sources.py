@@ -25,7 +25,7 @@ from hgo_rs.expressions.nodes import Node
 from hgo_rs.expressions.numeric import evaluate
 from hgo_rs.expressions.printing import text
 from hgo_rs.expressions.tracing import Symbolic, as_node, symbolic_vector
-from hgo_rs.own.names import Names, Parameters
+from hgo_rs.models.own.names import Names, Parameters
 
 __all__ = ["Arguments", "Group", "read_group"]
 

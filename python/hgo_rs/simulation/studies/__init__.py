@@ -6,8 +6,8 @@ keeps what is finished in a file, `result` is what a study gives, `run` ties the
 
 from __future__ import annotations
 
-from hgo_rs.studies.progress import StudyProgress
-from hgo_rs.studies.result import StudyError, StudyInterrupted, StudyResult
-from hgo_rs.studies.run import study
+from hgo_rs.simulation.studies.progress import StudyProgress
+from hgo_rs.simulation.studies.result import StudyError, StudyInterrupted, StudyResult
+from hgo_rs.simulation.studies.run import study
 
 __all__ = ["StudyError", "StudyInterrupted", "StudyProgress", "StudyResult", "study"]

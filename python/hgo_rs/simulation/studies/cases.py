@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.errors import HgoError, check, explain
-from hgo_rs.simulation import Experiment, execute, plan, simulate
+from hgo_rs.simulation.experiment import Experiment, execute, plan, simulate
 
 __all__ = ["experiments", "label", "rows_of", "title"]
 

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hgo_rs.errors import HgoError, check
-from hgo_rs.simulation import execute
-from hgo_rs.studies.cases import title
-from hgo_rs.studies.result import FRAMES, StudyError, StudyResult
-from hgo_rs.workers import end_with_parent
+from hgo_rs.simulation.experiment import execute
+from hgo_rs.simulation.studies.cases import title
+from hgo_rs.simulation.studies.result import FRAMES, StudyError, StudyResult
+from hgo_rs.simulation.workers import end_with_parent
 
 __all__ = ["compute", "cost", "executor_of"]
 

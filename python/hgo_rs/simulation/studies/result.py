@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from hgo_rs.errors import MissingExtraError, check, check_integer
-from hgo_rs.results import SimulationResult
-from hgo_rs.simulation import METRICS, Experiment, execute, result_of
-from hgo_rs.studies.cases import label, title
+from hgo_rs.errors import check, check_integer, need
+from hgo_rs.simulation.experiment import METRICS, Experiment, execute, result_of
+from hgo_rs.simulation.result import SimulationResult
+from hgo_rs.simulation.studies.cases import label, title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -179,10 +179,7 @@ class StudyResult:
 
     def to_dataframe(self, *, runs: bool = False) -> Any:
         """`table` as a pandas DataFrame; with `runs`, `run_table`. Needs the extra `data`."""
-        try:
-            import pandas as pd
-        except ImportError as error:
-            raise MissingExtraError("a table needs pandas: pip install 'hgo_rs[data]'") from error
+        pd = need("pandas", "a table needs pandas", "data")
         return pd.DataFrame(self.run_table() if runs else self.table)
 
     def to_xarray(self) -> Any:
@@ -192,12 +189,7 @@ class StudyResult:
         come `run` and `window`, `signal`, `entry`, `state`, `frame`, `output`. Cases of other
         sizes (another order, another number of frames) are filled up with NaN.
         """
-        try:
-            import xarray as xr
-        except ImportError as error:
-            raise MissingExtraError(
-                "a Dataset needs xarray: pip install 'hgo_rs[xarray]'"
-            ) from error
+        xr = need("xarray", "a Dataset needs xarray", "xarray")
         columns = self._parameter_columns()
         if self.axes is None:
             cases: dict[str, int] = {"case": len(self)}
@@ -231,7 +223,7 @@ class StudyResult:
 
         A line for each combination of the other parameters. Needs the extra `plot`.
         """
-        from hgo_rs.plotting import sweep_figure
+        from hgo_rs.plots import sweep_figure
 
         table, names = self.table, list(self.parameters[0])
         metrics = [name for name in table if f"{name}_se" in table]

@@ -10,12 +10,12 @@ import numpy as np
 
 from hgo_rs.errors import HgoError, check, check_choice, check_integer, check_number
 from hgo_rs.read_only import read_only
-from hgo_rs.simulation import BACKENDS, Experiment
-from hgo_rs.studies.cases import Parameters, experiments, rows_of
-from hgo_rs.studies.pieces import compute, executor_of
-from hgo_rs.studies.progress import StudyProgress, Teller
-from hgo_rs.studies.result import StudyError, StudyInterrupted, StudyResult, empty
-from hgo_rs.studies.saved import Saved
+from hgo_rs.simulation.experiment import BACKENDS, Experiment
+from hgo_rs.simulation.studies.cases import Parameters, experiments, rows_of
+from hgo_rs.simulation.studies.pieces import compute, executor_of
+from hgo_rs.simulation.studies.progress import StudyProgress, Teller
+from hgo_rs.simulation.studies.result import StudyError, StudyInterrupted, StudyResult, empty
+from hgo_rs.simulation.studies.saved import Saved
 
 __all__ = ["study"]
 

@@ -20,10 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from hgo_rs.errors import HgoError, MissingExtraError, check, explain
+from hgo_rs._version import __version__
+from hgo_rs.errors import HgoError, check, explain, need
 from hgo_rs.files import replacing
-from hgo_rs.studies.cases import label
-from hgo_rs.studies.result import FRAMES, StudyResult
+from hgo_rs.simulation.studies.cases import label
+from hgo_rs.simulation.studies.result import FRAMES, StudyResult
 
 __all__ = ["Saved"]
 
@@ -42,12 +43,8 @@ class Saved:
     """The file of a study: `load` what it holds, `keep` what is finished."""
 
     def __init__(self, path: str | os.PathLike[str], result: StudyResult) -> None:
-        try:
-            import pyarrow as pa
-            import pyarrow.parquet as pq
-        except ImportError as error:
-            raise MissingExtraError("save needs pyarrow: pip install 'hgo_rs[data]'") from error
-        self.pa, self.pq = pa, pq
+        pa = self.pa = need("pyarrow", "save needs pyarrow", "data")
+        self.pq = need("pyarrow.parquet", "save needs pyarrow", "data")
         pa.array(np.zeros(1))  # loads pandas, if it is there: now, not when Ctrl-C waits for it
         try:
             self.path = Path(path)
@@ -202,8 +199,6 @@ class Saved:
 
 def _identity(result: StudyResult) -> dict[str, Any]:
     """What a study is, as JSON has it: what all cases share, and the rest of each."""
-    from hgo_rs import __version__
-
     cases = []
     for parameters, experiment in zip(result.parameters, result.experiments, strict=True):
         spec = {k: v for k, v in experiment.spec.items() if k not in ("runs", "seed")}
