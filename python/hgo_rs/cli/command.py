@@ -20,8 +20,6 @@ from hgo_rs.cli.scenarios import list_command, reproduce_command, run_command
 from hgo_rs.cli.terminal import INTERRUPTED, TERMINATED, USAGE, complain, unknown
 from hgo_rs.errors import HgoError
 
-__all__ = ["main"]
-
 
 def main(args: Sequence[str] | None = None) -> None:
     """Run the command and exit with its status; every error is one clear line."""

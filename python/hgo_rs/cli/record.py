@@ -9,8 +9,6 @@ from typing import Any
 
 from hgo_rs.scenarios.base import Row
 
-__all__ = ["Record", "rows_to_json"]
-
 
 @dataclass(frozen=True)
 class Record:

@@ -17,8 +17,6 @@ from hgo_rs.scenarios.base import PAPERS, Row, format_number
 if TYPE_CHECKING:
     from hgo_rs.cli.record import Record
 
-__all__ = ["build", "counted", "format_value", "markdown", "markdown_row"]
-
 INLINE_SVG_LIMIT = 400_000
 """Bytes of SVG up to which a figure goes into the report as SVG; a heavier one goes in as PNG."""
 

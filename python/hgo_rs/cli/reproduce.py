@@ -29,8 +29,6 @@ from hgo_rs.files import together
 from hgo_rs.scenarios import Context, Row, Scenario, find
 from hgo_rs.simulation.workers import end_with_parent
 
-__all__ = ["OutputError", "OutputFolder", "Record", "execute", "run"]
-
 
 class OutputError(HgoError):
     """A file or folder cannot be written."""

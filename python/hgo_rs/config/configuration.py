@@ -41,8 +41,6 @@ from hgo_rs.files import write_text
 from hgo_rs.observers import Observer, StochasticApproximation
 from hgo_rs.read_only import read_only
 
-__all__ = ["Config", "load", "save"]
-
 _RIVALS = (("gain", "epsilon"), ("poles", "k", "alpha", "beta"))
 """Keys that stand in place of one another: a change of one drops the others."""
 

@@ -7,18 +7,6 @@ from typing import Any
 
 from hgo_rs.errors import HgoError
 
-__all__ = [
-    "FORMAT",
-    "GAINS",
-    "LOG",
-    "MODELS",
-    "OBSERVERS",
-    "SCHEDULE",
-    "START",
-    "TOP",
-    "ConfigError",
-]
-
 FORMAT = 1
 """The format of `observer.toml` that this version reads and writes."""
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hgo_rs.errors import HgoError, check_number, explain, need
+from hgo_rs.errors import HgoError, MissingExtraError, check_number, explain
 from hgo_rs.exports.program import UNDEFINED, words_of
 from hgo_rs.observers import Observer
 
@@ -38,7 +38,12 @@ def to_control(observer: Observer, dt: float, *, name: str = "observer") -> Any:
     MissingExtraError
         The package `control` is not installed.
     """
-    control = need("control", "to_control needs the package control", "control")
+    try:
+        import control
+    except ImportError:
+        raise MissingExtraError(
+            "to_control needs the package control: pip install 'hgo_rs[control]'"
+        ) from None
     period = check_number(dt, "dt", above=0.0)
     observer._check_dt(period, observer.allow_unstable)
     core, n, n_y = observer._core, observer.n, observer.n_y

@@ -21,8 +21,6 @@ from hgo_rs.expressions.nodes import Node, function
 if TYPE_CHECKING:
     from lark import Lark, Token, Tree
 
-__all__ = ["GRAMMAR", "MAX_LENGTH", "parse", "unknown"]
-
 MAX_LENGTH = 10_000
 """Characters of one expression."""
 

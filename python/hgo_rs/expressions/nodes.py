@@ -19,30 +19,6 @@ from weakref import WeakValueDictionary
 from hgo_rs import upward
 from hgo_rs.expressions.errors import ExpressionError
 
-__all__ = [
-    "BOOLEAN",
-    "MAX_DEPTH",
-    "MAX_NODES",
-    "MAX_POWER",
-    "Node",
-    "both",
-    "compare",
-    "constant",
-    "either",
-    "function",
-    "negate",
-    "no",
-    "order",
-    "pack",
-    "power",
-    "rebuilt",
-    "replaced",
-    "select",
-    "symbol",
-    "symbols",
-    "unpack",
-]
-
 MAX_DEPTH = 1000
 """Operations inside one another; longer chains are refused."""
 MAX_NODES = 20_000

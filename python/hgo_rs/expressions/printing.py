@@ -10,8 +10,6 @@ from hgo_rs import upward
 from hgo_rs.expressions.library import CONSTANTS
 from hgo_rs.expressions.nodes import Node, order
 
-__all__ = ["LONGEST", "latex", "text"]
-
 LONGEST = 5000
 """Operations of the longest text; beyond it, shared parts would be written out again and again."""
 

@@ -17,8 +17,6 @@ from hgo_rs.logs.read import read_log
 from hgo_rs.logs.table import DataError
 from hgo_rs.observers import Observer, RunResult
 
-__all__ = ["check_fit", "estimate", "run_chunks"]
-
 
 def estimate(log: str | Path | Log, config: str | Path | Config) -> RunResult:
     """Run the observer of a configuration over a log.

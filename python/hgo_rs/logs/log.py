@@ -11,8 +11,6 @@ import numpy as np
 
 from hgo_rs.errors import printable
 
-__all__ = ["Log", "LogSummary"]
-
 
 @dataclass(frozen=True)
 class Log:

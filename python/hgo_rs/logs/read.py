@@ -30,8 +30,6 @@ from hgo_rs.logs.table import (
 )
 from hgo_rs.observers import StochasticApproximation
 
-__all__ = ["read_chunks", "read_log"]
-
 
 def read_log(
     path: str | Path,

@@ -14,18 +14,6 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "UNITS",
-    "Ticks",
-    "likely",
-    "named_unit",
-    "span",
-    "ticks",
-    "unix_days",
-    "unix_unit",
-    "wrapped",
-]
-
 UNITS = {
     "s": Fraction(1),
     "ms": Fraction(1, 10**3),

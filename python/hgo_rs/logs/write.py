@@ -17,8 +17,6 @@ from hgo_rs.files import replacing
 from hgo_rs.logs.parquet import PARQUET
 from hgo_rs.logs.table import DataError
 
-__all__ = ["WRITABLE", "TableWriter", "check_writable_format", "write_table"]
-
 WRITABLE = (".csv", ".parquet", ".pq")
 
 

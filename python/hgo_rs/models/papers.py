@@ -7,36 +7,19 @@ core and the NumPy reference both understand.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from hgo_rs.errors import check, check_array, check_number
-from hgo_rs.read_only import ReadOnlyDict
-
-__all__ = [
-    "Crackle",
-    "InputGain",
-    "Lee",
-    "SanfelicePraly",
-    "Ship",
-    "System",
-    "Unknown",
-    "VanDerPol",
-]
+from hgo_rs.read_only import Described
 
 
 @dataclass(frozen=True)
-class System:
+class System(Described):
     """What an observer knows of a system, and, for a plant, the system itself.
 
     Base of the systems here and of the user's own, `hgo_rs.Model` and `hgo_rs.Plant`.
     """
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """Plain data, read-only: this model."""
-        raise NotImplementedError
 
     @property
     def order(self) -> int | None:
@@ -58,9 +41,7 @@ class System:
 class Unknown(System):
     """Nothing is known: phi = 0. The observer is then a differentiator. Any order."""
 
-    @property
-    def spec(self) -> dict[str, Any]:
-        return ReadOnlyDict({"kind": "none"})
+    _kind = ("kind", "none")
 
 
 @dataclass(frozen=True)
@@ -73,14 +54,12 @@ class InputGain(System):
         Input gain, in units of the n-th derivative of y for one unit of u.
     """
 
+    _kind = ("kind", "input")
+
     b0: float
 
     def __post_init__(self) -> None:
         check_number(self.b0, "b0")
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        return ReadOnlyDict({"kind": "input", "b0": float(self.b0)})
 
     @property
     def n_u(self) -> int:
@@ -91,9 +70,7 @@ class InputGain(System):
 class Lee(System):
     """x1' = x2, x2' = -x1/(1 + x1^2) - x2, y = x1. Lee, Choi and Khalil (38). State (2,)."""
 
-    @property
-    def spec(self) -> dict[str, Any]:
-        return ReadOnlyDict({"kind": "lee"})
+    _kind = ("kind", "lee")
 
     @property
     def order(self) -> int:
@@ -107,18 +84,14 @@ class SanfelicePraly(System):
     An observer knows nu1 [1/s] and not nu2.
     """
 
+    _kind = ("kind", "sanfelice-praly")
+
     nu1: float
     nu2: float = 0.1
 
     def __post_init__(self) -> None:
         check_number(self.nu1, "nu1")
         check_number(self.nu2, "nu2")
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        return ReadOnlyDict(
-            {"kind": "sanfelice-praly", "nu1": float(self.nu1), "nu2": float(self.nu2)}
-        )
 
     @property
     def order(self) -> int:
@@ -139,6 +112,8 @@ class VanDerPol(System):
     g = sigma, or sigma x2 where `multiplicative`. State (2,).
     """
 
+    _kind = ("kind", "van-der-pol")
+
     epsilon: float = 0.8
     sigma: float = 0.5
     multiplicative: bool = False
@@ -146,17 +121,6 @@ class VanDerPol(System):
     def __post_init__(self) -> None:
         check_number(self.epsilon, "epsilon")
         check_number(self.sigma, "sigma", least=0.0)
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        return ReadOnlyDict(
-            {
-                "kind": "van-der-pol",
-                "epsilon": float(self.epsilon),
-                "sigma": float(self.sigma),
-                "multiplicative": bool(self.multiplicative),
-            }
-        )
 
     @property
     def order(self) -> int:
@@ -171,6 +135,8 @@ class Crackle(System):
     phi clipped at +-phi_max.
     """
 
+    _kind = ("kind", "crackle")
+
     phi_max: float = 3.0
 
     def __post_init__(self) -> None:
@@ -180,10 +146,6 @@ class Crackle(System):
             least=0.5,
             remedy="|phi| reaches 0.5 along the system's own trajectory; take the paper's 3",
         )
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        return ReadOnlyDict({"kind": "crackle", "phi_max": float(self.phi_max)})
 
     @property
     def order(self) -> int:
@@ -210,6 +172,8 @@ class Ship(System):
         Disturbance [m/s^2, m/s^2, rad/s^2], unknown to the observer.
     """
 
+    _kind = ("kind", "ship")
+
     delta: float = 0.0
     w: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -219,10 +183,6 @@ class Ship(System):
         fits = w.shape == (3,) and np.isfinite(w).all()
         check(fits, "w", self.w, "three finite numbers", "give one disturbance for each z_i")
         object.__setattr__(self, "w", tuple(w.tolist()))  # no list of the caller's
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        return ReadOnlyDict({"kind": "ship", "delta": float(self.delta), "w": list(self.w)})
 
     @property
     def n_u(self) -> int:

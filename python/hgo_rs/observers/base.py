@@ -28,8 +28,6 @@ from hgo_rs.read_only import shown as frozen
 if TYPE_CHECKING:
     from hgo_rs.models import Model
 
-__all__ = ["Observer"]
-
 _OVERFLOW = "choose a smaller step or gain, another method, or fewer samples"
 
 

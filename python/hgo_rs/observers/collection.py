@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,8 +17,6 @@ from hgo_rs.observers.gains import AdaptiveGain
 from hgo_rs.observers.online import initial_gain
 from hgo_rs.observers.records import Array, vector
 
-__all__ = ["CopiesMetWarning", "ModifiedObserver", "RepelledCollection"]
-
 
 class CopiesMetWarning(UserWarning):
     """Copies of a collection have become identical, which they stay."""
@@ -26,27 +25,24 @@ class CopiesMetWarning(UserWarning):
 class _Copies(Observer):
     """What the collection and the modified observer share."""
 
+    _kind: ClassVar[str]
+
     def __init__(
         self,
-        kind: str,
         gain: AdaptiveGain,
+        *,
         k: npt.ArrayLike,
         k_bar: npt.ArrayLike,
-        copies: int,
-        model: System | None,
-        method: str,
-        timing: str,
-        allow_unstable: bool,
+        copies: int = 3,
+        model: System | None = None,
+        method: str = "rk4",
+        timing: str = DEFAULT_TIMING,
+        allow_unstable: bool = False,
     ) -> None:
-        check(
-            isinstance(gain, AdaptiveGain),
-            "gain",
-            gain,
-            "an AdaptiveGain",
-            "the collection is defined for law (6) only",
-        )
+        remedy = "the collection is defined for law (6) only"
+        check(isinstance(gain, AdaptiveGain), "gain", gain, "an AdaptiveGain", remedy)
         spec = {
-            "kind": kind,
+            "kind": self._kind,
             "n": 2,
             "k": vector(k, "k", 2).tolist(),
             "k_bar": vector(k_bar, "k_bar", 2).tolist(),
@@ -121,13 +117,10 @@ class _Copies(Observer):
 
     def _check_apart(self, copies: Array) -> None:
         for starts in copies.reshape(-1, self.copies, self.n + 1):
-            check(
-                len(np.unique(starts, axis=0)) == self.copies,
-                "starts of the copies",
-                starts.tolist(),
-                "different from one another",
-                "identical copies never separate; spread them with spread(...)",
-            )
+            holds = len(np.unique(starts, axis=0)) == self.copies
+            allowed = "different from one another"
+            remedy = "identical copies never separate; spread them with spread(...)"
+            check(holds, "starts of the copies", starts.tolist(), allowed, remedy)
 
     def nominal_gain(self, memory: npt.ArrayLike) -> Array:
         """r_bar = mean r_i (24) of the copies in memories (..., m)."""
@@ -151,21 +144,7 @@ class RepelledCollection(_Copies):
         As in `StandardObserver`.
     """
 
-    def __init__(
-        self,
-        gain: AdaptiveGain,
-        *,
-        k: npt.ArrayLike,
-        k_bar: npt.ArrayLike,
-        copies: int = 3,
-        model: System | None = None,
-        method: str = "rk4",
-        timing: str = DEFAULT_TIMING,
-        allow_unstable: bool = False,
-    ) -> None:
-        super().__init__(
-            "collection", gain, k, k_bar, copies, model, method, timing, allow_unstable
-        )
+    _kind = "collection"
 
     def spread(self, x_hat0: npt.ArrayLike, r0: npt.ArrayLike = 1.0) -> Array:
         """A memory from starts (copies, 2) that differ, and initial gains r >= 1."""
@@ -178,19 +157,7 @@ class ModifiedObserver(_Copies):
     Parameters as in `RepelledCollection`.
     """
 
-    def __init__(
-        self,
-        gain: AdaptiveGain,
-        *,
-        k: npt.ArrayLike,
-        k_bar: npt.ArrayLike,
-        copies: int = 3,
-        model: System | None = None,
-        method: str = "rk4",
-        timing: str = DEFAULT_TIMING,
-        allow_unstable: bool = False,
-    ) -> None:
-        super().__init__("modified", gain, k, k_bar, copies, model, method, timing, allow_unstable)
+    _kind = "modified"
 
     @property
     def gain(self) -> float:

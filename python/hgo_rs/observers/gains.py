@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from hgo_rs.errors import check_number
-from hgo_rs.read_only import ReadOnlyDict
-
-__all__ = ["AdaptiveGain", "ConstantGain", "DeadZoneGain", "FixedStep", "StochasticApproximation"]
+from hgo_rs.read_only import Described
 
 
 @dataclass(frozen=True)
-class ConstantGain:
+class ConstantGain(Described):
     """A fixed gain ell [1/s]; ell = 1/epsilon in Khalil's notation."""
+
+    _kind = ("law", "constant")
 
     ell: float
 
@@ -25,14 +24,9 @@ class ConstantGain:
         """Gain 1/epsilon, epsilon > 0 [s]."""
         return cls(1.0 / check_number(epsilon, "epsilon", above=0.0))
 
-    @property
-    def spec(self) -> dict[str, Any]:
-        """Plain data, read-only: this law."""
-        return ReadOnlyDict({"law": "constant", "ell": float(self.ell)})
-
 
 @dataclass(frozen=True)
-class _Adaptation:
+class _Adaptation(Described):
     p1: float
     p2: float
     b: float
@@ -50,39 +44,26 @@ class AdaptiveGain(_Adaptation):
     p1 > 0 is the speed, sqrt(p2) the output error that is tolerated, b in (0, 1/2).
     """
 
-    @property
-    def spec(self) -> dict[str, Any]:
-        """Plain data, read-only: this law."""
-        return ReadOnlyDict(
-            {"law": "adaptive", "p1": float(self.p1), "p2": float(self.p2), "b": float(self.b)}
-        )
+    _kind = ("law", "adaptive")
 
 
 @dataclass(frozen=True)
 class DeadZoneGain(_Adaptation):
     """r' = p1 max(0, (y_hat - y)^2 - p2) r^(1-2b). Sanfelice and Praly (4). r never decreases."""
 
-    @property
-    def spec(self) -> dict[str, Any]:
-        """Plain data, read-only: this law."""
-        return ReadOnlyDict(
-            {"law": "dead-zone", "p1": float(self.p1), "p2": float(self.p2), "b": float(self.b)}
-        )
+    _kind = ("law", "dead-zone")
 
 
 @dataclass(frozen=True)
-class FixedStep:
+class FixedStep(Described):
     """A fixed sampling period dt [s]."""
+
+    _kind = ("kind", "fixed")
 
     dt: float
 
     def __post_init__(self) -> None:
         check_number(self.dt, "dt", above=0.0)
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """Plain data, read-only: this schedule."""
-        return ReadOnlyDict({"kind": "fixed", "dt": float(self.dt)})
 
     @property
     def longest(self) -> float:
@@ -91,11 +72,13 @@ class FixedStep:
 
 
 @dataclass(frozen=True)
-class StochasticApproximation:
+class StochasticApproximation(Described):
     """Decreasing steps a(k) = alpha epsilon (1 + k/k0)^-p. Lee, Choi and Khalil (21).
 
     alpha > 0, epsilon > 0 [s], k0 > 0 [steps], p > 0; (A.2) of the paper holds for 1/2 < p <= 1.
     """
+
+    _kind = ("kind", "stochastic-approximation")
 
     alpha: float
     epsilon: float
@@ -105,19 +88,6 @@ class StochasticApproximation:
     def __post_init__(self) -> None:
         for name in ("alpha", "epsilon", "k0", "p"):
             check_number(getattr(self, name), name, above=0.0)
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """Plain data, read-only: this schedule."""
-        return ReadOnlyDict(
-            {
-                "kind": "stochastic-approximation",
-                "alpha": float(self.alpha),
-                "epsilon": float(self.epsilon),
-                "k0": float(self.k0),
-                "p": float(self.p),
-            }
-        )
 
     @property
     def longest(self) -> float:

@@ -31,8 +31,6 @@ from hgo_rs import _core
 from hgo_rs.errors import HgoError, check, check_array, check_integer, check_number
 from hgo_rs.observers.result import Gap, RunResult
 
-__all__ = ["gap_bound", "gap_error"]
-
 Array = npt.NDArray[np.float64]
 
 DURATIONS = 16

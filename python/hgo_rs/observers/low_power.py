@@ -16,8 +16,6 @@ from hgo_rs.observers.arguments import Gain, Poles
 from hgo_rs.observers.base import Observer
 from hgo_rs.observers.records import vector
 
-__all__ = ["LowPowerObserver", "PeakingFreeObserver"]
-
 
 class LowPowerObserver(Observer):
     """Low-power observer of order n: no coefficient above ell^2. Astolfi et al. (5).
@@ -146,11 +144,6 @@ def _saturation(levels: npt.ArrayLike, n: int, model: System | None) -> list[flo
     bounds = (None if model is None else model.bounds) or (0.0,) * n
     for i, (value, bound) in enumerate(zip(values, bounds[1:], strict=False), start=2):
         least = f">= {bound:g}, the model's own bound of |x_{i}|" if bound else "> 0"
-        check(
-            value > 0.0 and value >= bound,
-            f"saturation r_{i}",
-            float(value),
-            least,
-            "Astolfi et al. (10); choose a larger level",
-        )
+        remedy = "Astolfi et al. (10); choose a larger level"
+        check(value > 0.0 and value >= bound, f"saturation r_{i}", float(value), least, remedy)
     return [float(v) for v in values]

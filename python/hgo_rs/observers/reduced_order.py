@@ -10,8 +10,6 @@ from hgo_rs.models import Model, Ship
 from hgo_rs.observers.base import Observer
 from hgo_rs.observers.records import vector
 
-__all__ = ["ReducedOrderObserver"]
-
 
 class ReducedOrderObserver(Observer):
     """High-gain reduced-order observer for sampled data. Katayama (8), (22).

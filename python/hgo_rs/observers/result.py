@@ -15,8 +15,6 @@ from hgo_rs.read_only import shown
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Gap", "RunResult"]
-
 Array = npt.NDArray[np.float64]
 
 

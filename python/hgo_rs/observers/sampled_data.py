@@ -6,8 +6,6 @@ from hgo_rs.errors import check, check_choice
 from hgo_rs.models import Model, VanDerPol
 from hgo_rs.observers.base import Observer
 
-__all__ = ["SampledDataObserver"]
-
 
 class SampledDataObserver(Observer):
     """Sampled-data observer on an Euler-Maruyama model. Fu, Kang and Li (5).

@@ -8,8 +8,6 @@ from hgo_rs.errors import check
 from hgo_rs.models import Model
 from hgo_rs.observers.base import Observer
 
-__all__ = ["MultiOutputObserver"]
-
 _CHAIN_KINDS = ("standard", "low-power", "peaking-free")
 
 

@@ -10,8 +10,6 @@ from hgo_rs.observers import arguments
 from hgo_rs.observers.arguments import Gain, Poles
 from hgo_rs.observers.base import Observer
 
-__all__ = ["StandardObserver"]
-
 
 class StandardObserver(Observer):
     """Standard high-gain observer of order n, any gain law.

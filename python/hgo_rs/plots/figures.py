@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["estimate_figure", "note_peak", "shade_gaps", "sweep_figure", "tuning_figure"]
-
 
 def shade_gaps(ax: Axes, time: np.ndarray, missing: np.ndarray) -> None:
     """Shade the spans where samples are missing."""

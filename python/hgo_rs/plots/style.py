@@ -19,8 +19,6 @@ from hgo_rs.files import replacing
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["COLOURS", "new_figure", "render", "require_matplotlib", "save", "style"]
-
 COLOURS = {
     "black": "#1a1a1a",
     "blue": "#0072b2",

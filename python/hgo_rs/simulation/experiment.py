@@ -21,8 +21,6 @@ from hgo_rs.read_only import ReadOnlyDict
 from hgo_rs.simulation.noise import Noise, RecordedNoise
 from hgo_rs.simulation.result import SimulationResult
 
-__all__ = ["simulate"]
-
 PLANT_METHODS = (
     "euler",
     "rk4",

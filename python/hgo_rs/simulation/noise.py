@@ -16,8 +16,6 @@ import numpy.typing as npt
 from hgo_rs.errors import HgoError, check, check_array, check_integer, check_number
 from hgo_rs.read_only import shown
 
-__all__ = ["Noise", "NormalNoise", "RecordedNoise", "Sines", "UniformNoise", "filtered_noise"]
-
 Sine = tuple[float, float, float]
 
 

@@ -14,8 +14,6 @@ from hgo_rs.read_only import shown
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["SimulationResult"]
-
 Array = npt.NDArray[np.float64]
 
 

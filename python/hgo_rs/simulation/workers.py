@@ -7,8 +7,6 @@ import os
 import threading
 from multiprocessing.connection import wait
 
-__all__ = ["end_with_parent"]
-
 _LOCK = threading.Lock()
 _followed: set[int] = set()
 

@@ -24,8 +24,6 @@ from hgo_rs.observers import Observer
 from hgo_rs.tuning.record import Record
 from hgo_rs.tuning.result import Array, TradeOff
 
-__all__ = ["Build", "Candidate"]
-
 Build = Callable[[float], Observer]
 """An observer with the gain given [1/s]."""
 

@@ -19,8 +19,6 @@ from hgo_rs.tuning.candidate import Build, Candidate
 from hgo_rs.tuning.record import Record
 from hgo_rs.tuning.result import Tuning
 
-__all__ = ["TuningWarning", "tune"]
-
 
 class TuningWarning(UserWarning):
     """What `tune` cannot know from what it was given, so that its choice may be off."""

@@ -12,8 +12,6 @@ from hgo_rs.errors import check, check_array, check_number
 from hgo_rs.observers import Observer
 from hgo_rs.tuning.result import Array
 
-__all__ = ["Record"]
-
 
 @dataclass(frozen=True, eq=False)
 class Record:

@@ -15,8 +15,6 @@ from hgo_rs.observers import Observer
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["TradeOff", "Tuning"]
-
 Array = npt.NDArray[np.float64]
 
 

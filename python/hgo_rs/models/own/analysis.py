@@ -17,8 +17,6 @@ from hgo_rs.expressions.interval import bounds, jumps
 from hgo_rs.expressions.nodes import Node
 from hgo_rs.expressions.numeric import evaluate
 
-__all__ = ["Jacobian", "lipschitz", "relative_degree"]
-
 Array = npt.NDArray[np.float64]
 Box = Mapping[str, tuple[float, float]]
 

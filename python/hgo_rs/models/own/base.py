@@ -26,8 +26,6 @@ from hgo_rs.read_only import ReadOnlyDict
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-__all__ = ["OwnSystem", "written"]
-
 Array = npt.NDArray[np.float64]
 
 

@@ -14,8 +14,6 @@ import numpy as np
 from hgo_rs.models.own.base import OwnSystem
 from hgo_rs.models.own.sources import Group
 
-__all__ = ["SlowModelWarning", "runnable", "stand_in", "warn_slow"]
-
 
 class SlowModelWarning(UserWarning):
     """A model runs as Python, call by call."""

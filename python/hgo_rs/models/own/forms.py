@@ -18,8 +18,6 @@ from hgo_rs.expressions.errors import ExpressionError
 from hgo_rs.expressions.nodes import Node
 from hgo_rs.models.own.sources import Arguments, Group
 
-__all__ = ["Form", "form_of"]
-
 Sides = Mapping[str, Sequence[Node]]
 
 

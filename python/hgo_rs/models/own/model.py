@@ -15,8 +15,6 @@ from hgo_rs.models.own.names import Names
 from hgo_rs.models.own.plant import Plant
 from hgo_rs.models.own.sources import Arguments, Group, read_group
 
-__all__ = ["Model"]
-
 
 class Model(OwnSystem):
     """A system of your own, as an observer knows it.

@@ -11,8 +11,6 @@ from hgo_rs.errors import HgoError, check, check_number, explain
 from hgo_rs.expressions.grammar import unknown
 from hgo_rs.expressions.library import RESERVED
 
-__all__ = ["Names", "Parameters"]
-
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _ALLOWED = "a letter, then letters, digits and _, at most 64 characters"
 
@@ -44,13 +42,8 @@ class Names:
     ) -> Names:
         """Checked names; HgoError for one that is reserved, doubled or no name."""
         given = {} if parameters is None else parameters
-        check(
-            isinstance(given, Mapping),
-            "parameters",
-            given,
-            "a dict of names and values",
-            'write parameters={"M": 95.1}',
-        )
+        remedy = 'write parameters={"M": 95.1}'
+        check(isinstance(given, Mapping), "parameters", given, "a dict of names and values", remedy)
         names = cls(
             _list(states, "states", least=1),
             _list(inputs, "inputs"),

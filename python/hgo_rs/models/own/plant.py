@@ -10,8 +10,6 @@ from hgo_rs.models.own.base import OwnSystem, written
 from hgo_rs.models.own.names import Names
 from hgo_rs.models.own.sources import Arguments, read_group
 
-__all__ = ["Plant"]
-
 
 class Plant(OwnSystem):
     """A system of your own to simulate: dx = drift(t, x) dt + diffusion(t, x) dW, y = output(t, x).

@@ -27,8 +27,6 @@ from hgo_rs.expressions.printing import text
 from hgo_rs.expressions.tracing import Symbolic, as_node, symbolic_vector
 from hgo_rs.models.own.names import Names, Parameters
 
-__all__ = ["Arguments", "Group", "read_group"]
-
 Array = npt.NDArray[np.float64]
 
 _PROBES = 3  # points at which a trace is compared with its callable

@@ -13,8 +13,6 @@ import numpy as np
 from hgo_rs.errors import HgoError, check, explain
 from hgo_rs.simulation.experiment import Experiment, execute, plan, simulate
 
-__all__ = ["experiments", "label", "rows_of", "title"]
-
 Build = Callable[..., Mapping[str, Any]]
 Parameters = dict[str, Any]
 

@@ -20,8 +20,6 @@ from hgo_rs.simulation.studies.cases import title
 from hgo_rs.simulation.studies.result import FRAMES, StudyError, StudyResult
 from hgo_rs.simulation.workers import end_with_parent
 
-__all__ = ["compute", "cost", "executor_of"]
-
 _HERE, _ELSEWHERE = 0.2, 0.5
 """Seconds that a task should take: in this process, by an executor."""
 _FIRST = 200_000

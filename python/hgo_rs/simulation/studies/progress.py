@@ -14,8 +14,6 @@ from hgo_rs.errors import check
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-__all__ = ["StudyProgress", "Teller"]
-
 
 @dataclass(frozen=True)
 class StudyProgress:

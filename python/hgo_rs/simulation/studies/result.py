@@ -19,8 +19,6 @@ from hgo_rs.simulation.studies.cases import label, title
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["StudyError", "StudyInterrupted", "StudyResult"]
-
 Array = npt.NDArray[Any]
 
 

@@ -17,8 +17,6 @@ from hgo_rs.simulation.studies.progress import StudyProgress, Teller
 from hgo_rs.simulation.studies.result import StudyError, StudyInterrupted, StudyResult, empty
 from hgo_rs.simulation.studies.saved import Saved
 
-__all__ = ["study"]
-
 _RUNS = 2**30
 _FREE = 0.8
 """Part of the free memory that a result may take."""

@@ -26,8 +26,6 @@ from hgo_rs.files import replacing
 from hgo_rs.simulation.studies.cases import label
 from hgo_rs.simulation.studies.result import FRAMES, StudyResult
 
-__all__ = ["Saved"]
-
 _KEY = b"hgo_rs.study"
 _FORMAT = 2
 _SUM = "checksum"
