@@ -118,9 +118,7 @@ def _overview(by_paper: Mapping[str, Sequence[Record]]) -> str:
             f'<td data-label="Result">{_badge(all(r.ok for r in records))}</td></tr>'
         )
     return _section(
-        "Summary",
-        "summary",
-        _table(["Paper", "Scenarios#", "Rows#", "Time#", "Result"], lines),
+        "Summary", "summary", _table(["Paper", "Scenarios#", "Rows#", "Time#", "Result"], lines)
     )
 
 

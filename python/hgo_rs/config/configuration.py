@@ -17,23 +17,8 @@ import numpy as np
 
 from hgo_rs import models, observers
 from hgo_rs._version import __version__
-from hgo_rs.config.keys import (
-    FORMAT,
-    GAINS,
-    INTEGER,
-    LOG,
-    MODELS,
-    OBSERVERS,
-    SCHEDULE,
-    START,
-    TABLE,
-    TABLES,
-    TEXT,
-    TOP,
-    ConfigError,
-    Kind,
-    is_number,
-)
+from hgo_rs.config import keys
+from hgo_rs.config.keys import FORMAT, MODELS, OBSERVERS, TEXT, TOP, ConfigError, Kind
 from hgo_rs.config.tables import model_table, observer_table, plain
 from hgo_rs.config.text import parsed, read
 from hgo_rs.errors import HgoError, nearest
@@ -97,19 +82,23 @@ class Config:
         def fill(into: Any, values: Mapping[str, Any]) -> Any:
             for key, value in values.items():
                 written = item(value)
-                if key in _UNITS and is_number(value):
+                if key in _UNITS and keys.is_number(value):
                     written.comment(_UNITS[key])
                 into.add(key, written)
             return into
 
         document = tomlkit.document()
-        tables = [key for key, kind in TOP.items() if kind in (TABLE, TABLES) and key in self.data]
+        tables = [
+            key
+            for key, kind in TOP.items()
+            if kind in (keys.TABLE, keys.TABLES) and key in self.data
+        ]
         fill(
             document, {key: self.data[key] for key in TOP if key in self.data and key not in tables}
         )
         for key in tables:
             document.add(tomlkit.nl())
-            if TOP[key] is TABLES:
+            if TOP[key] is keys.TABLES:
                 several = tomlkit.aot()
                 for table in self.data[key]:
                     several.append(fill(tomlkit.table(), table))
@@ -205,7 +194,7 @@ class Config:
         return Config(plain(data), self.source, self._lines)
 
     def _gain(self, told: dict[str, Any]) -> Any:
-        name, _ = GAINS[told["law"]]
+        name, _ = keys.GAINS[told["law"]]
         return self._built(("gain",), getattr(observers, name), _without(told, "law"))
 
     def _model(self) -> Any:
@@ -259,7 +248,7 @@ class Config:
         if "format" not in self.data:
             self._check_table((), self.data, TOP)
             raise self._error(("format",), "is missing", f"begin the file with format = {FORMAT}")
-        self._check_type(("format",), self.data["format"], INTEGER)
+        self._check_type(("format",), self.data["format"], keys.INTEGER)
         if self.data["format"] != FORMAT:
             given = self.data["format"]
             raise self._error(
@@ -276,8 +265,8 @@ class Config:
         self._check_choice(("observer",), self.data["observer"], OBSERVERS)
         gain = self.data.get("gain")
         if isinstance(gain, dict):
-            kind = self._check_kind(("gain",), gain, "law", GAINS)
-            self._check_table(("gain",), gain, {"law": TEXT, **GAINS[kind][1]}, needs=True)
+            kind = self._check_kind(("gain",), gain, "law", keys.GAINS)
+            self._check_table(("gain",), gain, {"law": TEXT, **keys.GAINS[kind][1]}, needs=True)
         self._check_use()
         model = self.data.get("model")
         if model is not None:
@@ -289,10 +278,10 @@ class Config:
             self._check_table(("model",), model, {"kind": TEXT, **MODELS[kind][1]})
         if "observers" in self.data:
             self._inner()
-        self._check_table(("start",), self.data.get("start", {}), START)
+        self._check_table(("start",), self.data.get("start", {}), keys.START)
         log = self.data.get("log", {})
-        self._check_table(("log",), log, LOG)
-        self._check_table(("log", "schedule"), log.get("schedule", {}), SCHEDULE)
+        self._check_table(("log",), log, keys.LOG)
+        self._check_table(("log", "schedule"), log.get("schedule", {}), keys.SCHEDULE)
 
     def _check_use(self) -> None:
         """Every key at the head is an argument of the observer's class."""
@@ -343,7 +332,12 @@ class Config:
             raise self._error(path, f"is {shown}", f"write {wanted}")
 
     def _unknown(self, path: tuple[str, ...], known: Mapping[str, Kind]) -> ConfigError:
-        homes = {"no table": TOP, "[model]": MODELS["own"][1], "[start]": START, "[log]": LOG}
+        homes = {
+            "no table": TOP,
+            "[model]": MODELS["own"][1],
+            "[start]": keys.START,
+            "[log]": keys.LOG,
+        }
         home = next((name for name, table in homes.items() if path[-1] in table), None)
         near = nearest(path[-1], known, cutoff=0.6)
         if home:

@@ -58,8 +58,7 @@ class Node:
     size: int
 
     def __repr__(self) -> str:
-        shown: str = upward.call("text of an expression", self)
-        return shown
+        return str(upward.call("text of an expression", self))
 
     def __reduce__(self) -> tuple[Callable[..., Node], tuple[object, ...]]:
         return _restore, (pack([self]),)

@@ -11,24 +11,9 @@ from typing import NoReturn
 import numpy as np
 
 from hgo_rs.errors import check_choice, check_number, printable
+from hgo_rs.logs import times
 from hgo_rs.logs.table import Columns, DataError, Table, refuse
-from hgo_rs.logs.times import (
-    COUNTED,
-    FARTHEST,
-    FAST,
-    LONGEST,
-    SLOW,
-    SLOWEST,
-    UNITS,
-    Ticks,
-    likely,
-    named_unit,
-    span,
-    ticks,
-    unix_days,
-    unix_unit,
-    wrapped,
-)
+from hgo_rs.logs.times import UNITS, Ticks, span
 from hgo_rs.observers import StochasticApproximation
 
 WINDOW = 1000
@@ -100,16 +85,16 @@ class Clock:
         law = self.schedule
         k = np.arange(self._count, self._count + count)
         steps = law.alpha * law.epsilon * (1.0 + k / law.k0) ** -law.p
-        times = np.cumsum(np.r_[self._next, steps])
-        self._next = float(times[-1])
-        return np.asarray(times[:-1])
+        made = np.cumsum(np.r_[self._next, steps])
+        self._next = float(made[-1])
+        return np.asarray(made[:-1])
 
     # --- from ticks to seconds ------------------------------------------------------------------
 
     def ticks(self, table: Table) -> Ticks:
         """The column as whole ticks."""
         assert isinstance(self.time, str)
-        found = ticks(table.columns[self.time])
+        found = times.ticks(table.columns[self.time])
         if isinstance(found, str):
             raise DataError(f"{self.path}: column {self.time!r} {found}")
         return found
@@ -127,7 +112,7 @@ class Clock:
         else:
             self.length = UNITS[self._found_unit(found)]
         self._first = float(found.first() * self.length)
-        if found.length is None and abs(found.first() * self.length) >= FARTHEST:
+        if found.length is None and abs(found.first() * self.length) >= times.FARTHEST:
             self._refuse_unit(
                 f"the time {self.time!r} begins at {found.first()}, taken in {self.unit}: "
                 f"{span(self._first)} from its origin"
@@ -140,12 +125,12 @@ class Clock:
     def _found_unit(self, found: Ticks) -> str:
         assert isinstance(self.time, str)
         if self.unit is not None:
-            named, _ = named_unit(self.time)
+            named, _ = times.named_unit(self.time)
             if named not in (None, self.unit):
                 told = f"times {self.time!r} are taken in {self.unit}, though the name says {named}"
                 self.remarks += (told,)
         else:
-            self.unit, why = named_unit(self.time)
+            self.unit, why = times.named_unit(self.time)
             if why:
                 raise DataError(
                     f"{self.path}: the unit of the time {self.time!r} cannot be told: {why}; say "
@@ -155,7 +140,7 @@ class Clock:
                 self.remarks += (f"times {self.time!r} are in {self.unit}, as the name says",)
         if self.unit is None:
             self.assumed = True
-            self.unit = unix_unit(found.first())
+            self.unit = times.unix_unit(found.first())
             if self.unit not in (None, "s"):
                 self.remarks += (
                     f"times {self.time!r} are read as Unix times in {self.unit} (unit says "
@@ -167,7 +152,7 @@ class Clock:
     def begin(self, found: Ticks) -> tuple[Fraction, bool]:
         """The first time [s], exactly, and whether times must count from about there."""
         assert self.length is not None
-        return found.first() * self.length, found.is_date or abs(found.first()) >= COUNTED
+        return found.first() * self.length, found.is_date or abs(found.first()) >= times.COUNTED
 
     def seconds(self, found: Ticks) -> np.ndarray:
         """Seconds, NaN where missing; they count from the origin, set with the first block."""
@@ -227,7 +212,7 @@ class Clock:
     def _wrapped(self, fell: float, usual: float) -> int | None:
         """The bits of a counter that came to its end where the time fell."""
         ticks = float(self.length or 1)
-        return wrapped(fell / ticks, usual / ticks) if 0.0 < usual < fell else None
+        return times.wrapped(fell / ticks, usual / ticks) if 0.0 < usual < fell else None
 
     def _remedy(self, fell: float, bits: int | None, reset: bool, newest_first: bool) -> str:
         if newest_first:
@@ -266,7 +251,7 @@ class Clock:
         self._steps = waiting[full:]
         self._windows += full // WINDOW
         k = int(np.argmax(steps))
-        if steps[k] >= LONGEST:
+        if steps[k] >= times.LONGEST:
             self._check_median(float(np.median(within)))
             other = f", or say a unit other than {self.unit}" if self.unit else ""
             raise DataError(
@@ -276,13 +261,13 @@ class Clock:
 
     def _check_median(self, median: float) -> None:
         """Refuse a usual step that no record has, or that seconds nobody spoke of would make."""
-        days = unix_days(self._first) if self.assumed and median < FAST else None
+        days = times.unix_days(self._first) if self.assumed and median < times.FAST else None
         if days:
             raise DataError(
                 f"{self.path}: the times {self.time!r} begin at {self._first:.9g} with a median "
                 f"step of {median:.3g}, a {days} date in days, taken in s; say unit = one of s, d"
             )
-        if median < (SLOW if self.assumed else SLOWEST):
+        if median < (times.SLOW if self.assumed else times.SLOWEST):
             return
         told = f"the median step of the time {self.time!r} is {span(median)}"
         if self.length is not None and self.unit is None:  # dates
@@ -292,7 +277,7 @@ class Clock:
     def _refuse_unit(self, told: str, step: float | None = None) -> NoReturn:
         if self.assumed:
             told += ", which neither unit nor the name says"
-        guess = f"{likely(step / float(self.length))}; " if step and self.length else ""
+        guess = f"{times.likely(step / float(self.length))}; " if step and self.length else ""
         kept = "say unit = one of " + ", ".join(UNITS)
         if not self.assumed:
             kept = "say another unit, or give dt in place of the time"

@@ -214,12 +214,7 @@ def _fast(
 
 
 def _slow(
-    path: Path,
-    block: _Counted,
-    delimiter: str | None,
-    at: Mapping[str, int],
-    width: int,
-    line: int,
+    path: Path, block: _Counted, delimiter: str | None, at: Mapping[str, int], width: int, line: int
 ) -> Table:
     """A block, cell by cell: comments, quotes, words for missing samples, and every complaint."""
     columns = {name: array("d") for name in at}

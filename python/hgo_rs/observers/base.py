@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from hgo_rs import _core, upward
 from hgo_rs.design.discretisation import StepLimit, step_limit
 from hgo_rs.design.response import bandwidth, noise_gain, peaking, settling
 from hgo_rs.errors import DesignError, HgoError
+from hgo_rs.models import Model
 from hgo_rs.models.own.callables import clocked, stand_in, warn_slow
 from hgo_rs.observers import records
 from hgo_rs.observers.gaps import gap_error
@@ -24,9 +25,6 @@ from hgo_rs.observers.online import TAMER, OnlineObserver
 from hgo_rs.observers.records import Array
 from hgo_rs.observers.result import Gap, RunResult
 from hgo_rs.read_only import shown as frozen
-
-if TYPE_CHECKING:
-    from hgo_rs.models import Model
 
 _OVERFLOW = "choose a smaller step or gain, another method, or fewer samples"
 
@@ -98,16 +96,9 @@ class Observer(OnlineObserver):
             increase; a step at or above the stability limit; an estimate that diverged.
         """
         if timing is not None and timing != self.timing:
-            return self.with_timing(timing).run(
-                t_or_dt,
-                y,
-                u,
-                x_hat0=x_hat0,
-                r0=r0,
-                memory0=memory0,
-                until=until,
-                allow_unstable=allow_unstable,
-            )
+            given: dict[str, Any] = {"x_hat0": x_hat0, "r0": r0, "memory0": memory0}
+            given |= {"until": until, "allow_unstable": allow_unstable}
+            return self.with_timing(timing).run(t_or_dt, y, u, **given)
         allow = self.allow_unstable if allow_unstable is None else bool(allow_unstable)
         samples = records.samples(y, self.n_y)
         clock = records.clock(t_or_dt, len(samples))
@@ -204,8 +195,7 @@ class Observer(OnlineObserver):
 
     def export(self, *, to: str, out: str | Path, **options: Any) -> list[Path]:
         """Write this observer as source code, see `hgo_rs.export`."""
-        written: list[Path] = upward.call("export", self, to=to, out=out, **options)
-        return written
+        return cast("list[Path]", upward.call("export", self, to=to, out=out, **options))
 
     def to_control(self, dt: float, *, name: str = "observer") -> Any:
         """This law as a discrete-time system of the package `control`: see

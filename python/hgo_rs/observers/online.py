@@ -235,10 +235,7 @@ class OnlineObserver(_core.Online):
         self._told, self._time = memory0 is not None, time
 
     def _start(
-        self,
-        x_hat0: npt.ArrayLike | None,
-        r0: float | None,
-        memory0: npt.ArrayLike | None,
+        self, x_hat0: npt.ArrayLike | None, r0: float | None, memory0: npt.ArrayLike | None
     ) -> Array:
         if memory0 is None:
             return self.initial_memory(x_hat0, r0=r0)
@@ -301,12 +298,7 @@ class OnlineObserver(_core.Online):
         return HgoError(self._undefined(where, self._time, sample, told, self.memory))
 
     def _undefined(
-        self,
-        where: str,
-        t: float,
-        sample: npt.ArrayLike,
-        told: npt.ArrayLike | None,
-        memory: Array,
+        self, where: str, t: float, sample: npt.ArrayLike, told: npt.ArrayLike | None, memory: Array
     ) -> str:
         """What to say where the model has no value at a sample: of which equation, and for what."""
         y = np.asarray(sample, dtype=float)

@@ -117,13 +117,7 @@ def estimate_figure(
             if x is not None:
                 truth = np.asarray(x, dtype=float).reshape(len(time), -1)
                 ax.plot(time, truth[:, i], color=COLOURS["black"], linewidth=2.2, label="true")
-            ax.plot(
-                time,
-                x_hat[:, i],
-                color=COLOURS["vermillion"],
-                linewidth=1.1,
-                label="estimate",
-            )
+            ax.plot(time, x_hat[:, i], color=COLOURS["vermillion"], linewidth=1.1, label="estimate")
             ax.set_title(states[i])
             _leave_peak_out(ax, time, x_hat[:, i])
         if len(axes[0].get_lines()) > 1:
@@ -178,11 +172,7 @@ def note_peak(ax: Axes, values: np.ndarray) -> None:
 
 
 def sweep_figure(
-    lines: Mapping[str, tuple[Any, Any, Any]],
-    *,
-    x: str,
-    y: str,
-    figure: Figure | None = None,
+    lines: Mapping[str, tuple[Any, Any, Any]], *, x: str, y: str, figure: Figure | None = None
 ) -> Figure:
     """Draw a quantity over a parameter, with error bars; a line for each named (x, y, error)."""
     require_matplotlib()

@@ -32,7 +32,6 @@ PLANT_METHODS = (
 )
 """How the plant moves; `held` keeps it at x0, the last three need process noise."""
 
-
 BACKENDS = ("rust", "numpy")
 
 _LONGEST = 10**15

@@ -9,16 +9,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import numpy.typing as npt
 
+from hgo_rs.design import response
 from hgo_rs.design.discretisation import step_limit
-from hgo_rs.design.response import (
-    bandwidth,
-    innovation_covariance,
-    innovation_gain,
-    model_gain,
-    noise_gain,
-    peaking,
-    settling,
-)
 from hgo_rs.errors import HgoError, check, check_array, explain
 from hgo_rs.observers import Observer
 from hgo_rs.tuning.record import Record
@@ -143,7 +135,9 @@ class Candidate:
         low, high = low / self.dt, min(high / self.dt, 0.9 * limit)
         if record is not None:
             spec = self.any.spec
-            low = max(low, float(np.max(settling(spec))) * spec["gain"]["ell"] / record.skip)
+            low = max(
+                low, float(np.max(response.settling(spec))) * spec["gain"]["ell"] / record.skip
+            )
         remedy = "give a longer log or a longer skip, or ells="
         check(low < high, "least gain that settles within skip", low, f"< {high:.4g}", remedy)
         return np.geomspace(low, high, _POINTS)
@@ -154,11 +148,11 @@ class Candidate:
         """
         spec, dt, i = observer.spec, self.dt, self.index
         out = {
-            "bandwidth": float(bandwidth(spec, dt)[i]),  # may be infinite
-            "settling": float(settling(spec, dt)[i]),
-            "peaking": float(peaking(spec, dt)[i]),
-            "noise": float(noise_gain(spec, dt)[i]),
-            "model": float(model_gain(spec, dt)[i]),
+            "bandwidth": float(response.bandwidth(spec, dt)[i]),  # may be infinite
+            "settling": float(response.settling(spec, dt)[i]),
+            "peaking": float(response.peaking(spec, dt)[i]),
+            "noise": float(response.noise_gain(spec, dt)[i]),
+            "model": float(response.model_gain(spec, dt)[i]),
         }
         for name, value in out.items():
             sound = value >= 0.0 and (name == "bandwidth" or math.isfinite(value))
@@ -176,7 +170,7 @@ class Candidate:
         self.near = int(np.sum(squares <= _NEAR * np.min(squares)))
         used = used[: max(self.near, 3)]
         specs = [self.made(ell).spec for ell in grid[used].tolist()]
-        shares = np.array([innovation_gain(spec, self.dt) for spec in specs])
+        shares = np.array([response.innovation_gain(spec, self.dt) for spec in specs])
         unit = np.max(shares, axis=0)
         relative = shares / unit / squares[used, None]
         fit, _ = nnls(relative, np.ones(used.size))
@@ -198,7 +192,7 @@ class Candidate:
             highest = math.pi / self.dt
             remedy = "sample faster, or choose a lower one"
             check(wanted < highest, name, wanted, f"below pi/dt = {highest:.4g} rad/s", remedy)
-        figure = bandwidth if name == "cutoff" else settling
+        figure = response.bandwidth if name == "cutoff" else response.settling
         values = self.curve.bandwidth if name == "cutoff" else -self.curve.settling
         sign = 1.0 if name == "cutoff" else -1.0
         there = np.flatnonzero(values >= sign * wanted)
@@ -229,8 +223,10 @@ class Candidate:
 
         def error(log_ell: float) -> float:
             spec, i = self.made(math.exp(log_ell)).spec, self.index
-            of_noise = self.noise * math.sqrt(noise_gain(spec, self.dt)[i])
-            return math.hypot(of_noise, self.model_error * math.sqrt(model_gain(spec, self.dt)[i]))
+            of_noise = self.noise * math.sqrt(response.noise_gain(spec, self.dt)[i])
+            return math.hypot(
+                of_noise, self.model_error * math.sqrt(response.model_gain(spec, self.dt)[i])
+            )
 
         k = int(np.argmin(self.curve.error))
         ends = np.log(self.curve.ell[[max(k - 1, 0), min(k + 1, len(self.curve.ell) - 1)]])
@@ -316,7 +312,7 @@ class Candidate:
             )
         whiteness = math.nan
         if math.isfinite(self.misfit):
-            far = np.array([self.noise**2, self.model_error**2]) @ innovation_covariance(
+            far = np.array([self.noise**2, self.model_error**2]) @ response.innovation_covariance(
                 observer.spec, self.dt, _LAGS + _FAR
             )
             rho = far / far[0]

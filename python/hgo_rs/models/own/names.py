@@ -35,10 +35,7 @@ class Names:
 
     @classmethod
     def of(
-        cls,
-        states: Sequence[str],
-        inputs: Sequence[str],
-        parameters: Mapping[str, float] | None,
+        cls, states: Sequence[str], inputs: Sequence[str], parameters: Mapping[str, float] | None
     ) -> Names:
         """Checked names; HgoError for one that is reserved, doubled or no name."""
         given = {} if parameters is None else parameters
