@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 import hgo_rs as hgo
 from hgo_rs.observers import METHODS, TIMINGS
-from hgo_rs.plotting import new_figure, save, style
+from hgo_rs.plots import new_figure, save, style
 
 ORDER, DT, COUNT = 3, 1e-3, 6_000
 OMEGA, NOISE = 5.0, 1e-4  # rad/s; standard deviation

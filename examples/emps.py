@@ -21,7 +21,7 @@ from scipy.io import loadmat
 from scipy.optimize import minimize_scalar
 
 import hgo_rs as hgo
-from hgo_rs.plotting import COLOURS, new_figure, save, style
+from hgo_rs.plots import COLOURS, new_figure, save, style
 
 # M q'' = gtau u - Fv q' - Fc sign(q') - offset, sign(v) smoothed as tanh(v/vs); the benchmark's
 AXIS = {

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import hgo_rs as hgo
-from hgo_rs.plotting import new_figure, save, style
+from hgo_rs.plots import new_figure, save, style
 
 ORDER, STATE = 5, 3  # the fourth state of the crackle system is drawn
 GAINS = {"standard": 4.17, "low-power": 7.0, "peaking-free": 7.0}  # equal speed of convergence

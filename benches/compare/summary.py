@@ -235,7 +235,7 @@ def markdown(everything: Sequence[Measured], machine: Machine, left_out: object 
 def chart(everything: Sequence[Measured], machine: Machine, file: Path) -> bool:
     """A panel a workload; False without matplotlib."""
     try:
-        from hgo_rs.plotting import new_figure, style
+        from hgo_rs.plots import new_figure, style
 
         figure = new_figure()
     except ImportError:
@@ -257,7 +257,7 @@ def chart(everything: Sequence[Measured], machine: Machine, file: Path) -> bool:
 
 
 def _panel(ax: Axes, done: Measured, threads: int) -> None:
-    from hgo_rs.plotting import COLOURS
+    from hgo_rs.plots import COLOURS
 
     names = [*done.names(), *done.missing]
     smallest = min(done.ns.values())

@@ -5,41 +5,36 @@ Each module is loaded when a name of it is first used.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from hgo_rs import upward
+from hgo_rs._version import __version__
 
 if TYPE_CHECKING:
     from hgo_rs.config import Config, ConfigError, load
     from hgo_rs.errors import DesignError, HgoError
-    from hgo_rs.estimation import estimate
     from hgo_rs.exports import export
-    from hgo_rs.gains import (
-        AdaptiveGain,
-        ConstantGain,
-        DeadZoneGain,
-        FixedStep,
-        StochasticApproximation,
-    )
-    from hgo_rs.gaps import gap_bound
+    from hgo_rs.logs import estimate
     from hgo_rs.models import (
         Crackle,
         InputGain,
         Lee,
+        Model,
+        Plant,
         SanfelicePraly,
         Ship,
         System,
         Unknown,
         VanDerPol,
     )
-    from hgo_rs.noise import (
-        Noise,
-        NormalNoise,
-        RecordedNoise,
-        Sines,
-        UniformNoise,
-        filtered_noise,
-    )
     from hgo_rs.observers import (
+        AdaptiveGain,
+        ConstantGain,
+        DeadZoneGain,
+        FixedStep,
+        Gap,
         LowPowerObserver,
         ModifiedObserver,
         MultiOutputObserver,
@@ -47,16 +42,30 @@ if TYPE_CHECKING:
         PeakingFreeObserver,
         ReducedOrderObserver,
         RepelledCollection,
+        RunResult,
         SampledDataObserver,
         StandardObserver,
+        StochasticApproximation,
+        gap_bound,
     )
-    from hgo_rs.own import Model, Plant
-    from hgo_rs.results import Gap, RunResult, SimulationResult
-    from hgo_rs.simulation import simulate
-    from hgo_rs.studies import StudyError, StudyInterrupted, StudyProgress, StudyResult, study
+    from hgo_rs.simulation import (
+        Noise,
+        NormalNoise,
+        RecordedNoise,
+        SimulationResult,
+        Sines,
+        UniformNoise,
+        filtered_noise,
+        simulate,
+    )
+    from hgo_rs.simulation.studies import (
+        StudyError,
+        StudyInterrupted,
+        StudyProgress,
+        StudyResult,
+        study,
+    )
     from hgo_rs.tuning import TradeOff, Tuning, TuningWarning, tune
-
-__version__ = "0.1.0"
 
 __all__ = [
     "AdaptiveGain",
@@ -114,26 +123,22 @@ __all__ = [
 ]
 
 _MODULES = (
-    "config",
     "errors",
-    "estimation",
-    "exports",
-    "gains",
-    "gaps",
     "models",
-    "noise",
     "observers",
-    "own",
-    "results",
     "simulation",
-    "studies",
+    "simulation.studies",
+    "config",
+    "logs",
+    "exports",
     "tuning",
 )
+"""Where the names stand, those of lower floors first."""
 
 
 def __getattr__(name: str) -> Any:
     """A public name, or a module, on its first use (PEP 562)."""
-    if name in (*_MODULES, "design", "expressions", "reference", "_core"):
+    if name in (*_MODULES, "design", "expressions", "plots", "reference", "scenarios", "_core"):
         return import_module(f"hgo_rs.{name}")
     if name in __all__:
         for module in map(import_module, (f"hgo_rs.{name}" for name in _MODULES)):
@@ -141,6 +146,17 @@ def __getattr__(name: str) -> Any:
                 globals()[name] = value = getattr(module, name)
                 return value
     raise AttributeError(f"module 'hgo_rs' has no attribute {name!r}")
+
+
+def _later(module: str, name: str) -> Callable[..., Any]:
+    """A function of a module that is loaded when it is called."""
+    return lambda *given, **named: getattr(import_module(f"hgo_rs.{module}"), name)(*given, **named)
+
+
+# what an observer does by floors above its own
+upward.register("export", _later("exports", "export"))
+upward.register("save", _later("config", "save"))
+upward.register("to_control", _later("exports.control", "to_control"))
 
 
 def __dir__() -> list[str]:

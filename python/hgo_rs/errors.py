@@ -5,8 +5,11 @@ All derive from ``ValueError``, so that ``except ValueError`` catches them too.
 
 from __future__ import annotations
 
+import difflib
 import math
 import operator
+from collections.abc import Iterable
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -22,6 +25,8 @@ __all__ = [
     "check_integer",
     "check_number",
     "explain",
+    "nearest",
+    "need",
     "printable",
 ]
 
@@ -44,6 +49,21 @@ class DesignError(HgoError):
 
 class MissingExtraError(HgoError, ImportError):
     """An optional library is not installed; the message names the extra that brings it."""
+
+
+def nearest(name: str, known: Iterable[str], *, count: int = 3, cutoff: float = 0.4) -> list[str]:
+    """The nearest known names, whatever the case."""
+    folded = {k.casefold(): k for k in reversed(list(known))}
+    near = difflib.get_close_matches(name.casefold(), folded, n=count, cutoff=cutoff)
+    return [folded[k] for k in near]
+
+
+def need(library: str, told: str, extra: str) -> Any:
+    """An optional library; MissingExtraError, with what needs it, where it is not installed."""
+    try:
+        return import_module(library)
+    except ImportError as error:
+        raise MissingExtraError(f"{told}: pip install 'hgo_rs[{extra}]'") from error
 
 
 def _show(value: object) -> str:

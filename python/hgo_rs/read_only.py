@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NoReturn
+from dataclasses import fields
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
 from hgo_rs.errors import HgoError
-
-__all__ = ["ReadOnlyDict", "ReadOnlyError", "ReadOnlyList", "plain", "read_only", "shown"]
 
 
 class ReadOnlyError(HgoError, TypeError):
@@ -52,6 +51,22 @@ class ReadOnlyList(list[Any]):
 
     def __deepcopy__(self, memo: dict[int, Any]) -> list[Any]:
         return list(plain(self))
+
+
+class Described:
+    """A dataclass of numbers, flags and tuples that is told as plain data."""
+
+    _kind: ClassVar[tuple[str, str]]
+    """The entry that says what it is, ("kind", "ship")."""
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """Plain data, read-only: what it is, and its fields."""
+        plainly = {"float": float, "bool": bool}
+        key, kind = self._kind
+        own: Any = fields(self)  # type: ignore[arg-type]
+        values = {f.name: plainly.get(f.type, list)(getattr(self, f.name)) for f in own}
+        return ReadOnlyDict({key: kind, **values})
 
 
 def read_only(value: Any) -> Any:

@@ -38,8 +38,8 @@ from hgo_rs import (
     scenarios,
     simulate,
 )
-from hgo_rs.data import read_log, write_table
-from hgo_rs.reproduce import OutputFolder
+from hgo_rs.cli.reproduce import OutputFolder
+from hgo_rs.logs import read_log, write_table
 
 NAN, INF = np.nan, np.inf
 ADAPTIVE = AdaptiveGain(10.0, 0.0025, 0.183)

@@ -16,9 +16,12 @@ import numpy as np
 import pytest
 
 import hgo_rs
-from hgo_rs import cli, data, plotting, reproduce, scenarios
-from hgo_rs.data import read_log
+from hgo_rs import cli, plots, scenarios
+from hgo_rs.cli import reproduce
+from hgo_rs.cli.estimate import _Trace
+from hgo_rs.config import OBSERVERS
 from hgo_rs.errors import MissingExtraError
+from hgo_rs.logs import Log, TableWriter, read_log
 from hgo_rs.scenarios.base import Context, Outcome, Row, Scenario, row
 
 HGO = [sys.executable, "-m", "hgo_rs.cli"]
@@ -183,7 +186,7 @@ def test_figures_without_matplotlib_are_refused_before_any_work(
     def absent():
         raise MissingExtraError("figures need matplotlib: pip install 'hgo_rs[plot]'")
 
-    monkeypatch.setattr(plotting, "require_matplotlib", absent)
+    monkeypatch.setattr(plots, "require_matplotlib", absent)
     status, _, err = hgo(capsys, "reproduce", "--out", tmp_path / "out")
     assert status == 2
     assert "pip install 'hgo_rs[plot]'" in one_line(err)
@@ -376,8 +379,8 @@ def axis(tmp_path, monkeypatch):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Figures take longer than the rest: leave them out where they are not the point."""
-    monkeypatch.setattr(cli._Trace, "draw", lambda *_: None)
-    monkeypatch.setattr(plotting, "save", lambda *_: None)
+    monkeypatch.setattr(_Trace, "draw", lambda *_: None)
+    monkeypatch.setattr(plots, "save", lambda *_: None)
 
 
 ESTIMATE = ["--time", "t", "--output", "q", "--order", 3, "--gain", 20]
@@ -395,7 +398,7 @@ def test_estimate_gives_the_derivatives(capsys, axis, observer):
     assert header == "t,y,x_hat1,x_hat2,x_hat3,innovation,missing"
 
     log = read_log("axis.csv", "t", "q")
-    law = getattr(hgo_rs, cli.OBSERVERS[observer])(3, gain=20.0)
+    law = getattr(hgo_rs, OBSERVERS[observer])(3, gain=20.0)
     expected = law.run(log.t, log.y)
     velocity = read_log("axis.estimates.csv", "t", "x_hat2").y
     np.testing.assert_array_equal(velocity, np.asarray(expected.x_hat)[:, 1])
@@ -428,7 +431,7 @@ def test_estimate_without_matplotlib_leaves_the_default_figure_out(capsys, axis,
     def absent():
         raise MissingExtraError("figures need matplotlib: pip install 'hgo_rs[plot]'")
 
-    monkeypatch.setattr(plotting, "require_matplotlib", absent)
+    monkeypatch.setattr(plots, "require_matplotlib", absent)
     args = [*ESTIMATE, "--observer", "standard"]
     status, _, err = hgo(capsys, "estimate", axis, *args)
     assert status == 0
@@ -523,9 +526,9 @@ def test_a_result_that_cannot_be_written_leaves_all_as_it_was(capsys, axis, monk
         raise OSError(28, "No space left on device")
 
     owner, name = {
-        "figure": (plotting, "save"),
+        "figure": (plots, "save"),
         "configuration": (hgo_rs.Config, "to_toml"),
-        "table": (data.TableWriter, "_write_text"),
+        "table": (TableWriter, "_write_text"),
     }[what]
     monkeypatch.setattr(owner, name, full)
     args = [*ESTIMATE, "--observer", "standard", "--out", "e.csv", "--save-config", "e.toml"]
@@ -700,7 +703,7 @@ def test_estimate_in_chunks_gives_the_same_file(capsys, axis, undrawn, monkeypat
         pytest.importorskip("pyarrow")
     args = [*ESTIMATE, "--observer", "low-power"]
     out = hgo(capsys, "estimate", axis, *args, "--out", f"whole.{suffix}")[1]
-    monkeypatch.setattr(data, "CHUNK", 17)
+    monkeypatch.setattr("hgo_rs.logs.read.CHUNK", 17)
     said = hgo(capsys, "estimate", axis, *args, "--out", f"parts.{suffix}")[1]
     gaps = re.findall(r"gap of .* at its end: x_hat1 [\d.e-]+, x_hat2 [\d.e-]+, x_hat3", out)
     assert len(gaps) == 1
@@ -714,7 +717,7 @@ def test_estimate_in_chunks_gives_the_same_file(capsys, axis, undrawn, monkeypat
 
 
 def test_a_figure_shows_every_so_manieth_row_of_a_long_log():
-    trace = cli._Trace()
+    trace = _Trace()
     trace.MOST = 100
     law = hgo_rs.StandardObserver(2, gain=5.0)
     t = np.arange(1000) * 0.01
@@ -723,7 +726,7 @@ def test_a_figure_shows_every_so_manieth_row_of_a_long_log():
         rows = slice(a, a + 37)
         none = np.zeros(len(t[rows]), bool)
         names = {"time": "t", "output": "q", "input": None}
-        trace.add(data.Log(t[rows], t[rows], None, names, "", none), result.rows(rows))
+        trace.add(Log(t[rows], t[rows], None, names, "", none), result.rows(rows))
     assert trace.stride == 16
     np.testing.assert_array_equal(np.concatenate(trace.parts["time"]), t[::16])
     np.testing.assert_array_equal(np.concatenate(trace.parts["x_hat"]), result.x_hat[::16])

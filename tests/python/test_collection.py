@@ -116,7 +116,7 @@ def test_a_log_is_estimated_past_the_meeting(tmp_path, monkeypatch):
     np.testing.assert_array_equal(
         result.memory, observer.run(t, REST, memory0=observer.memory).memory
     )
-    monkeypatch.setattr("hgo_rs.data.CHUNK", 100)
+    monkeypatch.setattr("hgo_rs.logs.read.CHUNK", 100)
     with pytest.raises(SystemExit) as end:
         cli.main(["estimate", "log.csv", "--config", "observer.toml", "--out", "out.csv"])
     assert end.value.code == 0

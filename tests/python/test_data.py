@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hgo_rs import data
-from hgo_rs.data import DataError, LogSummary, TableWriter, read_chunks, read_log, write_table
 from hgo_rs.errors import HgoError
+from hgo_rs.logs import DataError, LogSummary, TableWriter, read_chunks, read_log, write_table
+from hgo_rs.logs.read import CHUNK
+from hgo_rs.logs.text import LINE
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="no ../shared/data")
@@ -411,7 +412,7 @@ def test_clocks_of_any_types_and_units_have_one_origin(tmp_path, first, second):
 @pytest.mark.parametrize("pad", ["", "nan"])
 def test_padded_columns_keep_every_digit(tmp_path, pad):
     """Two blocks, in the second of which the slow clock has no sample at all."""
-    count = data.CHUNK + 100
+    count = CHUNK + 100
     times = BEGIN + 1 + np.arange(count) * 5_000_000
     lines = [f"{t},1,{pad},{pad}" for t in times.tolist()]
     lines[:20] = [f"{t},1,{s + 1},2" for t, s in zip(times.tolist(), SLOW.tolist(), strict=False)]
@@ -589,7 +590,7 @@ def test_dt_beside_times_of_a_guessed_unit(tmp_path):
 
 def test_later_parts_are_checked_as_the_first(tmp_path):
     """The unit changes after two blocks: the steps there are those of no record in seconds."""
-    first, count = data.CHUNK + 100, 5000
+    first, count = CHUNK + 100, 5000
     times = np.r_[np.arange(first) * 0.005, first * 0.005 + 1e3 * np.arange(1, count)]
     path = write(tmp_path, "t,q\n" + "".join(f"{t!r},1\n" for t in times.tolist()))
     for rows in (500, None):
@@ -713,7 +714,7 @@ def test_what_may_have_no_end_is_refused(tmp_path):
     with (tmp_path / "line.csv").open("wb") as file:
         file.truncate(2**33)  # one line of zeros, which take no room
     assert "line 1: has more than 1048576 characters" in refusal(tmp_path / "line.csv", "t", "q")
-    long = "t,q\n0,1\n1," + " " * data.LINE + "2\n"
+    long = "t,q\n0,1\n1," + " " * LINE + "2\n"
     assert "line 3: has more than" in refusal(write(tmp_path, long), "t", "q")
 
 
@@ -771,7 +772,7 @@ def test_the_fast_way_and_chunks_are_the_slow_way(tmp_path_factory, lines, rows)
     fast = outcome(lambda: list(read_chunks(path, "t", "q", **options)))
     cut = outcome(lambda: list(read_chunks(path, "t", "q", **options, rows=rows)))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(data, "_fast", lambda *_: None)
+        patch.setattr("hgo_rs.logs.text._fast", lambda *_: None)
         slow = outcome(lambda: list(read_chunks(path, "t", "q", **options)))
     assert fast == slow
     if isinstance(slow, bytes) or isinstance(cut, bytes):  # which error comes first may differ

@@ -88,7 +88,7 @@ def test_velocity_from_one_file(tmp_path: Path) -> None:
 def test_one_file_on_host_and_chip(tmp_path: Path, precision: str) -> None:
     """The axis' own log, through its file's C: the bits of `run`, here and on a Cortex-M4F."""
     observer = hgo_rs.Config.from_toml(AXIS.format(ell=BEST_GAIN)).observer()
-    log = hgo_rs.data.read_log(LOG, time="t", output="qm", input="vir")
+    log = hgo_rs.logs.read_log(LOG, time="t", output="qm", input="vir")
     some = slice(5000, 5500)
     vector = (log.t[some] - log.t[some][0], log.y[some], log.u[some])
     observer.export(to="c", out=tmp_path, name="axis", precision=precision, log=vector)

@@ -10,8 +10,7 @@ from scipy.integrate import solve_ivp
 
 import hgo_rs
 from hgo_rs import Config, HgoError
-from hgo_rs.data import DataError, Log, read_log
-from hgo_rs.estimation import run_chunks
+from hgo_rs.logs import DataError, Log, read_log, run_chunks
 
 ADAPTIVE = hgo_rs.AdaptiveGain(5.0, 1e-4, 0.2)
 LAWS = {

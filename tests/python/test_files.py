@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hgo_rs import Config, HgoError, LowPowerObserver, export, load
-from hgo_rs.data import TableWriter, write_table
+from hgo_rs.cli.reproduce import OutputFolder
 from hgo_rs.files import replacing, together, write_bytes, write_text
-from hgo_rs.reproduce import OutputFolder
+from hgo_rs.logs import TableWriter, write_table
 
 posix = pytest.mark.skipif(os.name == "nt", reason="modes, links and limits of POSIX")
 
@@ -18,8 +18,9 @@ FULL = """
 import resource, signal, sys
 import numpy as np
 import hgo_rs
-from hgo_rs import data, files, plotting, reproduce
-from hgo_rs.data import write_table
+from hgo_rs import files, plots
+from hgo_rs.cli import reproduce
+from hgo_rs.logs import write_table
 observer = hgo_rs.LowPowerObserver(12, 5.0, method="euler")
 columns = {"t": np.arange(5000.0), "y": np.random.default_rng(0).normal(size=5000)}
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -40,7 +41,7 @@ WRITERS = {
         "reproduce.OutputFolder('.').write('results.json', b' ' * 1000)",
     ),
     "source": ("observer.c", "observer.export(to='c', out='.')"),
-    "figure": ("a.png", "plotting.save(plotting.new_figure(), 'a.png')"),
+    "figure": ("a.png", "plots.save(plots.new_figure(), 'a.png')"),
 }
 
 

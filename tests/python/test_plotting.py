@@ -7,7 +7,8 @@ from hgo_rs.errors import HgoError
 
 pytest.importorskip("matplotlib")
 
-from hgo_rs import plotting, report, reproduce
+from hgo_rs import plots
+from hgo_rs.cli import report, reproduce
 from hgo_rs.scenarios.base import row
 
 
@@ -18,7 +19,7 @@ def draw(figure):
 
 
 def test_equal_input_gives_equal_bytes():
-    first, second = plotting.render(draw), plotting.render(draw)
+    first, second = plots.render(draw), plots.render(draw)
     assert first["png"].startswith(b"\x89PNG")
     assert first["svg"].lstrip().startswith(b"<?xml")
     assert first == second
@@ -28,7 +29,7 @@ def test_the_style_ends_with_its_context():
     import matplotlib
 
     before = matplotlib.rcParams["axes.grid"], matplotlib.rcParams["font.size"]
-    with plotting.style():
+    with plots.style():
         assert matplotlib.rcParams["axes.grid"] is True
     assert (matplotlib.rcParams["axes.grid"], matplotlib.rcParams["font.size"]) == before
 
@@ -37,7 +38,7 @@ def test_the_style_ends_with_its_context():
 def test_one_panel_a_state_and_one_for_the_innovation(n, columns):
     t = np.linspace(0.0, 10.0, 500)
     x_hat = np.cos(t[:, None] + np.arange(n))
-    figure = plotting.estimate_figure(t, x_hat, y=x_hat[:, 0], innovation=0.0 * t)
+    figure = plots.estimate_figure(t, x_hat, y=x_hat[:, 0], innovation=0.0 * t)
     axes = figure.get_axes()
     assert len(axes) == n + 1
     assert len({round(ax.get_position().x0, 2) for ax in axes}) == columns
@@ -50,15 +51,15 @@ def test_one_panel_a_state_and_one_for_the_innovation(n, columns):
 def test_gain_is_drawn_if_it_moves():
     t = np.linspace(0.0, 1.0, 100)
     x_hat = np.zeros((100, 2))
-    assert len(plotting.estimate_figure(t, x_hat, gain=5.0).get_axes()) == 2
-    assert len(plotting.estimate_figure(t, x_hat, gain=0.0 * t + 5.0).get_axes()) == 2
-    assert len(plotting.estimate_figure(t, x_hat, gain=1.0 + t).get_axes()) == 3
+    assert len(plots.estimate_figure(t, x_hat, gain=5.0).get_axes()) == 2
+    assert len(plots.estimate_figure(t, x_hat, gain=0.0 * t + 5.0).get_axes()) == 2
+    assert len(plots.estimate_figure(t, x_hat, gain=1.0 + t).get_axes()) == 3
 
 
 def test_gaps_are_shaded():
     t = np.arange(10.0)
     missing = np.isin(np.arange(10), [2, 3, 9])
-    figure = plotting.estimate_figure(t, np.zeros((10, 1)), missing=missing)
+    figure = plots.estimate_figure(t, np.zeros((10, 1)), missing=missing)
     spans = figure.get_axes()[0].patches
     assert [(p.get_x(), p.get_x() + p.get_width()) for p in spans] == [(2.0, 4.0), (9.0, 9.0)]
 
@@ -66,7 +67,7 @@ def test_gaps_are_shaded():
 def test_a_start_up_peak_is_told_and_left_off_scale():
     t = np.linspace(0.0, 10.0, 1001)
     x_hat = np.c_[np.sin(t), np.where(t < 0.1, 4e3, np.cos(t))]
-    axes = plotting.estimate_figure(t, x_hat).get_axes()
+    axes = plots.estimate_figure(t, x_hat).get_axes()
     assert [len(ax.texts) for ax in axes] == [0, 1]
     assert "4e+03" in axes[1].texts[0].get_text()
     low, high = axes[1].get_ylim()
@@ -75,7 +76,7 @@ def test_a_start_up_peak_is_told_and_left_off_scale():
 
 def test_shapes_that_do_not_fit():
     with pytest.raises(HgoError, match=r"3 times, 2 names for x_hat of shape \(4, 2\)"):
-        plotting.estimate_figure(np.arange(3.0), np.zeros((4, 2)))
+        plots.estimate_figure(np.arange(3.0), np.zeros((4, 2)))
 
 
 def test_a_heavy_figure_goes_into_the_report_as_png():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hgo_rs.report import markdown_row
+from hgo_rs.cli.report import markdown_row
 from hgo_rs.scenarios import Context, load
 
 README = Path(__file__).parents[2] / "README.md"

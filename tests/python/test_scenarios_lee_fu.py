@@ -42,7 +42,7 @@ def test_figures_draw_at_most_5000_points_a_line(outcomes: dict[str, Outcome], i
     pytest.importorskip("matplotlib")
     from matplotlib.figure import Figure
 
-    from hgo_rs.plotting import style
+    from hgo_rs.plots import style
 
     figure = Figure()
     draw = outcomes[id].figure

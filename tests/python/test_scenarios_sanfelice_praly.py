@@ -39,7 +39,7 @@ def test_every_row_meets_its_criterion(ctx: Context, id: str) -> None:
 @pytest.mark.parametrize("id", [id for id in IDS if not id.endswith(("table3", "design"))])
 def test_figures_are_drawn(ctx: Context, id: str) -> None:
     pytest.importorskip("matplotlib")
-    from hgo_rs.plotting import render
+    from hgo_rs.plots import render
 
     figure = load()[id](ctx).figure
     assert figure is not None

@@ -38,7 +38,7 @@ from hgo_rs import (
     simulate,
     study,
 )
-from hgo_rs.studies.pieces import Todo
+from hgo_rs.simulation.studies.pieces import Todo
 
 GRID = {"ell": [20.0, 50.0], "std": [0.001, 0.01, 0.1]}
 CASES = [(ell, std) for ell in GRID["ell"] for std in GRID["std"]]
@@ -392,8 +392,8 @@ class Stop:
 
 def small_tasks(monkeypatch):
     """A piece a task, so that a short study has many."""
-    monkeypatch.setattr("hgo_rs.studies.pieces._FIRST", 1)
-    monkeypatch.setattr("hgo_rs.studies.pieces._HERE", 0.0)
+    monkeypatch.setattr("hgo_rs.simulation.studies.pieces._FIRST", 1)
+    monkeypatch.setattr("hgo_rs.simulation.studies.pieces._HERE", 0.0)
 
 
 @pytest.mark.parametrize("every", [0, 50])

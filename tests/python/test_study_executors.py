@@ -25,7 +25,7 @@ from hgo_rs import (
     simulate,
     study,
 )
-from hgo_rs.studies import pieces
+from hgo_rs.simulation.studies import pieces
 
 SPAWN = multiprocessing.get_context("spawn")
 
@@ -314,7 +314,8 @@ if __name__ == "__main__":
 """
 SCENARIOS = """
 import sys
-from hgo_rs import reproduce, scenarios
+from hgo_rs import scenarios
+from hgo_rs.cli import reproduce
 
 if __name__ == "__main__":
     run = reproduce.run(list(scenarios.load().values()), jobs=2, figures=False,

@@ -16,6 +16,11 @@ ComplexArray = NDArray[np.complex128]
 MAX_ORDER = 12
 
 
+def demand(holds: object, parameter: str, value: object, allowed: str, remedy: str) -> None:
+    """``check``, with a ``DesignError``."""
+    check(holds, parameter, value, allowed, remedy, DesignError)
+
+
 def order(n: Any, parameter: str = "n", *, least: int = 1) -> int:
     """An observer's order, ``least`` to 12."""
     return check_integer(n, parameter, least=least, most=MAX_ORDER, error=DesignError)
@@ -35,14 +40,8 @@ def _real(value: ArrayLike, parameter: str) -> Array:
     """``value`` as a finite real array; complex numbers are refused, not truncated."""
     try:
         given = np.asarray(value)
-        check(
-            not np.iscomplexobj(given) or not np.any(np.imag(given)),
-            parameter,
-            given.tolist(),
-            "real",
-            "drop the imaginary parts",
-            DesignError,
-        )
+        holds = not np.iscomplexobj(given) or not np.any(np.imag(given))
+        demand(holds, parameter, given.tolist(), "real", "drop the imaginary parts")
         array = np.real(given).astype(np.float64)
     except (TypeError, ValueError) as error:
         if isinstance(error, DesignError):
@@ -58,28 +57,15 @@ def vector(value: ArrayLike, parameter: str, length: int | None = None) -> Array
     array = np.atleast_1d(_real(value, parameter))
     fits = array.ndim == 1 and array.size > 0 and (length is None or array.size == length)
     shape = "(n,), n >= 1" if length is None else f"({length},)"
-    check(
-        fits,
-        parameter,
-        array.tolist(),
-        f"of shape {shape}",
-        f"it has shape {array.shape}",
-        DesignError,
-    )
+    demand(fits, parameter, array.tolist(), f"of shape {shape}", f"it has shape {array.shape}")
     return array
 
 
 def positive_vector(value: ArrayLike, parameter: str, length: int | None = None) -> Array:
     """``vector`` with all entries > 0."""
     array = vector(value, parameter, length)
-    check(
-        np.all(array > 0.0),
-        parameter,
-        array.tolist(),
-        "> 0 in every entry",
-        "choose positive entries",
-        DesignError,
-    )
+    remedy = "choose positive entries"
+    demand(np.all(array > 0.0), parameter, array.tolist(), "> 0 in every entry", remedy)
     return array
 
 
@@ -88,14 +74,8 @@ def square(value: ArrayLike, parameter: str, n: int | None = None) -> Array:
     array = np.atleast_2d(_real(value, parameter))
     fits = array.ndim == 2 and array.shape[0] == array.shape[1] and n in (None, array.shape[0])
     shape = "(n, n)" if n is None else f"({n}, {n})"
-    check(
-        fits,
-        parameter,
-        f"array of shape {array.shape}",
-        f"of shape {shape}",
-        "pass a square matrix",
-        DesignError,
-    )
+    remedy = "pass a square matrix"
+    demand(fits, parameter, f"array of shape {array.shape}", f"of shape {shape}", remedy)
     return array
 
 
@@ -103,14 +83,8 @@ def symmetric(value: ArrayLike, parameter: str, n: int | None = None) -> Array:
     """``value`` as a symmetric float array, shape (n, n)."""
     array = square(value, parameter, n)
     scale = float(np.max(np.abs(array)))
-    check(
-        np.allclose(array, array.T, rtol=0.0, atol=1e-9 * scale),
-        parameter,
-        array.tolist(),
-        "symmetric",
-        "pass (M + M.T)/2",
-        DesignError,
-    )
+    holds = np.allclose(array, array.T, rtol=0.0, atol=1e-9 * scale)
+    demand(holds, parameter, array.tolist(), "symmetric", "pass (M + M.T)/2")
     return np.asarray(0.5 * (array + array.T), dtype=np.float64)
 
 
@@ -118,14 +92,8 @@ def positive_definite(value: ArrayLike, parameter: str, n: int | None = None) ->
     """``symmetric`` with all eigenvalues > 0."""
     array = symmetric(value, parameter, n)
     least = float(np.linalg.eigvalsh(array)[0])
-    check(
-        least > 0.0,
-        f"smallest eigenvalue of {parameter}",
-        least,
-        "> 0",
-        "pass a positive definite matrix",
-        DesignError,
-    )
+    remedy = "pass a positive definite matrix"
+    demand(least > 0.0, f"smallest eigenvalue of {parameter}", least, "> 0", remedy)
     return array
 
 
@@ -133,14 +101,9 @@ def hurwitz(value: ArrayLike, parameter: str) -> Array:
     """``square`` with all eigenvalues in Re < 0."""
     array = square(value, parameter)
     rightmost = float(np.max(np.linalg.eigvals(array).real))
-    check(
-        rightmost < 0.0,
-        f"largest real part of the eigenvalues of {parameter}",
-        rightmost,
-        "< 0",
-        "place all poles in the open left half plane",
-        DesignError,
-    )
+    holds = rightmost < 0.0
+    remedy = "place all poles in the open left half plane"
+    demand(holds, f"largest real part of the eigenvalues of {parameter}", rightmost, "< 0", remedy)
     return array
 
 

@@ -12,29 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hgo_rs.errors import DesignError, check, check_integer
+from hgo_rs.errors import DesignError, check_integer
 
 from . import _checks
 from ._checks import Array
 from .coefficients import companion
 
 _LogBound = Callable[[int, float], float]
-
-__all__ = [
-    "AdaptationCertificate",
-    "AdaptationDesign",
-    "AdaptationRates",
-    "ErrorBound",
-    "adaptation_design",
-    "best_d",
-    "check_adaptation",
-    "collection_gain",
-    "error_bound",
-    "error_bound_vanishing",
-    "largest_noise",
-    "repulsion_gains",
-    "smallest_p2",
-]
 
 
 # --- conditions (8)-(10) ----------------------------------------------------------------------
@@ -193,26 +177,15 @@ def adaptation_design(n: int, b: float, d0: float = 0.3) -> AdaptationDesign:
         )
     )
     found = p.value is not None and bool(np.all(np.isfinite(p.value)))
-    check(
-        found,
-        "solver status",
-        status,
-        "optimal",
-        "choose a smaller n, or b nearer to 1/2",
-        DesignError,
-    )
+    remedy = "choose a smaller n, or b nearer to 1/2"
+    _checks.demand(found, "solver status", status, "optimal", remedy)
     p_found = 0.5 * (p.value + p.value.T)
     k = np.linalg.solve(p_found, y.value[:, 0])
     d1 = best_d(k, p_found, b).d1
     design = AdaptationDesign(k, p_found, b, unit, d1 * (1.0 + 1e-12)).rescaled(d0 / unit)
-    check(
-        design.certificate.holds,
-        "margins of (8)-(10)",
-        design.certificate,
-        ">= 0",
-        "the solver's answer is wrong: choose a smaller n, or b nearer to 1/2",
-        DesignError,
-    )
+    holds = design.certificate.holds
+    remedy = "the solver's answer is wrong: choose a smaller n, or b nearer to 1/2"
+    _checks.demand(holds, "margins of (8)-(10)", design.certificate, ">= 0", remedy)
     return design
 
 
@@ -431,12 +404,6 @@ def collection_gain(nu1: float, k1: float, k_bar1: float, copies: int) -> float:
     k_bar1 = _checks.number(k_bar1, "k_bar1", least=0.0)
     copies = check_integer(copies, "copies", least=1, error=DesignError)
     left = k1 - copies * k_bar1
-    check(
-        left > 0.0,
-        "k1 - copies*k_bar1",
-        left,
-        "> 0",
-        "choose a smaller mu or fewer copies",
-        DesignError,
-    )
+    remedy = "choose a smaller mu or fewer copies"
+    _checks.demand(left > 0.0, "k1 - copies*k_bar1", left, "> 0", remedy)
     return nu1 / left

@@ -18,16 +18,6 @@ from hgo_rs.reference import polynomial as maths
 from . import _checks
 from ._checks import Array, ComplexArray
 
-__all__ = [
-    "LowPowerCoefficients",
-    "companion",
-    "low_power_coefficients",
-    "low_power_matrix",
-    "low_power_polynomial",
-    "observer_coefficients",
-    "routh_hurwitz",
-]
-
 Poles = Sequence[complex] | ArrayLike
 
 _MOST_POLES = 2 * _checks.MAX_ORDER - 1
@@ -63,14 +53,8 @@ def routh_hurwitz(polynomial: ArrayLike) -> bool:
 
 def _monic(polynomial: ArrayLike) -> Array:
     p = _checks.vector(polynomial, "polynomial")
-    check(
-        p[0] != 0.0,
-        "leading coefficient of polynomial",
-        float(p[0]),
-        "not 0",
-        "drop leading zeros",
-        DesignError,
-    )
+    remedy = "drop leading zeros"
+    _checks.demand(p[0] != 0.0, "leading coefficient of polynomial", float(p[0]), "not 0", remedy)
     return p / p[0]
 
 
@@ -91,14 +75,10 @@ def _poles(poles: Poles, least: int, most: int) -> ComplexArray:
         DesignError,
     )
     for i, pole in enumerate(given):
-        check(
-            np.isfinite(pole) and pole.real < 0.0,
-            f"poles[{i}]",
-            complex(pole),
-            "finite with a negative real part",
-            "move it into the open left half plane",
-            DesignError,
-        )
+        holds = np.isfinite(pole) and pole.real < 0.0
+        allowed = "finite with a negative real part"
+        remedy = "move it into the open left half plane"
+        _checks.demand(holds, f"poles[{i}]", complex(pole), allowed, remedy)
     paired = [complex(pole) for pole in given[given.imag == 0.0]]
     upper = [complex(pole) for pole in given[given.imag > 0.0]]
     lower = [complex(pole) for pole in given[given.imag < 0.0]]
@@ -111,14 +91,8 @@ def _poles(poles: Poles, least: int, most: int) -> ComplexArray:
         lower.remove(other)
         paired += [pole, pole.conjugate()]
     alone = [*upper, *lower]
-    check(
-        not alone,
-        "poles",
-        alone[0] if alone else None,
-        "closed under conjugation",
-        f"add {alone[0].conjugate()}" if alone else "",
-        DesignError,
-    )
+    allowed, remedy = "closed under conjugation", f"add {alone[0].conjugate()}" if alone else ""
+    _checks.demand(not alone, "poles", alone[0] if alone else None, allowed, remedy)
     return np.array(paired, dtype=np.complex128)
 
 
@@ -148,41 +122,25 @@ def low_power_coefficients(
     bisection meets.  The paper's alpha = 3, 3, 3, 3, 2 belong to eight poles equidistant in
     [-2, -1] and one more at -2.  Source: Astolfi et al., Lemma 1.
     """
-    check(
-        (poles is None) != (polynomial is None),
-        "poles, polynomial",
-        (poles, polynomial),
-        "one of the two",
-        "give either the poles or the characteristic polynomial",
-        DesignError,
-    )
+    holds = (poles is None) != (polynomial is None)
+    remedy = "give either the poles or the characteristic polynomial"
+    _checks.demand(holds, "poles, polynomial", (poles, polynomial), "one of the two", remedy)
     if poles is not None:
         given = _poles(poles, 3, _MOST_POLES)
         size, name = given.size, "number of poles"
     else:
         p = _monic(polynomial)  # type: ignore[arg-type]
         size, name = p.size - 1, "degree of polynomial"
-    check(
-        size % 2 == 1 and 3 <= size <= _MOST_POLES,
-        name,
-        size,
-        f"odd (2n - 1), 3 to {_MOST_POLES}",
-        "add or drop a real pole",
-        DesignError,
-    )
+    allowed, remedy = f"odd (2n - 1), 3 to {_MOST_POLES}", "add or drop a real pole"
+    _checks.demand(size % 2 == 1 and 3 <= size <= _MOST_POLES, name, size, allowed, remedy)
     with np.errstate(all="ignore"):  # judged by the result
         if poles is not None:
             wanted = maths.coefficients_from_poles(given)
             alpha, beta = maths.low_power_coefficients_from_poles(given)
         else:
-            check(
-                maths.is_hurwitz(p[1:]),
-                "polynomial",
-                p.tolist(),
-                "Hurwitz (all roots in Re < 0)",
-                "move the roots into the open left half plane",
-                DesignError,
-            )
+            allowed = "Hurwitz (all roots in Re < 0)"
+            remedy = "move the roots into the open left half plane"
+            _checks.demand(maths.is_hurwitz(p[1:]), "polynomial", p.tolist(), allowed, remedy)
             wanted = p[1:]
             alpha, beta = maths.low_power_coefficients(wanted)
         found = maths.low_power_polynomial(alpha, beta)

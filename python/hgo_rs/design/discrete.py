@@ -38,8 +38,6 @@ from . import _checks
 from ._checks import Array
 from .coefficients import companion, low_power_matrix
 
-__all__ = ["METHODS", "TIMINGS", "Continuous", "Discrete", "continuous", "correction", "discrete"]
-
 METHODS = (
     "euler",
     "staggered-euler",
@@ -367,21 +365,9 @@ def _frozen(observer: Mapping[str, Any], gain: float | None) -> float:
     """The gain at which a law is linear."""
     given = member(observer, "gain")
     if choice(given, "law", ("constant", "adaptive", "dead-zone")) == "constant":
-        check(
-            gain is None,
-            "gain",
-            gain,
-            "left out for a constant gain",
-            "set the gain itself",
-            DesignError,
-        )
+        remedy = "set the gain itself"
+        _checks.demand(gain is None, "gain", gain, "left out for a constant gain", remedy)
         return _checks.positive(member(given, "ell"), "gain.ell")
-    check(
-        gain is not None,
-        "gain",
-        gain,
-        "given: this law's gain moves",
-        "give the value at which to freeze it, gain=...",
-        DesignError,
-    )
+    remedy = "give the value at which to freeze it, gain=..."
+    _checks.demand(gain is not None, "gain", gain, "given: this law's gain moves", remedy)
     return _checks.positive(gain, "gain")

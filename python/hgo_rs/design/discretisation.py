@@ -23,8 +23,6 @@ from ._checks import Array
 from .coefficients import companion, low_power_matrix
 from .discrete import CORRECTING, Continuous, blocks, chain, choice, member, method, step, timing
 
-__all__ = ["StepLimit", "check_step", "step_limit"]
-
 _ROUNDED = 200.0
 _SATURATED = {
     "zoh": {1: math.inf, 2: math.inf, 3: math.inf, 4: 2.0, 5: 1.0, 6: 0.5},

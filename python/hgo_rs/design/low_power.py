@@ -11,20 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hgo_rs.errors import DesignError, check
-
 from . import _checks
 from ._checks import Array
 from .coefficients import LowPowerCoefficients, low_power_matrix
-
-__all__ = [
-    "LowPowerStability",
-    "h_infinity_norm",
-    "largest_real_part",
-    "low_power_small_gain_design",
-    "low_power_strong_stability",
-]
-
 
 # --- peaks of frequency responses -------------------------------------------------------------
 
@@ -217,12 +206,7 @@ def low_power_small_gain_design(
         slowest = -float(np.max(np.linalg.eigvals(low_power_matrix(alphas, beta)).real))
         alphas, beta = alphas * decay / slowest, beta * (decay / slowest) ** 2
     result = low_power_strong_stability(alphas, beta)
-    check(
-        result.small_gain_holds and result.strong,
-        "small-gain products",
-        result.small_gain.tolist(),
-        "< 1, with M_n Hurwitz",
-        "choose a smaller margin",
-        DesignError,
-    )
+    holds = result.small_gain_holds and result.strong
+    allowed, remedy = "< 1, with M_n Hurwitz", "choose a smaller margin"
+    _checks.demand(holds, "small-gain products", result.small_gain.tolist(), allowed, remedy)
     return LowPowerCoefficients(alphas, beta)

@@ -13,8 +13,6 @@ from hgo_rs.errors import DesignError, check
 from . import _checks
 from ._checks import Array
 
-__all__ = ["crackle_gradient", "ell_frozen", "ell_star", "lipschitz_constant", "lyapunov"]
-
 
 def lyapunov(a: ArrayLike, q: ArrayLike | None = None) -> Array:
     """P = P^T > 0 of A^T P + P A = -Q, shape (n, n).
@@ -30,14 +28,9 @@ def lyapunov(a: ArrayLike, q: ArrayLike | None = None) -> Array:
     p = np.asarray(solve_continuous_lyapunov(a.T, -q), dtype=np.float64)
     p = 0.5 * (p + p.T)
     residual = float(np.max(np.abs(a.T @ p + p @ a + q)) / np.max(np.abs(q)))
-    check(
-        residual < 1e-6,
-        "relative residual of the Lyapunov equation",
-        residual,
-        "< 1e-6",
-        "the poles are too close to the imaginary axis or too widely spread",
-        DesignError,
-    )
+    holds = residual < 1e-6
+    remedy = "the poles are too close to the imaginary axis or too widely spread"
+    _checks.demand(holds, "relative residual of the Lyapunov equation", residual, "< 1e-6", remedy)
     return _checks.positive_definite(p, "P")
 
 
@@ -100,14 +93,10 @@ def ell_frozen(matrix: ArrayLike, gradients: ArrayLike) -> float:
     m = _checks.hurwitz(matrix, "matrix")
     slopes = np.atleast_2d(np.asarray(gradients, dtype=np.float64))
     size, n = m.shape[0], slopes.shape[1]
-    check(
-        size in (n, 2 * n - 1) and np.all(np.isfinite(slopes)),
-        "gradients",
-        f"array of shape {slopes.shape}",
-        f"finite, of shape (m, {size})" + (f" or (m, {(size + 1) // 2})" if size % 2 else ""),
-        "give one row for each gradient to try",
-        DesignError,
-    )
+    holds = size in (n, 2 * n - 1) and np.all(np.isfinite(slopes))
+    allowed = f"finite, of shape (m, {size})" + (f" or (m, {(size + 1) // 2})" if size % 2 else "")
+    remedy = "give one row for each gradient to try"
+    _checks.demand(holds, "gradients", f"array of shape {slopes.shape}", allowed, remedy)
     low_power = size == 2 * n - 1 and n > 1
     estimates = np.arange(0, size, 2) if low_power else np.arange(n)
 

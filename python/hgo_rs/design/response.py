@@ -14,21 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from hgo_rs.errors import DesignError, check
-
 from . import _checks
 from ._checks import Array
 from .discrete import Continuous, Discrete, continuous, discrete
-
-__all__ = [
-    "bandwidth",
-    "innovation_covariance",
-    "innovation_gain",
-    "model_gain",
-    "noise_gain",
-    "peaking",
-    "settling",
-]
 
 _POINTS = 300  # frequencies looked at before a crossing is refined
 _LONGEST = 2**20  # samples of a decay
@@ -258,14 +246,8 @@ def _decay(
         period, scale = system.dt, system.scale
     radius = float(np.max(np.abs(np.linalg.eigvals(a))))
     samples = 16.0 if radius < 0.3 else 32.0 + 1.5 * len(a) + math.log(1e-9) / math.log(radius)
-    check(
-        samples <= _LONGEST,
-        "samples of the decay",
-        samples,
-        f"<= {_LONGEST}",
-        "choose a larger step or gain, or poles that are nearer to one another",
-        DesignError,
-    )
+    remedy = "choose a larger step or gain, or poles that are nearer to one another"
+    _checks.demand(samples <= _LONGEST, "samples of the decay", samples, f"<= {_LONGEST}", remedy)
     each = observer["kind"] == "reduced-order"
     errors = np.empty((len(c), math.ceil(samples)))
     states: Array = np.eye(len(a))[:, : len(c) if each else 1]
@@ -290,12 +272,7 @@ def _system(
     if dt is None:
         return continuous(observer, gain=gain)
     system = discrete(observer, dt, gain=gain)
-    check(
-        system.radius < 1.0,
-        "dt",
-        dt,
-        f"a stable step (its spectral radius is {system.radius:.6g})",
-        'choose a smaller dt or gain, or method "zoh"',
-        DesignError,
-    )
+    allowed = f"a stable step (its spectral radius is {system.radius:.6g})"
+    remedy = 'choose a smaller dt or gain, or method "zoh"'
+    _checks.demand(system.radius < 1.0, "dt", dt, allowed, remedy)
     return system

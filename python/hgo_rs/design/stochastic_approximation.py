@@ -11,26 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hgo_rs.errors import DesignError, check
-
 from . import _checks
 from ._checks import Array
 from .coefficients import companion
 from .lyapunov import lyapunov
-
-__all__ = [
-    "StationaryError",
-    "StepCertificate",
-    "StepSizes",
-    "clock",
-    "lmi_step",
-    "norm_bound",
-    "schur_limit",
-    "stationary_error",
-    "step_margin",
-    "step_sizes",
-]
-
 
 # --- how large may alpha b be? ----------------------------------------------------------------
 
@@ -167,14 +151,8 @@ def clock(k: int | ArrayLike, alpha: float, epsilon: float, k0: float, p: float)
     """
     alpha, epsilon, k0, p = _schedule(alpha, epsilon, k0, p)
     given = np.asarray(k)
-    check(
-        np.issubdtype(given.dtype, np.integer) and np.all(given >= 0) and np.all(given <= 10**8),
-        "k",
-        given.tolist(),
-        "integers, 0 to 1e8",
-        "pass step indices",
-        DesignError,
-    )
+    holds = np.issubdtype(given.dtype, np.integer) and np.all(given >= 0) and np.all(given <= 10**8)
+    _checks.demand(holds, "k", given.tolist(), "integers, 0 to 1e8", "pass step indices")
     # Sums between the asked indices, so that no cumulative sum of all steps is stored or rounded.
     stops, where = np.unique(given, return_inverse=True)
     times = np.empty(stops.size)
@@ -226,14 +204,8 @@ def stationary_error(k: ArrayLike, ell: float, dt: float, variance: float) -> St
     variance = _checks.number(variance, "variance", least=0.0)
     c = ell * dt
     limit = schur_limit(companion(k))
-    check(
-        c < limit,
-        "ell*dt",
-        c,
-        f"< {limit:g}, the limit of forward Euler",
-        f"choose dt < {limit / ell:g}",
-        DesignError,
-    )
+    remedy = f"choose dt < {limit / ell:g}"
+    _checks.demand(c < limit, "ell*dt", c, f"< {limit:g}, the limit of forward Euler", remedy)
     f = np.eye(k.size) + c * companion(k)
     s = np.asarray(solve_discrete_lyapunov(f, c * c * variance * np.outer(k, k)))
     powers = ell ** np.arange(k.size)

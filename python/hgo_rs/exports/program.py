@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hgo_rs import __version__, _core
+from hgo_rs import _core
+from hgo_rs._version import __version__
 from hgo_rs.errors import HgoError, check
 from hgo_rs.exports.elementary import PRECISIONS, Precision
 from hgo_rs.exports.expressions import LENGTH, PLAIN, Dialect, Written, written

@@ -14,8 +14,6 @@ from collections.abc import Callable, Sequence
 from hgo_rs.expressions import nodes
 from hgo_rs.expressions.nodes import Node, compare, constant, function, order, select, symbol
 
-__all__ = ["ZERO", "add", "derivative", "gradient", "mul", "substitute"]
-
 ZERO, ONE, TWO = constant(0.0), constant(1.0), constant(2.0)
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from hgo_rs.errors import HgoError, printable
 
-__all__ = ["ExpressionError", "UntraceableError"]
-
 _WINDOW = 60  # characters of a long text shown around the place
 
 

@@ -12,8 +12,6 @@ from hgo_rs.expressions.errors import ExpressionError
 from hgo_rs.expressions.library import FUNCTIONS
 from hgo_rs.expressions.nodes import Node, constant, function
 
-__all__ = ["from_sympy", "is_sympy"]
-
 _FUNCTIONS = {
     "Abs": "abs",
     "sign": "sign",

@@ -7,12 +7,12 @@ a < b < c is a < b and b < c.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable, Iterable
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from hgo_rs.errors import nearest
 from hgo_rs.expressions import nodes
 from hgo_rs.expressions.errors import ExpressionError
 from hgo_rs.expressions.library import CONSTANTS, FUNCTIONS
@@ -20,8 +20,6 @@ from hgo_rs.expressions.nodes import Node, function
 
 if TYPE_CHECKING:
     from lark import Lark, Token, Tree
-
-__all__ = ["GRAMMAR", "MAX_LENGTH", "parse", "unknown"]
 
 MAX_LENGTH = 10_000
 """Characters of one expression."""
@@ -270,12 +268,11 @@ def _start(token: Token) -> int:
 def unknown(name: str, known: Iterable[str], what: str = "name") -> str:
     """What to say of a name that is not there: the nearest one, or all of them."""
     names = sorted(known)
-    lower = {candidate.lower(): candidate for candidate in names}
-    near = difflib.get_close_matches(name[:64].lower(), lower, n=1, cutoff=0.7)
+    near = nearest(name[:64], names, count=1, cutoff=0.7)
     if name == "e":
         remedy = "write exp(1) for Euler's number"
     elif near:
-        remedy = f"did you mean {lower[near[0]]}?"
+        remedy = f"did you mean {near[0]}?"
     elif what == "name":
         remedy = "declare it as a state, an input or a parameter"
     else:

@@ -18,8 +18,6 @@ from hgo_rs.expressions.derivative import sub, substitute
 from hgo_rs.expressions.errors import ExpressionError
 from hgo_rs.expressions.nodes import Node, order, symbols
 
-__all__ = ["Interval", "bounds", "jumps"]
-
 Array = npt.NDArray[np.float64]
 Interval = tuple[Array, Array]
 """Lower and upper bounds, one entry a box."""

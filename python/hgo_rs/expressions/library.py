@@ -18,8 +18,6 @@ from hgo_rs.expressions import nodes
 from hgo_rs.expressions.errors import ExpressionError
 from hgo_rs.expressions.nodes import Node, function
 
-__all__ = ["CONSTANTS", "FUNCTIONS", "RESERVED", "Function"]
-
 
 @dataclass(frozen=True)
 class Function:

@@ -16,31 +16,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from threading import Lock
 from weakref import WeakValueDictionary
 
+from hgo_rs import upward
 from hgo_rs.expressions.errors import ExpressionError
-
-__all__ = [
-    "BOOLEAN",
-    "MAX_DEPTH",
-    "MAX_NODES",
-    "MAX_POWER",
-    "Node",
-    "both",
-    "compare",
-    "constant",
-    "either",
-    "function",
-    "negate",
-    "no",
-    "order",
-    "pack",
-    "power",
-    "rebuilt",
-    "replaced",
-    "select",
-    "symbol",
-    "symbols",
-    "unpack",
-]
 
 MAX_DEPTH = 1000
 """Operations inside one another; longer chains are refused."""
@@ -81,9 +58,7 @@ class Node:
     size: int
 
     def __repr__(self) -> str:
-        from hgo_rs.expressions.printing import text
-
-        return text(self)
+        return str(upward.call("text of an expression", self))
 
     def __reduce__(self) -> tuple[Callable[..., Node], tuple[object, ...]]:
         return _restore, (pack([self]),)

@@ -11,8 +11,6 @@ import numpy.typing as npt
 from hgo_rs.expressions.errors import ExpressionError
 from hgo_rs.expressions.nodes import Node, order
 
-__all__ = ["evaluate"]
-
 Array = npt.NDArray[Any]
 
 

@@ -6,10 +6,9 @@ import math
 import re
 from collections.abc import Callable
 
+from hgo_rs import upward
 from hgo_rs.expressions.library import CONSTANTS
 from hgo_rs.expressions.nodes import Node, order
-
-__all__ = ["LONGEST", "latex", "text"]
 
 LONGEST = 5000
 """Operations of the longest text; beyond it, shared parts would be written out again and again."""
@@ -35,6 +34,9 @@ Written = tuple[str, int]  # text, and how tightly it binds
 def text(root: Node) -> str:
     """The expression in its own syntax: ``parse(text(x)) is x``."""
     return _write(root, _as_text)
+
+
+upward.register("text of an expression", text)  # of which Node makes its repr
 
 
 def latex(root: Node, names: dict[str, str] | None = None) -> str:

@@ -17,8 +17,6 @@ from typing import Any
 from hgo_rs.expressions.errors import ExpressionError
 from hgo_rs.expressions.nodes import Node, order
 
-__all__ = ["compile_table"]
-
 Register = tuple[str, int]  # ("input" | "constant" | "op", index)
 
 

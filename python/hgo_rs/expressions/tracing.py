@@ -17,8 +17,6 @@ from hgo_rs.expressions.errors import ExpressionError, UntraceableError
 from hgo_rs.expressions.library import FUNCTIONS
 from hgo_rs.expressions.nodes import Node, function
 
-__all__ = ["Symbolic", "as_node", "symbolic_vector"]
-
 
 def as_node(value: Any) -> Node:
     """The expression of a value that a callable gave: symbolic, or a number."""

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hgo_rs.plotting import COLOURS
+from hgo_rs.plots import COLOURS
 from hgo_rs.scenarios.base import BACKENDS, Context, Outcome, Row, row, scenario
 
 if TYPE_CHECKING:

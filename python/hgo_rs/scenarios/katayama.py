@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hgo_rs.plotting import COLOURS
+from hgo_rs.plots import COLOURS
 from hgo_rs.reference import integrate
 from hgo_rs.reference.models import Ship
 from hgo_rs.scenarios.base import BACKENDS, Context, Outcome, Row, row, scenario

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hgo_rs.plotting import COLOURS, note_peak
+from hgo_rs.plots import COLOURS, note_peak
 from hgo_rs.scenarios.base import Context, Outcome, Row, row, scenario
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hgo_rs import design
-from hgo_rs.plotting import COLOURS
+from hgo_rs.plots import COLOURS
 from hgo_rs.scenarios.base import Context, Outcome, Row, row, scenario
 
 if TYPE_CHECKING:

@@ -1,0 +1,5 @@
+"""`python -m hgo_rs.cli`."""
+
+from hgo_rs.cli import main
+
+main()

@@ -1,0 +1,394 @@
+"""`hgo estimate`: an observer over a recorded log."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from hgo_rs import observers, plots
+from hgo_rs.cli.reproduce import OutputError
+from hgo_rs.cli.terminal import say, unknown
+from hgo_rs.config import FORMAT, OBSERVERS, Config, load
+from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING
+from hgo_rs.errors import HgoError, MissingExtraError, printable
+from hgo_rs.files import together
+from hgo_rs.logs import Log, LogSummary, TableWriter, read_chunks, run_chunks
+from hgo_rs.logs.estimation import check_fit
+from hgo_rs.logs.times import UNITS
+from hgo_rs.logs.write import check_writable_format
+from hgo_rs.observers import Gap, Observer, RunResult
+
+
+class _Numbers(click.ParamType):
+    """A list of numbers, complex ones as 1+2j: -1,-2 or "-1+1j, -1-1j"."""
+
+    name = "numbers"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> list[Any]:
+        if not isinstance(value, str):
+            return list(value)
+        numbers: list[Any] = []
+        for part in value.split(","):
+            try:
+                number = complex(part.strip().replace(" ", "").replace("i", "j"))
+            except ValueError:
+                self.fail(f"{part.strip()!r} is not a number; write for example -1,-2", param, ctx)
+            numbers.append(number if number.imag else number.real)
+        return numbers
+
+
+@click.command("estimate", short_help="Run an observer over a recorded log.")
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option("--config", type=click.Path(path_type=Path), help="observer.toml; options go before.")
+@click.option("--time", "time", metavar="COL", multiple=True, help="Time column.")
+@click.option(
+    "--unit",
+    type=click.Choice(list(UNITS)),
+    multiple=True,
+    help="Unit of the time column; again for several.",
+)
+@click.option("--output", metavar="COL", multiple=True, help="Measured output.")
+@click.option("--input", "input", metavar="COL", multiple=True, help="Known input.")
+@click.option(
+    "--input-gain",
+    type=float,
+    metavar="B0",
+    help="n-th derivative of the output for one unit of input (with --input; default 1).",
+)
+@click.option("--observer", metavar="NAME", help=f"One of {', '.join(OBSERVERS)}.")
+@click.option("--order", type=int, help="Number of states.")
+@click.option("--gain", type=float, help="The gain L (ell), 1/s.")
+@click.option("--dt", type=float, help="Sampling period, s: for a log without a time column.")
+@click.option("--poles", type=_Numbers(), help="Poles at gain 1, for example -1,-2,-3.")
+@click.option(
+    "--method",
+    help=f"Discretisation; by default the class's own: {DEFAULT_METHOD}, where the law takes it.",
+)
+@click.option(
+    "--timing",
+    help="current (the estimate at a sample uses it) or predictor; by default "
+    f"{DEFAULT_TIMING}, where the law takes it.",
+)
+@click.option("--saturation", type=_Numbers(), help="Bounds on the states 2 to n (peaking-free).")
+@click.option("--allow-unstable", is_flag=True, help="Go beyond the step limit of the method.")
+@click.option(
+    "--resets",
+    type=click.Choice(["refuse", "split"]),
+    help="A clock that starts again: an error (default), or a new start of the observer.",
+)
+@click.option(
+    "--save-config",
+    type=click.Path(path_type=Path),
+    help="Write what --config and the options say as an observer.toml.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Estimates, .csv or .parquet; by default LOG.estimates.csv in this folder.",
+)
+@click.option(
+    "--figure",
+    type=click.Path(path_type=Path),
+    help="Figure, .png, .svg or .pdf; by default beside the estimates, as PNG.",
+)
+def estimate_command(
+    log: Path,
+    config: Path | None,
+    save_config: Path | None,
+    out: Path | None,
+    figure: Path | None,
+    **options: Any,
+) -> int:
+    """Run an observer over the recorded LOG (CSV, Parquet, .mat, .npz).
+
+    Empty cells and NaN are missing samples: the observer predicts over them. Uneven steps are
+    honoured. Options may be repeated for several columns.
+
+    \b
+    Example: velocity and acceleration from a measured position
+      hgo estimate axis.csv --time t --output q --observer low-power --order 3 --gain 60
+    """
+    out = out if out is not None else Path(f"{log.stem}.estimates.csv")
+    check_writable_format(out)
+    draw = _can_draw(figure)
+    figure = figure if figure is not None else out.with_suffix(".png")
+    told = _configuration(config, options)
+    law = told.observer()
+    arguments = told.log
+    check_fit(law, arguments, f"{told.place(('log',))}: " if config else "")
+    results = {"--out": out}
+    if draw:
+        results["--figure"] = figure
+    if save_config is not None:
+        results["--save-config"] = save_config
+    _check_places(results, {"the log itself": log, "the file of --config": config})
+    summary, gaps, trace = LogSummary(), _LongestGaps(), _Trace()
+
+    def seen(chunks: Iterable[Log]) -> Iterator[Log]:
+        for chunk in chunks:
+            summary.add(chunk)
+            yield chunk
+
+    piece = -1
+    try:
+        with together(list(results.values())) as opened:
+            files = dict(zip(results, opened, strict=True))
+            with TableWriter(out, files["--out"]) as writer:
+                for chunk, result in run_chunks(law, seen(read_chunks(log, **arguments))):
+                    piece += len(chunk.starts)
+                    split = arguments.get("resets") == "split"
+                    writer.write(_columns(chunk, result, piece if split else None))
+                    gaps.add(result)
+                    if draw:
+                        trace.add(chunk, result)
+            if draw:
+                drawn = trace.draw(law, arguments["output"], told.data["observer"])
+                plots.save(drawn, figure, files["--figure"])
+            if save_config is not None:
+                files["--save-config"].write(told.to_toml().encode())
+    except OSError as error:
+        named = error.filename or ", ".join(map(str, results.values()))
+        raise OutputError(f"cannot write {named}: {error.strerror or error}") from error
+    say(f"{printable(str(log))}: {summary.describe()}")
+    say(f"run by {_law(law)}")
+    gaps.tell()
+    if not draw:
+        click.echo("no figure: pip install 'hgo_rs[plot]'", err=True)
+    say(f"written: {', '.join(printable(str(path)) for path in results.values())}")
+    return 0
+
+
+def _law(law: Observer) -> str:
+    """What ran: kind and order, gain, method and timing, as it was chosen."""
+    parts = law.spec.get("observers", [law.spec])
+    told = []
+    for part in parts:
+        gain = part.get("gain")
+        ell = gain.get("ell") if isinstance(gain, dict) else None
+        words = [part["kind"]]
+        words += [f"order {part['n']}"] if "n" in part else []
+        words += [f"gain {ell:g} 1/s"] if ell is not None else []
+        words += [f"method {part['method']}"] if "method" in part else []
+        told.append(", ".join(words))
+    return f"{'; '.join(told)}; timing {law.timing}"
+
+
+def _configuration(path: Path | None, options: dict[str, Any]) -> Config:
+    """What the file says, and over it the options that were given."""
+    given = {k: v for k, v in options.items() if v is not None and v is not False and v != ()}
+    columns: dict[str, Any] = {
+        key: given.pop(key)[0] if len(given[key]) == 1 else list(given.pop(key))
+        for key in ("time", "unit", "output", "input")
+        if key in given
+    }
+    columns |= {key: given.pop(key) for key in ("dt", "resets") if key in given}
+    base = None if path is None else load(path)
+    b0 = given.pop("input_gain", None)
+    if b0 is not None and "input" not in {**(base.log if base else {}), **columns}:
+        raise HgoError("--input-gain has no meaning without --input: name the input's column")
+    if b0 is not None or (base is None and "input" in columns):
+        given["model"] = {"kind": "input", "b0": 1.0 if b0 is None else b0}
+    _check_options(given, base)
+    if base is not None:
+        return base.replace(columns, **given)
+    return Config({"format": FORMAT, "observer": given.pop("observer")}).replace(columns, **given)
+
+
+def _check_options(given: dict[str, Any], base: Config | None) -> None:
+    """Refuse options that the observer has no use for, and without a file, missing ones."""
+    name = given.get("observer", base.data["observer"] if base else None)
+    if name is None:
+        raise HgoError("--observer is needed, or a --config that names one")
+    if name not in OBSERVERS:
+        raise HgoError(unknown("observer", name, list(OBSERVERS)))
+    accepted = inspect.signature(getattr(observers, OBSERVERS[name])).parameters
+    for key in given:
+        if key != "observer" and {"order": "n"}.get(key, key) not in accepted:
+            option = "--" + {"model": "input"}.get(key, key).replace("_", "-")
+            raise HgoError(f"{option} has no meaning for --observer {name}")
+    if base is not None:
+        return
+    needed = [key for key, p in accepted.items() if p.default is inspect.Parameter.empty]
+    for key in (*needed, *(["gain"] if "epsilon" in accepted else [])):
+        key = {"n": "order"}.get(key, key)
+        if key not in given:
+            option = "--" + key.replace("_", "-")
+            raise HgoError(f"{option} is needed for --observer {name}, or a --config that says it")
+
+
+def _can_draw(figure: Path | None) -> bool:
+    """A figure that is asked for needs matplotlib; the default one is left out without it."""
+    if figure is None:
+        try:
+            plots.require_matplotlib()
+        except MissingExtraError:
+            return False
+        return True
+    plots.require_matplotlib()
+    known = (".png", ".svg", ".pdf")
+    if figure.suffix.lower() not in known:
+        raise HgoError(f"{figure}: unknown format {figure.suffix!r}; known: {', '.join(known)}")
+    return True
+
+
+def _check_places(results: Mapping[str, Path], sources: Mapping[str, Path | None]) -> None:
+    """Refuse before the work, not after it: what cannot be written, or would replace another."""
+    taken = {name: path for name, path in sources.items() if path is not None}
+    for option, path in results.items():
+        for name, other in taken.items():
+            if _same_file(path, other):
+                remedy = f"choose another file with {option}"
+                if name in results:
+                    name = f"the file of {name} too"
+                raise OutputError(f"{path} is {name}; {remedy}")
+        taken[option] = path
+        _check_writable(path)
+
+
+def _same_file(a: Path, b: Path) -> bool:
+    try:
+        return a.resolve() == b.resolve() or a.samefile(b)
+    except OSError:
+        return False
+
+
+def _check_writable(path: Path) -> None:
+    if path.is_dir():
+        raise OutputError(f"cannot write {path}: it is a folder")
+    if path.exists() and not path.is_file():
+        raise OutputError(f"cannot write {path}: it is a pipe or a device; name a file")
+    existed = path.exists()
+    try:
+        with path.open("ab"):
+            pass
+        if not existed:
+            path.unlink()
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def _columns(log: Log, result: RunResult, piece: int | None) -> dict[str, np.ndarray]:
+    """t, y, u, x_hat1 ... x_hatN, innovation, missing (0 or 1), and the piece where asked for.
+
+    Several outputs and inputs are numbered: y1, y2, ...
+    """
+    columns: dict[str, np.ndarray] = {"t": log.t}
+
+    def add(name: str, values: np.ndarray) -> None:
+        if values.ndim == 1:
+            columns[name] = values
+        else:
+            columns.update({f"{name}{i + 1}": column for i, column in enumerate(values.T)})
+
+    add("y", log.y)
+    if log.u is not None:
+        add("u", log.u)
+    add("x_hat", result.x_hat)
+    add("innovation", result.innovation.reshape(log.y.shape))
+    add("missing", log.missing.astype(np.int64))
+    if piece is not None:
+        columns["piece"] = np.full(len(log.t), piece)
+    return columns
+
+
+class _LongestGaps:
+    """The longest gaps of a log, and the error to expect at their ends."""
+
+    COUNT = 3
+
+    def __init__(self) -> None:
+        self.found: list[tuple[float, float, Gap, np.ndarray]] = []
+
+    def add(self, result: RunResult) -> None:
+        """Look at a chunk; what a gap costs is computed for those that are among the longest."""
+        if not result.missing.any():
+            return
+        least = self.found[-1][0] if len(self.found) == self.COUNT else 0.0
+        gaps = sorted(result.gaps, key=lambda gap: -gap.duration)[: self.COUNT]
+        gaps = [gap for gap in gaps if gap.duration > least]
+        if not gaps:
+            return
+        errors = result.error_after(gaps)
+        for gap, error in zip(gaps, errors, strict=True):
+            self.found.append((gap.duration, float(result.time[gap.start]), gap, error))
+        self.found = sorted(self.found, key=lambda f: -f[0])[: self.COUNT]
+
+    def tell(self) -> None:
+        for duration, t, gap, error in self.found:
+            states = ", ".join(
+                f"x_hat{i + 1} {e:.3g}" for i, e in enumerate(error) if np.isfinite(e)
+            )
+            told = f"error to expect at its end: {states}" if states else "no error estimate"
+            say(f"gap of {duration:.4g} s ({gap.length} samples) at t = {t:.10g} s: {told}")
+
+
+class _Trace:
+    """What a figure shows of a log of any length: every row, or every 2nd, 4th, ..."""
+
+    MOST = 200_000
+
+    def __init__(self) -> None:
+        self.parts: dict[str, list[np.ndarray]] = {}
+        self.stride, self.count, self.kept = 1, 0, 0
+        self.end = self.offset = math.nan
+
+    def add(self, log: Log, result: RunResult) -> None:
+        if not log.t[0] > self.end:  # the clock starts again: draw it behind what there is
+            self.offset = 0.0 if math.isnan(self.end) else self.end + self.offset - log.t[0]
+        self.end = float(log.t[-1])
+        rows = slice(-self.count % self.stride, None, self.stride)
+        single = log.y.ndim == 1
+        signals: dict[str, np.ndarray] = {"time": log.t + self.offset, "x_hat": result.x_hat}
+        if single:
+            signals |= {"y": log.y, "innovation": result.innovation.ravel()}
+        signals["missing"] = result.missing
+        if result.gain is not None:
+            signals["gain"] = result.gain
+        for name, values in signals.items():
+            self.parts.setdefault(name, []).append(np.array(values[rows]))
+        self.count += len(log.t)
+        self.kept += len(self.parts["time"][-1])
+        while self.kept > self.MOST:
+            self.stride *= 2
+            self.parts = {n: [np.concatenate(p)[::2]] for n, p in self.parts.items()}
+            self.kept = len(self.parts["time"][0])
+
+    def draw(self, law: Observer, output: Any, kind: str) -> Any:
+        signals: dict[str, Any] = {n: np.concatenate(p) for n, p in self.parts.items()}
+        gain = f", gain {law.gain:g} 1/s" if law.spec.get("gain", {}) and law.gain else ""
+        moves = law._gain_index() is not None
+        if not moves:
+            signals.pop("gain", None)
+        title = f"{kind}, order {law.n}" + ("" if moves else gain)
+        if self.stride > 1:
+            title += f" (every {self.stride}th row)"
+        name = f"column {output}" if str(output).isdigit() else printable(str(output))
+        return plots.estimate_figure(
+            signals.pop("time"),
+            signals.pop("x_hat"),
+            names=_state_names(law, name),
+            output=f"{name}, measured",
+            title=title,
+            **signals,
+        )
+
+
+def _state_names(law: Observer, output: str) -> list[str] | None:
+    """The names of the states: the model's own, or the output and its derivatives."""
+    own = law.spec["model"].get("names", {}).get("states")
+    if own or law.n_y > 1:
+        return list(own) if own and len(own) == law.n else None
+    ordinals = ("first", "second", "third", "fourth", "fifth")
+    names = [output]
+    for i in range(1, law.n):
+        which = f"{ordinals[i - 1]} derivative" if i <= len(ordinals) else f"derivative {i}"
+        names.append(f"{which} of {output}")
+    return names

@@ -1,0 +1,153 @@
+"""What may stand in an `observer.toml`: keys, their types, and the classes that they name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from hgo_rs.errors import HgoError
+
+FORMAT = 1
+"""The format of `observer.toml` that this version reads and writes."""
+
+OBSERVERS = {
+    "standard": "StandardObserver",
+    "low-power": "LowPowerObserver",
+    "peaking-free": "PeakingFreeObserver",
+    "collection": "RepelledCollection",
+    "modified": "ModifiedObserver",
+    "sampled-data": "SampledDataObserver",
+    "reduced-order": "ReducedOrderObserver",
+    "chains": "MultiOutputObserver",
+}
+"""The structures, and the class of hgo_rs behind each name."""
+
+
+class ConfigError(HgoError):
+    """A configuration that is refused: names the file, the line and the remedy."""
+
+
+Kind = tuple[Callable[[Any], bool], str]
+
+
+def is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _all(value: Any, holds: Callable[[Any], bool]) -> bool:
+    return isinstance(value, list) and len(value) > 0 and all(map(holds, value))
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_pole(value: Any) -> bool:
+    return is_number(value) or (_all(value, is_number) and len(value) == 2)
+
+
+NUMBER: Kind = (is_number, "a number")
+INTEGER: Kind = (lambda v: isinstance(v, int) and not isinstance(v, bool), "an integer")
+FLAG: Kind = (lambda v: isinstance(v, bool), "true or false")
+TEXT: Kind = (_is_text, 'text in quotes, such as "a"')
+NUMBERS: Kind = (lambda v: _all(v, is_number), "numbers in brackets, such as [1.0, 2.0]")
+TEXTS: Kind = (lambda v: _all(v, _is_text), 'texts in brackets, such as ["a", "b"]')
+ROWS: Kind = (
+    lambda v: _all(v, lambda row: _is_text(row) or _all(row, _is_text)),
+    'texts, or rows of them, in brackets, such as [["a", "b"], ["c", "d"]]',
+)
+TABLE: Kind = (lambda v: isinstance(v, dict), "a table")
+TABLES: Kind = (lambda v: _all(v, lambda t: isinstance(t, dict)), "tables, one [[...]] for each")
+INTEGERS: Kind = (lambda v: _all(v, INTEGER[0]), "integers in brackets, such as [2, 1]")
+POLES: Kind = (
+    lambda v: _all(v, _is_pole),
+    "numbers, or pairs [real, imaginary], in brackets, such as [-1.0, [-2.0, 1.0], [-2.0, -1.0]]",
+)
+NUMBER_OR_NUMBERS: Kind = (lambda v: NUMBER[0](v) or NUMBERS[0](v), "a number or numbers")
+TEXT_OR_TEXTS: Kind = (lambda v: TEXT[0](v) or TEXTS[0](v), 'text, or texts such as ["a", "b"]')
+NAMED_NUMBERS: Kind = (
+    lambda v: isinstance(v, dict) and all(map(is_number, v.values())),
+    "named numbers, such as { M = 2.0 }",
+)
+GAIN: Kind = (
+    lambda v: is_number(v) or isinstance(v, (str, dict)),
+    'a number [1/s], or a law such as { law = "adaptive", p1 = 1.0, p2 = 1.0, b = 0.1 }',
+)
+
+TOP: dict[str, Kind] = {
+    "format": INTEGER,
+    "observer": TEXT,
+    "order": INTEGER,
+    "gain": GAIN,
+    "epsilon": NUMBER,
+    "poles": POLES,
+    "k": NUMBERS,
+    "alpha": NUMBERS,
+    "beta": NUMBERS,
+    "k_bar": NUMBERS,
+    "h_bar": NUMBERS,
+    "copies": INTEGER,
+    "saturation": NUMBER_OR_NUMBERS,
+    "clip": TEXT,
+    "method": TEXT,
+    "timing": TEXT,
+    "allow_unstable": FLAG,
+    "observers": TABLES,
+    "model": TABLE,
+    "start": TABLE,
+    "log": TABLE,
+}
+"""The keys at the head of the file. From `order` to `allow_unstable` they are the arguments of the
+observer's class; `order` is its n. `observers` are those of a model of several chains, each with
+keys as at the head. What a file leaves open is as in the class."""
+
+GAINS: dict[str, tuple[str, dict[str, Kind]]] = {
+    "constant": ("ConstantGain", {"ell": NUMBER}),
+    "adaptive": ("AdaptiveGain", {"p1": NUMBER, "p2": NUMBER, "b": NUMBER}),
+    "dead-zone": ("DeadZoneGain", {"p1": NUMBER, "p2": NUMBER, "b": NUMBER}),
+}
+"""`gain = { law = ... }`: the class behind each law, and its keys."""
+
+MODELS: dict[str, tuple[str, dict[str, Kind]]] = {
+    "unknown": ("Unknown", {}),
+    "input": ("InputGain", {"b0": NUMBER}),
+    "lee": ("Lee", {}),
+    "sanfelice-praly": ("SanfelicePraly", {"nu1": NUMBER, "nu2": NUMBER}),
+    "van-der-pol": ("VanDerPol", {"epsilon": NUMBER, "sigma": NUMBER, "multiplicative": FLAG}),
+    "crackle": ("Crackle", {"phi_max": NUMBER}),
+    "ship": ("Ship", {"delta": NUMBER, "w": NUMBERS}),
+    "own": (
+        "Model",
+        {
+            "states": TEXTS,
+            "inputs": TEXTS,
+            "parameters": NAMED_NUMBERS,
+            "orders": INTEGERS,
+            "phi": TEXT_OR_TEXTS,
+            "f": TEXTS,
+            "f1": TEXTS,
+            "g": ROWS,
+            "f2": TEXTS,
+            "h": TEXT,
+            "K_T": TEXTS,
+        },
+    ),
+}
+"""`[model]`: the class behind each `kind`, and its keys. A table without `kind` is an own model."""
+
+START: dict[str, Kind] = {"x_hat": NUMBERS, "r": NUMBER, "memory": NUMBERS, "t": NUMBER}
+"""`[start]`: estimate and gain to start from, or the whole memory; of one in use, its time."""
+
+LOG: dict[str, Kind] = {
+    "time": TEXT_OR_TEXTS,
+    "output": TEXT_OR_TEXTS,
+    "input": TEXT_OR_TEXTS,
+    "dt": NUMBER,
+    "unit": TEXT_OR_TEXTS,
+    "resets": TEXT,
+    "schedule": TABLE,
+}
+"""`[log]`: the arguments of `hgo_rs.logs.read_log`, and a schedule in place of times."""
+
+SCHEDULE: dict[str, Kind] = {"alpha": NUMBER, "epsilon": NUMBER, "k0": NUMBER, "p": NUMBER}
+"""`schedule = { ... }`: decreasing steps a(k) of `hgo_rs.StochasticApproximation`."""

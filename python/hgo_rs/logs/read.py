@@ -1,0 +1,178 @@
+"""Recorded logs in.
+
+`read_log` reads CSV, `.npz`, `.mat` and Parquet; `read_chunks` reads CSV and Parquet piece by
+piece, in constant memory. CSV and `.npz` need NumPy alone, `.mat` needs SciPy, Parquet needs
+pyarrow (the extra `data`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from hgo_rs.errors import nearest
+from hgo_rs.logs.clock import Clock
+from hgo_rs.logs.formats import tables
+from hgo_rs.logs.log import Log, LogSummary
+from hgo_rs.logs.merged import merged
+from hgo_rs.logs.table import (
+    CHUNK,
+    READABLE,
+    Columns,
+    DataError,
+    names_of,
+    refuse,
+    siblings,
+    values_of,
+)
+from hgo_rs.observers import StochasticApproximation
+
+
+def read_log(
+    path: str | Path,
+    time: Columns | None,
+    output: Columns,
+    input: Columns | None = None,
+    *,
+    dt: float | None = None,
+    unit: str | Sequence[str] | None = None,
+    resets: str = "refuse",
+    schedule: StochasticApproximation | None = None,
+) -> Log:
+    """Read a time column, output columns and, if named, input columns.
+
+    A CSV file may have a header or none (its columns are then named 0, 1, 2, ...), be separated by
+    tabs, semicolons, commas or blanks, and hold comment lines (#). A first line of whole numbers is
+    a header where the lines after it are written, or go on, otherwise; it is refused where it could
+    be either. A 2-D variable `q` of an `.npz` or `.mat` file has the columns `q[0]`, `q[1]`, ...
+
+    Parameters
+    ----------
+    path
+        The file; its suffix says the format.
+    time, output, input
+        Column names; a list for several outputs or inputs. `time` may be None if `dt` or `schedule`
+        is given. A list of times, one for each output (and, if you like, one for each input after
+        them), says that they were sampled at times of their own: the log then has a row for every
+        time at which there is a sample, NaN where an output has none, and inputs held.
+    dt
+        Sampling period, s. With `time` too, the recorded times only have to agree with it (to half
+        a period), and exact multiples of `dt` take their place.
+    unit
+        Unit of the time column: s, ms, us, ns, min, h or d; a list for several time columns.
+        Default: what the column's name says (`t_ms`, `time [us]`, `TimeUS`, `millis`), the unit
+        that makes it a Unix time of our days, else s where the steps can be seconds.
+    resets : "refuse" or "split"
+        What a clock that starts again means: an error, or a new piece of the log.
+    schedule
+        Sample k was taken after the first k steps of this schedule, in place of `time` and `dt`.
+
+    Raises
+    ------
+    DataError
+        Unreadable or malformed file, unknown column, time that does not increase, is missing or
+        of a unit that cannot be, an infinite output, a missing or infinite input. Names file, line
+        and remedy.
+    """
+    chunks = list(
+        read_chunks(path, time, output, input, dt=dt, unit=unit, resets=resets, schedule=schedule)
+    )
+    if len(chunks) == 1:
+        return chunks[0]
+    first, offset, starts = chunks[0], 0, []
+    for chunk in chunks:
+        starts += [offset + k for k in chunk.starts]
+        offset += len(chunk.t)
+    return Log(
+        np.concatenate([c.t for c in chunks]),
+        np.concatenate([c.y for c in chunks]),
+        None if first.u is None else np.concatenate([c.u for c in chunks if c.u is not None]),
+        first.names,
+        first.source,
+        np.concatenate([c.missing for c in chunks]),
+        tuple(starts),
+        chunks[-1].remarks,
+        first.assumed,
+    )
+
+
+def read_chunks(
+    path: str | Path,
+    time: Columns | None,
+    output: Columns,
+    input: Columns | None = None,
+    *,
+    dt: float | None = None,
+    unit: str | Sequence[str] | None = None,
+    resets: str = "refuse",
+    schedule: StochasticApproximation | None = None,
+    rows: int | None = None,
+) -> Iterator[Log]:
+    """The log of `read_log` in chunks of about `rows` rows (default 65536), in constant memory.
+
+    A chunk goes on where the one before ended, unless its `starts` hold 0. An `.npz` or `.mat`
+    file, and outputs with times of their own, are one chunk. What is wrong with the whole log
+    (fewer than two samples, an output without any, a usual step that no unit makes) is raised after
+    the last chunk.
+    """
+    path = Path(path)
+    if unit is not None and not isinstance(unit, str) and len(unit) == 1:
+        (unit,) = unit
+    several = time is not None and not isinstance(time, str)
+    one = None if several else cast("str | None", unit)
+    clock = Clock(path, time, dt, one, resets, schedule)
+    check_file(path)
+    outputs = names_of(output, "output")
+    inputs = [] if input is None else names_of(input, "input")
+    if time is not None and not isinstance(time, str):
+        if dt is not None or resets == "split":
+            raise DataError("time: several columns go without dt and resets; leave these out")
+        yield merged(path, list(time), output, input, unit)
+        return
+    names = {"time": time, "output": output, "input": input}
+    wanted = [*([] if time is None else [time]), *outputs, *inputs]
+    summary = LogSummary()
+    for table in filter(len, tables(path, wanted, CHUNK if rows is None else rows)):
+        t, starts = clock(table)
+        y = np.column_stack([values_of(table, path, name) for name in outputs])
+        for name, column in zip(outputs, y.T, strict=True):
+            told = f"{name!r} is infinite; leave a missing sample empty"
+            refuse(table, path, np.isinf(column), told)
+        u = np.column_stack([values_of(table, path, name) for name in inputs]) if inputs else None
+        for name, column in zip(inputs, () if u is None else u.T, strict=True):
+            told = f"the input {name!r} is missing or infinite; fill it in"
+            refuse(table, path, ~np.isfinite(column), told)
+        y = y[:, 0] if isinstance(output, str) else y
+        u = u[:, 0] if u is not None and isinstance(input, str) else u
+        remarks = table.remarks + clock.remarks
+        log = Log(t, y, u, names, str(path), np.isnan(y), starts, remarks, clock.assumed)
+        summary.add(log)
+        yield log
+    if summary.count < 2:
+        raise DataError(f"{path}: {summary.count} samples; an observer needs at least 2")
+    clock.finish()
+    for name in summary.empty_channels:
+        raise DataError(f"{path}: column {name!r} holds no sample")
+
+
+def check_file(path: Path) -> None:
+    """Refuse what is not there, is no file of known format, or might never end."""
+    try:
+        there, folder, regular = path.exists(), path.is_dir(), path.is_file()
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
+    if not there:
+        near = nearest(path.name, siblings(path))
+        raise DataError(f"no file {path}" + (f"; nearest: {', '.join(near)}" if near else ""))
+    if folder:
+        raise DataError(f"{path} is a folder; name a file ({', '.join(READABLE)})")
+    if path.suffix.lower() not in READABLE:
+        suffix = path.suffix.lower()
+        raise DataError(f"{path}: unknown format {suffix!r}; known: {', '.join(READABLE)}")
+    if not regular:
+        raise DataError(
+            f"{path} is a pipe or a device, which may have no end; write what it gives to a file"
+        )

@@ -1,0 +1,295 @@
+"""The forms in which a model is written: what each asks for, checks, and makes of it.
+
+y is the measured output, t the time [s]; the equations stand at the classes.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hgo_rs.errors import HgoError, check, check_integer, explain
+from hgo_rs.expressions import nodes
+from hgo_rs.expressions.derivative import add, mul
+from hgo_rs.expressions.errors import ExpressionError
+from hgo_rs.expressions.nodes import Node
+from hgo_rs.models.own.sources import Arguments, Group
+
+Sides = Mapping[str, Sequence[Node]]
+
+
+class Form:
+    """What all forms share. `sides` are the right-hand sides of the table, by name, with shapes."""
+
+    name: str
+    title: str
+    known: str
+    """The right-hand side that an observer adds to its own structure."""
+    taken: tuple[str, ...] = ("t",)
+    """Names that have a meaning in this form."""
+    sides: dict[str, tuple[int, ...]]
+    n_x = 0
+    """Measured states of the strict-feedback form."""
+    orders: tuple[int, ...] = ()
+    """Orders of several chains."""
+
+    def __init__(self, states: Sequence[str], inputs: Sequence[str]) -> None:
+        self.states = tuple(states)
+        self.inputs = tuple(inputs)
+        self.n = len(states)
+
+    @property
+    def own(self) -> dict[str, Any]:
+        """The form's part of the spec."""
+        return {"form": self.name, "n": self.n}
+
+    def arguments(self, side: str) -> Arguments:
+        """What a right-hand side may use."""
+        return Arguments((("t", None), ("x", self.states), ("u", self.inputs)))
+
+    def table_inputs(self) -> dict[str, str]:
+        """Symbol -> name of the table's input, without the parameters."""
+        found: dict[str, str] = {}
+        for side in self.sides:
+            for letter, members in self.arguments(side).groups:
+                if members is None:
+                    found.setdefault(letter, letter)
+                else:
+                    found |= {name: f"{letter}[{i}]" for i, name in enumerate(members)}
+        return found
+
+    def check(self, groups: Mapping[str, Group], parameters: Mapping[str, float]) -> None:
+        """Refuse what is not of this form."""
+
+    def drift(self, sides: Sides) -> list[Node]:
+        """dx/dt, one expression a state."""
+        raise NotImplementedError
+
+    def outputs(self, sides: Sides) -> list[Node]:
+        """y, one expression a measured output."""
+        return self._symbols[:1]
+
+    @property
+    def _symbols(self) -> list[Node]:
+        return [nodes.symbol(name) for name in self.states]
+
+
+class Phase(Form):
+    """x_1' = x_2, ..., x_n' = phi(t, x, u), y = x_1."""
+
+    name = "phase"
+    title = "phase-variable form"
+    known = "phi"
+
+    def __init__(self, states: Sequence[str], inputs: Sequence[str]) -> None:
+        super().__init__(states, inputs)
+        self.sides = {"phi": ()}
+
+    def drift(self, sides: Sides) -> list[Node]:
+        return [*self._symbols[1:], *sides["phi"]]
+
+
+class Chains(Form):
+    """One chain for each output, of orders n_1, n_2, ..., with phi_i(t, x, u) of all states."""
+
+    name = "chains"
+    known = "phi"
+
+    def __init__(self, states: Sequence[str], inputs: Sequence[str], orders: Any) -> None:
+        super().__init__(states, inputs)
+        if isinstance(orders, str) or not isinstance(orders, Sequence):
+            raise HgoError(explain("orders", orders, "a list of integers", "write orders=[2, 2]"))
+        self.orders = tuple(
+            check_integer(order, f"orders[{i}]", least=1) for i, order in enumerate(orders)
+        )
+        allowed = f"orders that add up to {self.n}, the number of states"
+        fits = sum(self.orders) == self.n
+        check(fits, "orders", list(self.orders), allowed, "list the states chain by chain")
+        self.title = f"phase-variable form, {len(self.orders)} chains"
+        self.sides = {"phi": (len(self.orders),)}
+
+    @property
+    def own(self) -> dict[str, Any]:
+        return {**super().own, "orders": list(self.orders)}
+
+    def drift(self, sides: Sides) -> list[Node]:
+        rates = [*self._symbols[1:], *self._symbols[:1]]
+        for end, phi in zip(itertools.accumulate(self.orders), sides["phi"], strict=True):
+            rates[end - 1] = phi
+        return rates
+
+    def outputs(self, sides: Sides) -> list[Node]:
+        starts = [0, *itertools.accumulate(self.orders)][:-1]
+        return [self._symbols[start] for start in starts]
+
+
+class Triangular(Form):
+    """x_i' = x_{i+1} + f_i(t, x_1 ... x_i, u), y = x_1: f_i stands beside the chain."""
+
+    name = "triangular"
+    title = "triangular form"
+    known = "f"
+
+    def __init__(self, states: Sequence[str], inputs: Sequence[str]) -> None:
+        super().__init__(states, inputs)
+        self.sides = {"f": (self.n,)}
+
+    def check(self, groups: Mapping[str, Group], parameters: Mapping[str, float]) -> None:
+        for i, node in enumerate(groups["f"].nodes or ()):
+            for name in nodes.symbols([node]):
+                if name in self.states[i + 1 :]:
+                    raise ExpressionError(
+                        f"{node} depends on {name}, so that the model is not triangular: must "
+                        f"depend on {', '.join(self.states[: i + 1])} only (f_i on x_1 ... x_i); "
+                        "reorder the states, or leave out what the chain x_i' = x_{i+1} + f_i has "
+                        "already",
+                        name=f"f[{i}]",
+                    )
+
+    def drift(self, sides: Sides) -> list[Node]:
+        *rest, last = sides["f"]
+        return [*map(add, self._symbols[1:], rest), last]
+
+
+class Sampled(Form):
+    """x' = f(t, x, u), corrected by K_T(t, x, u, y, T) at each sample; y = h(x). Fu et al. (5)."""
+
+    name = "sampled"
+    title = "sampled-data form"
+    known = "f"
+    taken = ("t", "y", "T")
+
+    def __init__(self, states: Sequence[str], inputs: Sequence[str]) -> None:
+        super().__init__(states, inputs)
+        self.sides = {"f": (self.n,), "K_T": (self.n,), "h": ()}
+
+    def arguments(self, side: str) -> Arguments:
+        common = super().arguments(side)
+        return Arguments((*common.groups, ("y", None), ("T", None))) if side == "K_T" else common
+
+    def check(self, groups: Mapping[str, Group], parameters: Mapping[str, float]) -> None:
+        h = groups["h"]
+        if h.nodes is None:
+            return
+        used = nodes.symbols(h.nodes)
+        for name in used:
+            if name in h.arguments.symbols and name not in self.states:
+                raise ExpressionError(
+                    f"{h.nodes[0]} depends on {name}: must depend on the states only, y = h(x)",
+                    name="h",
+                )
+        if not set(used) & set(self.states):
+            raise ExpressionError(
+                f"{h.nodes[0]} depends on no state, so that y has no relative degree: must depend "
+                f"on one of {', '.join(self.states)}; give the measured output",
+                name="h",
+            )
+
+    def drift(self, sides: Sides) -> list[Node]:
+        return list(sides["f"])
+
+    def outputs(self, sides: Sides) -> list[Node]:
+        return list(sides["h"])
+
+
+class StrictFeedback(Form):
+    """x' = f1(x) + g(x) z, z' = f2(t, x, z, u), y = x. Katayama (1)."""
+
+    name = "strict-feedback"
+    title = "strict-feedback form"
+    known = "f2"
+
+    def __init__(self, states: Sequence[str], inputs: Sequence[str], f1: Any) -> None:
+        super().__init__(states, inputs)
+        self.n_x = _length(f1, self.n - 1)
+        self.x, self.z = self.states[: self.n_x], self.states[self.n_x :]
+        self.sides = {"f1": (self.n_x,), "g": (self.n_x, len(self.z)), "f2": (len(self.z),)}
+
+    @property
+    def own(self) -> dict[str, Any]:
+        return {"form": self.name, "n": self.n_x, "n_z": len(self.z)}
+
+    def arguments(self, side: str) -> Arguments:
+        return Arguments((("t", None), ("x", self.x), ("z", self.z), ("u", self.inputs)))
+
+    def check(self, groups: Mapping[str, Group], parameters: Mapping[str, float]) -> None:
+        for group in (groups["f1"], groups["g"]):
+            self._check_measured(group)
+        self._check_rank(groups["g"], parameters)
+
+    def _check_measured(self, group: Group) -> None:
+        """f1 and g are functions of the measured states."""
+        others = {name for name in group.arguments.symbols if name not in self.x}
+        for i, node in enumerate(group.nodes or ()):
+            for name in nodes.symbols([node]):
+                if name in others:
+                    raise ExpressionError(
+                        f"{node} depends on {name}: must depend on the measured states "
+                        f"{', '.join(self.x)} only (Katayama (1)); move the term to f2",
+                        name=f"{group.name}[{i}]",
+                    )
+
+    def _check_rank(self, g: Group, parameters: Mapping[str, float]) -> None:
+        """g of full column rank (A2) somewhere: else y' does not tell z."""
+        rng = np.random.default_rng(0)
+        call, rank = g.call(parameters), len(self.z)
+        points = [call(*g.arguments.probe(rng)).reshape(g.shape) for _ in range(5)]
+        ranks = [int(np.linalg.matrix_rank(p)) for p in points if np.isfinite(p).all()]
+        if ranks and max(ranks) < rank:
+            raise HgoError(
+                f"g has rank {max(ranks)} at every point looked at: must have the rank {rank}, one "
+                "for each state z (relative degree 1, Katayama (A2)); measure more, or leave out "
+                "a z"
+            )
+
+    def drift(self, sides: Sides) -> list[Node]:
+        rates = list(sides["f1"])
+        z = self._symbols[self.n_x :]
+        for i, entry in enumerate(sides["g"]):
+            row, column = divmod(i, len(z))
+            rates[row] = add(rates[row], mul(entry, z[column]))
+        return [*rates, *sides["f2"]]
+
+    def outputs(self, sides: Sides) -> list[Node]:
+        return self._symbols[: self.n_x]
+
+
+def _length(f1: Any, most: int) -> int:
+    """Number of measured states."""
+    if callable(f1) or isinstance(f1, str):
+        remedy = "give f1 as a list, so that it is known how many states are measured"
+        raise HgoError(explain("f1", f1, "a list of expressions", remedy))
+    count = len(f1.tolist() if hasattr(f1, "tolist") else f1)
+    if not 1 <= count <= most:
+        raise HgoError(
+            f"f1 has {count} expressions: must have 1 to {most}, one for each measured state, "
+            "with at least one state z left; list x, then z in states"
+        )
+    return count
+
+
+def form_of(
+    given: Mapping[str, Any], orders: Any, states: Sequence[str], inputs: Sequence[str]
+) -> Form:
+    """The form whose right-hand sides are given."""
+    there = {name for name, value in given.items() if value is not None}
+    if there == {"phi"} and orders is not None:
+        return Chains(states, inputs, orders)
+    if orders is None:
+        if there == {"phi"}:
+            return Phase(states, inputs)
+        if there == {"f"}:
+            return Triangular(states, inputs)
+        if {"f", "K_T"} <= there <= {"f", "K_T", "g", "h"}:
+            return Sampled(states, inputs)
+        if there == {"f1", "g", "f2"}:
+            return StrictFeedback(states, inputs, given["f1"])
+    shown = ", ".join([*sorted(there), *(["orders"] if orders is not None else [])]) or "nothing"
+    raise HgoError(
+        f"a model of {shown}: must be one of the five forms; give phi= (phase-variable), phi= and "
+        "orders= (several chains), f= (triangular), f= and K_T= with g= and h= where wanted "
+        "(sampled-data), or f1=, g= and f2= (strict-feedback)"
+    )

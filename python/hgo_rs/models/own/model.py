@@ -1,0 +1,237 @@
+"""A user's own model of a system, for an observer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from hgo_rs.errors import HgoError, explain
+from hgo_rs.expressions import nodes
+from hgo_rs.expressions.grammar import unknown
+from hgo_rs.expressions.nodes import Node
+from hgo_rs.models.own.base import OwnSystem, written
+from hgo_rs.models.own.forms import form_of
+from hgo_rs.models.own.names import Names
+from hgo_rs.models.own.plant import Plant
+from hgo_rs.models.own.sources import Arguments, Group, read_group
+
+
+class Model(OwnSystem):
+    """A system of your own, as an observer knows it.
+
+    One of five forms; y is the measured output and t the time [s]:
+
+    - phase-variable: x_1' = x_2, ..., x_n' = phi(t, x, u), y = x_1.
+    - chains, one for each output: the same with orders n_1, n_2, ... and phi_1(t, x, u),
+      phi_2(t, x, u), ... of the states of all chains (block-triangular form).
+    - triangular: x_i' = x_{i+1} + f_i(t, x_1 ... x_i, u), y = x_1: f_i comes beside the chain.
+    - sampled-data, Fu, Kang and Li (5): x' = f(t, x, u), corrected by K_T(t, x, u, y, T) at each
+      sample; y = h(x).
+    - strict-feedback, Katayama (1): x' = f1(x) + g(x) z, z' = f2(t, x, z, u), y = x.
+
+    Parameters
+    ----------
+    states : list of names
+        In order. Of several chains one chain after the other. In strict-feedback form x, which is
+        measured, then z: as many x as f1 has entries.
+    inputs : list of names, optional
+    parameters : dict of name -> value, optional
+        Constants that have names, see `with_parameters`.
+    phi, f, h, K_T, f1, f2 : expressions
+        Strings in the grammar of `hgo_rs.expressions`, numbers, SymPy expressions, or callables:
+        f(t, x, u), or f(t, x, u, p) with the parameters p["M"] or p.M; K_T(t, x, u, y, T);
+        f1, g, f2(t, x, z, u). Lists where there are several; one callable may give all.
+    orders : list of int, optional
+        Orders of the chains, with as many phi; they add up to the number of states.
+    g : list of expressions
+        Strict-feedback: n_x rows of n_z entries. Sampled-data: the diffusion (n), which `plant`
+        uses and no observer.
+
+    Attributes
+    ----------
+    compiled : bool
+        False where a callable could not be traced: it then runs as Python, slowly; see
+        `why_not_compiled`.
+
+    Raises
+    ------
+    HgoError
+        A name that is reserved, doubled or unknown (with the nearest one); a parameter that is
+        not finite; an expression that cannot be read (ExpressionError, with a caret under the
+        place); an f_i that depends on a later state, with the symbol named; a g without full
+        column rank.
+    """
+
+    def __init__(
+        self,
+        *,
+        states: Sequence[str],
+        inputs: Sequence[str] = (),
+        parameters: Mapping[str, float] | None = None,
+        phi: Any = None,
+        orders: Sequence[int] | None = None,
+        f: Any = None,
+        g: Any = None,
+        h: Any = None,
+        K_T: Any = None,
+        f1: Any = None,
+        f2: Any = None,
+    ) -> None:
+        given = {"phi": phi, "f": f, "g": g, "h": h, "K_T": K_T, "f1": f1, "f2": f2}
+        names = Names.of(states, inputs, parameters)
+        form = form_of(given, orders, names.states, names.inputs)
+        names.leave_alone(form.taken)
+        self._names, self._form = names, form
+        if form.name == "sampled" and h is None:
+            given["h"] = names.states[0]
+        groups = [
+            read_group(side, given[side], form.arguments(side), names, shape)
+            for side, shape in form.sides.items()
+        ]
+        self._diffusion: Group | None = None
+        if form.name == "sampled" and g is not None:
+            self._diffusion = read_group("g", g, form.arguments("g"), names, (self.n,))
+        form.check({group.name: group for group in groups}, names.parameters)
+        self._compile(form.table_inputs(), groups)
+
+    # --- other systems made of it -------------------------------------------------------------
+
+    def with_inputs(self, values: Mapping[str, Any] | None = None, /, **named: Any) -> Model:
+        """The same model with expressions of t and the parameters in place of some inputs.
+
+        An observer of it then knows the input as a function of time, which a simulation needs.
+
+        Raises
+        ------
+        HgoError
+            A name that is no input; an expression of anything else; a model that is not compiled.
+        """
+        given = {**(values or {}), **named}
+        arguments = Arguments((("t", None),))
+        new: dict[str, Node] = {}
+        for name, source in given.items():
+            if name not in self.inputs:
+                raise HgoError(unknown(name, self.inputs, "input"))
+            group = read_group(name, source, arguments, self._names, ())
+            self._need_expressions(group)
+            new[name], *_ = group.nodes or ()
+        left = {"inputs": [name for name in self.inputs if name not in new]}
+        sides = {name: nodes.replaced(side, new) for name, side in self._all_sides().items()}
+        return Model(**{**self._arguments(), **left, **sides})
+
+    def plant(self, *, diffusion: Any = None) -> Plant:
+        """The system itself, to simulate.
+
+        Parameters
+        ----------
+        diffusion : n expressions, optional
+            Default: g of the sampled-data form, else none.
+
+        Raises
+        ------
+        HgoError
+            A model with inputs (see `with_inputs`), with several outputs, or not compiled.
+        """
+        if self.inputs:
+            remedy = f'write model.with_inputs({self.inputs[0]}="sin(t)").plant()'
+            raise HgoError(explain("inputs", list(self.inputs), "expressions of t", remedy))
+        if len(self.outputs) > 1:
+            remedy = "give hgo_rs.Plant the equations, with one output"
+            raise HgoError(explain("outputs", list(self.outputs), "one", remedy))
+        sides = self._all_sides()
+        if diffusion is None and self.form == "sampled":
+            diffusion = sides.get("g")
+        return Plant(
+            states=self.states,
+            parameters=self.parameters,
+            drift=self.drift,
+            diffusion=diffusion,
+            output=self.outputs[0],
+        )
+
+    # --- what it is ---------------------------------------------------------------------------
+
+    @property
+    def form(self) -> str:
+        """One of "phase", "chains", "triangular", "sampled" and "strict-feedback"."""
+        return self._form.name
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """Orders of the chains; empty for the other forms."""
+        return self._form.orders
+
+    @property
+    def n_x(self) -> int:
+        """Measured states of the strict-feedback form; 0 for the other forms."""
+        return self._form.n_x
+
+    @property
+    def order(self) -> int:
+        """Order that an observer must have: n; for the strict-feedback form the number of z."""
+        return self.n - self.n_x
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """What the core reads, read-only; "table" is None where it is not compiled."""
+        return self._spec(kind="own", **self._form.own, n_u=self.n_u)
+
+    @property
+    def known(self) -> tuple[Node, ...]:
+        """phi, f or f2."""
+        return self.equations[self._form.known]
+
+    @property
+    def known_names(self) -> tuple[str, ...]:
+        """phi, or f[0] ..."""
+        return self._groups[self._form.known].labels(self._form.known)
+
+    @property
+    def drift(self) -> tuple[Node, ...]:
+        """dx/dt, one expression a state (x, then z)."""
+        return tuple(self._form.drift(self.equations))
+
+    @property
+    def outputs(self) -> tuple[Node, ...]:
+        """y: x_1, or the first state of each chain, or h, or all x of the strict-feedback form."""
+        return tuple(self._form.outputs(self.equations))
+
+    def shown_equations(self) -> list[tuple[str, Node]]:
+        """As for every system, and K_T where there is one."""
+        more = [(f"K_T[{i}]", node) for i, node in enumerate(self.equations.get("K_T", ()))]
+        return super().shown_equations() + more
+
+    def as_arguments(self) -> dict[str, Any]:
+        """What makes the same model again, as plain data: Model(**model.as_arguments()) == model.
+
+        Expressions are text, so that it can be written to a file.
+
+        Raises
+        ------
+        HgoError
+            A model that is not compiled; an expression whose text would be too long.
+        """
+        shapes = {"g": (self.n,), **self._form.sides}
+        sides = {
+            name: written(side, name, shapes[name]) for name, side in self._all_sides().items()
+        }
+        return {**self._arguments(), **sides}
+
+    def _arguments(self) -> dict[str, Any]:
+        orders = {"orders": list(self.orders)} if self.orders else {}
+        return {**super()._arguments(), **orders}
+
+    def _all_sides(self) -> dict[str, Sequence[Node]]:
+        """The right-hand sides of the table, and the diffusion."""
+        sides: dict[str, Sequence[Node]] = dict(self.equations)
+        if self._diffusion is not None:
+            self._need_expressions(self._diffusion)
+            sides["g"] = self._diffusion.nodes or ()
+        return sides
+
+    @property
+    def _title(self) -> str:
+        return f"Model in {self._form.title}, {self.n} states"
+
+    def _same(self) -> tuple[Any, ...]:
+        return (*super()._same(), self._diffusion and self._diffusion.nodes)

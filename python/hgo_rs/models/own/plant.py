@@ -1,0 +1,121 @@
+"""A user's own plant, for simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from hgo_rs.expressions.nodes import Node
+from hgo_rs.models.own.base import OwnSystem, written
+from hgo_rs.models.own.names import Names
+from hgo_rs.models.own.sources import Arguments, read_group
+
+
+class Plant(OwnSystem):
+    """A system of your own to simulate: dx = drift(t, x) dt + diffusion(t, x) dW, y = output(t, x).
+
+    An input is written out as an expression of t and the states.
+
+    Parameters
+    ----------
+    states : list of names
+    parameters : dict of name -> value, optional
+        Constants that have names, see `with_parameters`.
+    drift : list of n expressions, or a callable (t, x) or (t, x, p)
+        Expressions as in `Model`.
+    diffusion : the same, optional
+        With one Wiener process W. Default: none.
+    output : expression, optional
+        Default: the first state.
+
+    Raises
+    ------
+    HgoError
+        As `Model`.
+    """
+
+    def __init__(
+        self,
+        *,
+        states: Sequence[str],
+        parameters: Mapping[str, float] | None = None,
+        drift: Any,
+        diffusion: Any = None,
+        output: Any = None,
+    ) -> None:
+        names = self._names = Names.of(states, (), parameters)
+        names.leave_alone(("t",))
+        arguments = Arguments((("t", None), ("x", names.states)))
+        h = names.states[0] if output is None else output
+        given: dict[str, tuple[Any, tuple[int, ...]]] = {"drift": (drift, (self.n,))}
+        if diffusion is not None:
+            given["diffusion"] = (diffusion, (self.n,))
+        given["output"] = (h, ())
+        inputs = {"t": "t", **{name: f"x[{i}]" for i, name in enumerate(names.states)}}
+        self._compile(
+            inputs,
+            [
+                read_group(name, side, arguments, names, shape)
+                for name, (side, shape) in given.items()
+            ],
+        )
+
+    @property
+    def order(self) -> int:
+        """Order of an observer of it: n."""
+        return self.n
+
+    @property
+    def noisy(self) -> bool:
+        """Whether there is process noise."""
+        return "diffusion" in self._groups
+
+    @property
+    def _title(self) -> str:
+        return f"Plant, {self.n} states" + (", with process noise" if self.noisy else "")
+
+    @property
+    def drift(self) -> tuple[Node, ...]:
+        """dx/dt, one expression a state."""
+        return self.equations["drift"]
+
+    @property
+    def known(self) -> tuple[Node, ...]:
+        """The drift."""
+        return self.drift
+
+    @property
+    def known_names(self) -> tuple[str, ...]:
+        """drift[0] ..."""
+        return self._groups["drift"].labels("drift")
+
+    @property
+    def outputs(self) -> tuple[Node, ...]:
+        """y (1)."""
+        return self.equations["output"]
+
+    def shown_equations(self) -> list[tuple[str, Node]]:
+        """As for every system, and the diffusion where there is one."""
+        rows = enumerate(self.equations.get("diffusion", ()))
+        return super().shown_equations() + [(f"diffusion[{i}]", node) for i, node in rows]
+
+    def as_arguments(self) -> dict[str, Any]:
+        """What makes the same plant again, as plain data: Plant(**plant.as_arguments()) == plant.
+
+        Expressions are text, so that it can be written to a file.
+
+        Raises
+        ------
+        HgoError
+            A plant that is not compiled; an expression whose text would be too long.
+        """
+        sides = {
+            name: written(side, name, self._groups[name].shape)
+            for name, side in self.equations.items()
+        }
+        return {**self._arguments(), **sides}
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """What the core reads, read-only; "table" is None where it is not compiled."""
+        return self._spec(kind="own-plant", n=self.n, n_u=0, noisy=self.noisy)

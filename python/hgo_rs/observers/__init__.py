@@ -1,0 +1,44 @@
+"""The observers: one class a law, over the compiled core; gain laws and schedules."""
+
+from __future__ import annotations
+
+from hgo_rs.design.discrete import METHODS, TIMINGS
+from hgo_rs.observers.base import Observer
+from hgo_rs.observers.collection import CopiesMetWarning, ModifiedObserver, RepelledCollection
+from hgo_rs.observers.gains import (
+    AdaptiveGain,
+    ConstantGain,
+    DeadZoneGain,
+    FixedStep,
+    StochasticApproximation,
+)
+from hgo_rs.observers.gaps import gap_bound
+from hgo_rs.observers.low_power import LowPowerObserver, PeakingFreeObserver
+from hgo_rs.observers.reduced_order import ReducedOrderObserver
+from hgo_rs.observers.result import Gap, RunResult
+from hgo_rs.observers.sampled_data import SampledDataObserver
+from hgo_rs.observers.several_outputs import MultiOutputObserver
+from hgo_rs.observers.standard import StandardObserver
+
+__all__ = [
+    "METHODS",
+    "TIMINGS",
+    "AdaptiveGain",
+    "ConstantGain",
+    "CopiesMetWarning",
+    "DeadZoneGain",
+    "FixedStep",
+    "Gap",
+    "LowPowerObserver",
+    "ModifiedObserver",
+    "MultiOutputObserver",
+    "Observer",
+    "PeakingFreeObserver",
+    "ReducedOrderObserver",
+    "RepelledCollection",
+    "RunResult",
+    "SampledDataObserver",
+    "StandardObserver",
+    "StochasticApproximation",
+    "gap_bound",
+]

@@ -1,0 +1,273 @@
+"""An observer: `step` on line, `run` over a record, and what its law does to noise and errors.
+
+Law and memory are apart: an object holds an immutable `spec` (what it is) and one memory (where it
+stands) that `step` moves. `run` works on a memory of its own and leaves the object's alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs import _core, upward
+from hgo_rs.design.discretisation import StepLimit, step_limit
+from hgo_rs.design.response import bandwidth, noise_gain, peaking, settling
+from hgo_rs.errors import DesignError, HgoError
+from hgo_rs.models import Model
+from hgo_rs.models.own.callables import clocked, stand_in, warn_slow
+from hgo_rs.observers import records
+from hgo_rs.observers.gaps import gap_error
+from hgo_rs.observers.online import TAMER, OnlineObserver
+from hgo_rs.observers.records import Array
+from hgo_rs.observers.result import Gap, RunResult
+from hgo_rs.read_only import shown as frozen
+
+_OVERFLOW = "choose a smaller step or gain, another method, or fewer samples"
+
+
+class Observer(OnlineObserver):
+    """An observer of the compiled core. Use one of its subclasses.
+
+    Attributes
+    ----------
+    spec : dict
+        What the observer is, as plain data, read-only.
+    n, n_y, n_u : int
+        Numbers of estimated states, measured outputs, known inputs.
+    timing : "predictor" or "current"
+        Whether the estimate at sample k uses samples up to k - 1, or up to k.
+    memory : (m,) ndarray
+        Where it stands: x_hat first, then auxiliary states, then the gain r where it moves; with
+        current timing then the time that the next correction is for [s]. A step makes a new one; an
+        array that is set is copied, and neither clock nor whether a first sample was taken changes:
+        `reset(memory0=..., t=...)` goes on where another observer stands.
+    model : System or None
+        What it knows of the system; None: nothing, or what its class takes by default.
+    allow_unstable : bool
+        Let `step` and `run` use a step beyond the stability limit.
+    """
+
+    def run(
+        self,
+        t_or_dt: npt.ArrayLike,
+        y: npt.ArrayLike,
+        u: npt.ArrayLike | None = None,
+        *,
+        x_hat0: npt.ArrayLike | None = None,
+        r0: float | None = None,
+        memory0: npt.ArrayLike | None = None,
+        until: float | None = None,
+        timing: str | None = None,
+        allow_unstable: bool | None = None,
+    ) -> RunResult:
+        """Run over a record of N samples.
+
+        Predictor timing: row k of the result uses samples up to k - 1; current timing: up to k, by
+        `correct(y[k])`, after which `predict(u[k], dt)` moves to the next row, with the bits of
+        these calls. Uneven steps are honoured.
+
+        Parameters
+        ----------
+        t_or_dt : float or (N,)
+            Sampling period, or the increasing times of the samples [s].
+        y : (N,) or (N, n_y)
+            Samples; None or NaN is missing: the law predicts over it, `missing` says where.
+        u : (N,) or (N, n_u), optional
+            Known inputs, each held until the next sample.
+        x_hat0, r0, memory0 : optional
+            Where to start, see `initial_memory`; or the whole memory, as the first sample finds
+            it.
+        until : float, optional
+            Time [s] of the sample after the last one, where the record goes on elsewhere:
+            `next_memory` of the result is the memory there, a `memory0` to go on with.
+        timing : "predictor" or "current", optional
+            Default: the observer's own. The result says which.
+        allow_unstable : bool, optional
+            Run at a step beyond the stability limit. Default: the constructor's choice.
+
+        Raises
+        ------
+        HgoError
+            Shapes that do not fit; NaN or infinity in t or u, infinity in y; time that does not
+            increase; a step at or above the stability limit; an estimate that diverged.
+        """
+        if timing is not None and timing != self.timing:
+            given: dict[str, Any] = {"x_hat0": x_hat0, "r0": r0, "memory0": memory0}
+            given |= {"until": until, "allow_unstable": allow_unstable}
+            return self.with_timing(timing).run(t_or_dt, y, u, **given)
+        allow = self.allow_unstable if allow_unstable is None else bool(allow_unstable)
+        samples = records.samples(y, self.n_y)
+        clock = records.clock(t_or_dt, len(samples))
+        told = records.inputs(u, len(samples), self.n_u)
+        start = self._start(x_hat0, r0, memory0)
+        if memory0 is None:
+            self._check_start(start, told=False)
+        # elsewhere the innovation is y - x_hat_1, which is computed when it is asked for
+        own_sampled = self.spec["kind"] == "sampled-data" and self.spec["model"]["kind"] == "own"
+        tells = self._core.is_current or self.spec["kind"] == "chains" or own_sampled
+        end = None if until is None else records.after(until, clock, len(samples))
+        slowdown = 1.0
+        if self._interpreted:
+            record = (clock, samples, told, start)
+            track, slowdown = self._called_run(*record, innovation=tells, until=end)
+        else:
+            track = self._core.run(clock, samples, told, start, innovation=tells, until=end)
+        if not track["sound"]:
+            records.check_samples(track["y"], self.n_y)
+            records.check_times(clock)
+            records.check_inputs(told)
+
+        def time(k: int) -> float:
+            return clock * k if isinstance(clock, float) else float(clock[k])
+
+        k, longest = track["longest_step"]
+        where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
+        if self._core.is_current and self._law_len < len(start) and not track["missing"][0]:
+            # the first sample corrects over the time that its start has waited
+            waited = float(start[self._law_len])
+            if waited > longest:
+                longest, where = waited, f"before sample 0 (t = {time(0):g} s), "
+        if longest > 0.0:
+            try:
+                self._check_dt(longest, allow)
+            except DesignError as error:
+                raise DesignError(f"{where}{error}") from None
+        memory = track["memory"]
+        bound = self._bound(float(np.max(np.abs(start))), track["largest_sample"])
+        diverged = len(memory)
+        if not track["largest"] <= bound:  # NaN is not within
+            diverged = int(np.argmin(np.all(np.abs(memory) <= bound, axis=1)))
+        undefined = track["undefined"]
+        if undefined is not None and (undefined < diverged or allow):
+            k = undefined
+            where = f"sample {k} (t = {time(k):.6g} s)"
+            raise HgoError(self._undefined(where, time(k), track["y"][k], told[k], memory[k]))
+        if diverged < len(memory) and not allow:
+            k = diverged
+            raise HgoError(f"the estimate diverged at sample {k} (t = {time(k):g} s): {TAMER}")
+        finite = [*np.isfinite(memory[diverged:]).all(axis=1)]
+        finite += [] if end is None else [np.isfinite(track["next"]).all()]
+        if not all(finite):
+            k = diverged + finite.index(False)
+            where = f"sample {k} (t = {time(k):g} s)" if k < len(memory) else f"t = {end:g} s"
+            raise HgoError(f"the estimate overflowed at {where}: {_OVERFLOW}")
+        self._tell_end(start, memory[-1])
+        result = RunResult.of_run(
+            clock,
+            track.get("innovation"),
+            x_hat=memory[:, : self.n],
+            auxiliary=memory[:, self.n : self._law_len],
+            missing=track["missing"],
+            gain=self.gains(memory),
+            y=track["y"],
+            memory=memory,
+            timing=self.timing,
+        )
+        result.__dict__["slowdown"] = slowdown
+        result.__dict__["next_memory"] = None if until is None else frozen(track["next"])
+        if track["missing"].any():  # for the error to expect after the gaps
+            result.__dict__["_run_of"] = (self, told.copy())
+        return result
+
+    def _gap_error(self, result: RunResult, u: Array, gaps: Sequence[Gap]) -> Array:
+        """What gaps cost a result of this observer, (number of gaps, n)."""
+        if self._interpreted:
+            return np.full((len(gaps), self.n), np.nan)
+        return gap_error(self._core, self.spec, result, u, gaps, index=self._gain_index())
+
+    def _called_run(self, *record: Any, **options: Any) -> tuple[dict[str, Any], float]:
+        """The track of a model of Python functions, and by how much it is slower than a compiled
+        model of its size.
+        """
+        model, count = cast("Model", self.model), len(record[1])
+        track, called = clocked(lambda: self._core.run(*record, **options))
+        compiled = _core.Observer(stand_in(self.spec, model))
+        _, fast = clocked(lambda: compiled.run(*record, **options))
+        return track, warn_slow(model, fast / count, called / count, "run")
+
+    def step_limit(self) -> StepLimit:
+        """The largest stable step of this law under its discretisation, computed."""
+        return step_limit(self.spec)
+
+    def export(self, *, to: str, out: str | Path, **options: Any) -> list[Path]:
+        """Write this observer as source code, see `hgo_rs.export`."""
+        return cast("list[Path]", upward.call("export", self, to=to, out=out, **options))
+
+    def to_control(self, dt: float, *, name: str = "observer") -> Any:
+        """This law as a discrete-time system of the package `control`: see
+        `hgo_rs.exports.control.to_control`.
+        """
+        return upward.call("to_control", self, dt, name=name)
+
+    def bandwidth(self, dt: float | None = None, *, gain: float | None = None) -> Array:
+        """Cutoff of each estimate [rad/s], (n,): -3 dB against the ideal derivative of y.
+
+        Parameters
+        ----------
+        dt : float, optional
+            Step [s]: the observer as it runs, by its method and timing. Default: the law in
+            continuous time.
+        gain : float, optional
+            Where to freeze a gain that moves [1/s]. Default: where it stands.
+
+        Raises
+        ------
+        HgoError
+            A step that is not stable; a law of several chains. See `hgo_rs.design.bandwidth`.
+        """
+        return bandwidth(self.spec, dt, gain=self._frozen(gain))
+
+    def noise_gain(self, dt: float | None = None, *, gain: float | None = None) -> Array:
+        """Variance of each estimate per unit variance of white measurement noise, (n,).
+
+        Unit of entry i: s^(-2(i-1)). Exact, from a Lyapunov equation, the known part of the model
+        left out. Without `dt` per unit spectral density, the limit of noise_gain(dt)/dt.
+        Parameters and errors as in `bandwidth`; see `hgo_rs.design.noise_gain`.
+        """
+        return noise_gain(self.spec, dt, gain=self._frozen(gain))
+
+    def peaking(self, dt: float | None = None, *, gain: float | None = None) -> Array:
+        """Largest error of each estimate over time for x_hat_1 wrong by 1 at the start, (n,).
+
+        Unit of entry i: s^(-(i-1)); it grows as ell^(i-1).
+        Parameters and errors as in `bandwidth`; see `hgo_rs.design.peaking`.
+        """
+        return peaking(self.spec, dt, gain=self._frozen(gain))
+
+    def settling(
+        self, dt: float | None = None, *, within: float = 0.02, gain: float | None = None
+    ) -> Array:
+        """Time [s] after which the error of `peaking` stays below `within` of its peak, (n,).
+
+        Parameters and errors as in `bandwidth`; see `hgo_rs.design.settling`.
+        """
+        return settling(self.spec, dt, within=within, gain=self._frozen(gain))
+
+    def _frozen(self, gain: float | None) -> float | None:
+        """The gain at which the law is looked at: the one that acts, if it moves."""
+        return self.gain if gain is None and self._gain_index() is not None else gain
+
+    def save(self, path: str | Path, **log: Any) -> None:
+        """Write an `observer.toml` that says all of this observer, and where it stands.
+
+        Parameters
+        ----------
+        path
+            The file; `hgo_rs.load` reads it.
+        log
+            Keys of its table `[log]`: time, output, input, ...
+
+        Raises
+        ------
+        ConfigError
+            A file that cannot be written; a model that is Python code.
+        """
+        upward.call("save", self, path, **log)
+
+    def __repr__(self) -> str:
+        inside = ", ".join(f"{k}={v!r}" for k, v in self.spec.items() if k != "kind")
+        return f"{type(self).__name__}({inside})"

@@ -1,0 +1,369 @@
+"""An observer on line: what it is, where it stands, and what `step` asks of its arguments."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs import _core
+from hgo_rs.design.discrete import TIMINGS
+from hgo_rs.design.discretisation import check_step
+from hgo_rs.errors import HgoError, check, check_array, check_choice, check_number, explain
+from hgo_rs.models import Model, System
+from hgo_rs.models.own.callables import runnable
+from hgo_rs.observers.records import MARK, Array, check_inputs, check_samples, inputs, vector
+from hgo_rs.read_only import ReadOnlyDict
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
+_HUGE = 1e100  # beyond it a step overflows, whatever the model
+
+
+class OnlineObserver(_core.Online):
+    """Spec and memory of an observer, and the checks of its compiled `step`."""
+
+    _model: System | None = None
+    _told = False  # whether the whole memory was given
+
+    def __init__(
+        self, spec: dict[str, Any], *, model: System | None = None, allow_unstable: bool = False
+    ) -> None:
+        spec = self._spec = ReadOnlyDict(spec)
+        self._told = False
+        if model is not None:
+            self._model = model
+        self._interpreted = getattr(model, "compiled", True) is False
+        if self._interpreted:
+            self._core = _core.Observer(runnable(spec, model))
+        else:
+            self._core = _core.Observer(spec)
+        super().__init__(self._core, _lift(spec), bool(allow_unstable))
+
+    # what an observer is does not change
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """What it is, as plain data, read-only."""
+        return self._spec
+
+    @property
+    def model(self) -> System | None:
+        """What it knows of the system."""
+        return self._model
+
+    @property
+    def n(self) -> int:
+        """Number of estimated states."""
+        return self._core.n
+
+    @property
+    def n_y(self) -> int:
+        """Number of measured outputs."""
+        return self._core.n_y
+
+    @property
+    def n_u(self) -> int:
+        """Number of known inputs."""
+        return self._core.n_u
+
+    @property
+    def timing(self) -> str:
+        """ "predictor" or "current"."""
+        return TIMINGS[self._core.is_current]
+
+    def __getstate__(self) -> tuple[dict[str, Any], bool, Array, Any, Any]:
+        """All that a copy needs, or a pickle."""
+        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
+        return (
+            own,
+            self.allow_unstable,
+            self.memory.copy(),
+            self._clock,
+            (self._started, self._open),
+        )
+
+    def __setstate__(self, state: tuple[dict[str, Any], bool, Array, Any, Any]) -> None:
+        own, allow_unstable, memory, clock, begun = state
+        model = own.get("_model")
+        OnlineObserver.__init__(self, own["_spec"], model=model, allow_unstable=allow_unstable)
+        self.memory, self._clock = memory, clock
+        self._started, self._open = begun
+        self.__dict__.update(own)
+        self._spec = ReadOnlyDict(self._spec)
+
+    # --- memory -------------------------------------------------------------------------------
+
+    @property
+    def memory(self) -> Array:
+        """Where it stands, (m,); a step makes a new one, an array that is set is copied."""
+        return super().memory
+
+    @memory.setter
+    def memory(self, memory: npt.ArrayLike) -> None:
+        _core.Online.__dict__["memory"].__set__(self, self._checked_memory(memory))
+        self._told = True
+
+    @property
+    def x_hat(self) -> Array:
+        """The estimate, (n,)."""
+        return self.memory[: self.n].copy()
+
+    @property
+    def gain(self) -> float | None:
+        """The gain ell, or r where it moves; None for laws without one."""
+        index = self._gain_index()
+        if index is not None:
+            return float(self.memory[index])
+        law = self.spec.get("gain")
+        return float(law["ell"]) if isinstance(law, dict) and "ell" in law else None
+
+    def gains(self, memory: npt.ArrayLike) -> Array | None:
+        """The gain that acts, for memories (..., m): r, or ell (one number shown many times, which
+        cannot be written to); None for laws without one.
+        """
+        values = np.asarray(memory, dtype=float)
+        index = self._gain_index()
+        if index is not None:
+            return values[..., index].copy()
+        constant = self.gain
+        return None if constant is None else np.broadcast_to(constant, values.shape[:-1])
+
+    def _gain_index(self) -> int | None:
+        """Where r stands in the memory."""
+        law = self.spec.get("gain")
+        moves = isinstance(law, dict) and law["law"] != "constant"
+        if not moves:
+            return None
+        if self.spec["kind"] in ("low-power", "peaking-free"):
+            return 2 * self.n - 1
+        return self.n
+
+    @property
+    def _law_len(self) -> int:
+        """Entries of the memory without what current timing holds beside the law's own."""
+        held = int(self.spec.get("timing") == "current")
+        return int(self._core.memory_len) - held
+
+    def with_timing(self, timing: str) -> Self:
+        """The same observer with this timing, at its initial memory; itself if that is its own.
+
+        Raises
+        ------
+        HgoError
+            A timing that is not known, or another than that of a law that is a recursion.
+        """
+        if check_choice("timing", timing, TIMINGS) == self.timing:
+            return self
+        check("timing" in self.spec, "timing", timing, repr(self.timing), "this law has no other")
+        other = type(self).__new__(type(self))
+        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
+        other.__dict__.update(own)
+        spec = self.spec | {"timing": timing}
+        OnlineObserver.__init__(other, spec, model=self.model, allow_unstable=self.allow_unstable)
+        return other
+
+    def _check_start(self, memory: Array, told: bool | None = None) -> None:
+        """Refuse memories (..., m) from which the law cannot start.
+
+        `told`: whether the whole memory was given, as one that a run has reached; default: as the
+        observer's own was.
+        """
+        index = self._gain_index()
+        if index is not None:
+            initial_gain(float(np.min(memory[..., index])))
+
+    def _tell_end(self, start: Array, end: Array) -> None:
+        """Warn of what a run from memory to memory has lost for good."""
+
+    def initial_memory(
+        self, x_hat0: npt.ArrayLike | None = None, *, r0: float | None = None
+    ) -> Array:
+        """A memory to start from: x_hat(0) = 0 unless given, auxiliary states 0, r(0) = 1.
+
+        Parameters
+        ----------
+        x_hat0 : (n,) array, optional
+        r0 : float, optional
+            Initial gain >= 1, for laws whose gain moves.
+
+        Raises
+        ------
+        HgoError
+            Wrong shape; a value that is not finite; r0 < 1, or for a law whose gain is fixed.
+        """
+        memory = self._core.initial()
+        if x_hat0 is not None:
+            memory[: self.n] = vector(x_hat0, "x_hat0", self.n)
+        if r0 is not None:
+            index = self._gain_index()
+            if index is None:
+                raise HgoError(
+                    explain("r0", r0, "left out for a constant gain", "set the gain itself")
+                )
+            memory[index] = initial_gain(r0)
+        return memory
+
+    def reset(
+        self,
+        x_hat0: npt.ArrayLike | None = None,
+        *,
+        r0: float | None = None,
+        memory0: npt.ArrayLike | None = None,
+        t: float = 0.0,
+    ) -> None:
+        """Start again, see `initial_memory`; or go on from the whole memory.
+
+        Parameters
+        ----------
+        x_hat0, r0, memory0 : optional
+            Where to start, see `initial_memory`; or the whole memory.
+        t : float
+            Time [s] at which it stands. Above 0 the observer is under way: with current timing the
+            next `step` predicts over its period, which the first one after a start does not.
+
+        Raises
+        ------
+        HgoError
+            What `initial_memory` refuses; t < 0.
+        """
+        time = check_number(t, "t", least=0.0)
+        self.memory = self._start(x_hat0, r0, memory0)
+        self._told, self._time = memory0 is not None, time
+
+    def _start(
+        self, x_hat0: npt.ArrayLike | None, r0: float | None, memory0: npt.ArrayLike | None
+    ) -> Array:
+        if memory0 is None:
+            return self.initial_memory(x_hat0, r0=r0)
+        alone = x_hat0 is None and r0 is None
+        check(alone, "memory0", memory0, "given alone", "give memory0, or x_hat0 and r0")
+        start = vector(memory0, "memory0", self._core.memory_len)
+        self._check_start(start, told=True)
+        return start
+
+    # --- use ----------------------------------------------------------------------------------
+    # `step` is compiled. It asks these about what it does not know to be sound.
+
+    def _checked_dt(self, dt: Any) -> float:
+        step = check_number(dt, "dt", above=0.0)
+        self._check_dt(step, self.allow_unstable)
+        return step
+
+    def _checked_sample(self, y: npt.ArrayLike) -> Array:
+        sample = check_array(y, "y", remedy=MARK).reshape(1, -1)
+        check_samples(sample, self.n_y)
+        return sample[0]
+
+    def _checked_input(self, u: npt.ArrayLike | None) -> Array:
+        told = inputs(u, 1, self.n_u)
+        check_inputs(told)
+        return told[0]
+
+    def _checked_memory(self, memory: npt.ArrayLike) -> Array:
+        values = check_array(memory, "memory")
+        if values.shape != (self._core.memory_len,):
+            allowed = f"must have {self._core.memory_len} entries"
+            raise HgoError(f"memory of shape {values.shape}: {allowed}")
+        finite = bool(np.all(np.isfinite(values)))
+        check(finite, "memory", memory, "finite", "leave out NaN and infinity, or call reset()")
+        if self.spec.get("timing") == "current":
+            elapsed = float(values[self._law_len])
+            allowed = ">= 0, the time that the next correction is for [s]"
+            remedy = "keep what memory shows, or 0 at a start; an input is told to predict(u, dt)"
+            check(elapsed >= 0.0, f"memory[{self._law_len}]", elapsed, allowed, remedy)
+        return values
+
+    def _no_place(self, out: Any) -> HgoError:
+        allowed = f"a writeable, contiguous float64 array of shape ({self.n},)"
+        remedy = f"give numpy.empty({self.n})"
+        if not isinstance(out, np.ndarray):
+            return HgoError(explain("out", out, allowed, remedy))
+        flags = {"writeable": "read-only", "c_contiguous": "strided", "aligned": "unaligned"}
+        lacks = [word for flag, word in flags.items() if not getattr(out.flags, flag)]
+        shown = ", ".join([f"out of shape {out.shape}", str(out.dtype), *lacks])
+        return HgoError(f"{shown}: must be {allowed}; {remedy}")
+
+    def _divergence(self) -> HgoError:
+        return HgoError(f"the estimate would diverge at t = {self._time:g} s: {TAMER}")
+
+    def _no_value(self, sample: list[float], told: list[float] | None = None) -> HgoError:
+        given = np.abs([*sample, *(told or ())])
+        if np.max(given, initial=0.0, where=given == given) > _HUGE:
+            return self._divergence()
+        where = f"t = {self._time:.6g} s"
+        return HgoError(self._undefined(where, self._time, sample, told, self.memory))
+
+    def _undefined(
+        self, where: str, t: float, sample: npt.ArrayLike, told: npt.ArrayLike | None, memory: Array
+    ) -> str:
+        """What to say where the model has no value at a sample: of which equation, and for what."""
+        y = np.asarray(sample, dtype=float)
+        told = np.full(self.n_u, np.nan) if told is None else np.asarray(told, dtype=float)
+        measured = "" if np.isnan(y).all() else f", y = {_row(y)}"
+        head = f"the model has no value at {where}{measured}"
+        known = self.spec.get("model") or {"kind": "none"}
+        if known["kind"] == "ship":
+            return (
+                f"{head}: a ship at rest has no course angle, z_1 = 0 makes atan(0/0) (Katayama, "
+                "assumption A1); start the record where the ship moves, or x_hat0 at its velocity"
+            )
+        estimate = f"x_hat = [{_row(memory[: self.n])}]"
+        if known["kind"] != "own":
+            return (
+                f"{head}: the step from {estimate} is not finite; start x_hat0 nearer to the states"
+            )
+        model = cast("Model", self.model)
+        x_hat = memory[: self.n]
+        if model.n_x:  # measured states, then the estimated ones
+            last = memory[self.n : self.n + model.n_x]
+            x_hat = np.append(np.where(np.isnan(y), last, y), x_hat)
+        values = dict(zip(model.states, x_hat.tolist(), strict=True))
+        shown = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+        if np.max(np.abs(x_hat)) > _HUGE:
+            return f"{head}: the numbers are too large ({shown}); {TAMER}"
+        values |= {"t": t, **dict(zip(model.inputs, told.tolist(), strict=True))}
+        if known["form"] == "sampled":
+            values["y"] = float(y[0])
+        found = model.not_finite(values)
+        labels = found or model.shown_sides()
+        equations = " and ".join(f"{label} = {_short(text)}" for label, text in labels[:3])
+        how = "not finite at" if found else "not finite within the step from"
+        remedy = "start x_hat0 where it has one"
+        start = np.zeros(self.n)
+        start[0] = 0.0 if np.isnan(y[0]) else y[0]
+        helps = t == 0.0 and not model.n_x and self.n_y == 1 and found
+        if helps and not model.not_finite(values | dict(zip(model.states, start, strict=True))):
+            remedy += f", for example x_hat0 = [{_row(start)}]"
+        return (
+            f"{head}: {equations} is {how} {shown}; {remedy}, or bound in the equation what it has "
+            "no value for, as max(v, 1e-3) does for a state v"
+        )
+
+    def _check_dt(self, dt: float, allow_unstable: bool) -> None:
+        check_step(self.spec, dt, allow_unstable=allow_unstable)
+
+
+def _lift(spec: dict[str, Any]) -> float:
+    """By how much estimates may exceed the samples before a run counts as diverged: start-up peaks
+    reach ell^(n-1), Astolfi et al."""
+    law, n = spec.get("gain"), spec.get("n", 1)
+    ell = law["ell"] if isinstance(law, dict) and "ell" in law else 1.0
+    with np.errstate(over="ignore"):
+        lifts = [float(np.power(max(1.0, ell), n)), *map(_lift, spec.get("observers", ()))]
+    return max(lifts)
+
+
+def initial_gain(value: Any) -> float:
+    return check_number(value, "r0", least=1.0, remedy="law (6) lives on r >= 1; start at 1")
+
+
+def _row(values: Array) -> str:
+    return ", ".join(f"{value:.6g}" for value in values)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 80 else f"{text[:77]}..."

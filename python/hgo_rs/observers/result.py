@@ -1,0 +1,210 @@
+"""What a run returns: named arrays, with a picture and tables at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs.errors import HgoError, need
+from hgo_rs.read_only import shown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A run of missing samples: first index, number, duration until the next sample [s], and the
+    output (counted from 0) that they are missing of.
+    """
+
+    start: int
+    length: int
+    duration: float
+    channel: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """An observer's run over a record of N samples. Its arrays are read-only: they belong together
+    (`x_hat` is a part of `memory`), so that an edit of one would change others.
+
+    Attributes
+    ----------
+    time : (N,) [s]
+    x_hat : (N, n)
+        Estimates.
+    auxiliary : (N, m - n)
+        The rest of the memory: auxiliary states eta, gains r.
+    innovation : (N, n_y)
+        y - y_hat before the sample was used; NaN where it was missing.
+    missing : (N,) bool
+        Samples of which an output was missing; it was predicted over.
+    gain : (N,) or None
+        ell, or r where it moves.
+    y : (N, n_y)
+        The samples.
+    memory : (N, m)
+        The whole memory.
+    timing : "predictor" or "current"
+        Whether row k uses samples up to k - 1, or up to k.
+    slowdown : float
+        How many times longer the run took than with a compiled model of the same size: 1 for every
+        compiled model, more for a Python callable that could not be compiled.
+    next_memory : (m,) or None
+        The memory at `until`, where the run was given one.
+    """
+
+    time: Array
+    x_hat: Array
+    auxiliary: Array
+    innovation: Array
+    missing: npt.NDArray[np.bool_]
+    gain: Array | None
+    y: Array
+    memory: Array
+    timing: str
+
+    @classmethod
+    def of_run(cls, clock: float | Array, innovation: Array | None, **fields: Any) -> RunResult:
+        """A result at times or under a period, whose laws predict unless an innovation is given.
+
+        The times of a period and y - x_hat_1 are computed when they are first asked for.
+        """
+        made = object.__new__(cls)
+        made.__dict__.update({name: shown(value) for name, value in fields.items()})
+        if isinstance(clock, float):
+            made.__dict__["_period"] = clock
+        else:
+            made.__dict__["time"] = shown(np.array(clock))
+        if innovation is not None:
+            made.__dict__["innovation"] = shown(innovation)
+        return made
+
+    slowdown = 1.0
+    next_memory: ClassVar[Array | None] = None
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name == "time" and "_period" in self.__dict__:
+                value = np.arange(len(self.memory), dtype=np.float64) * self._period
+            elif name == "innovation" and "y" in self.__dict__:
+                value = self.y - self.x_hat[:, : self.y.shape[1]]
+            else:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            self.__dict__[name] = shown(value)
+            return self.__dict__[name]
+
+    def rows(self, rows: slice) -> RunResult:
+        """Some rows of it."""
+        part = object.__new__(type(self))
+        part.__dict__.update(self.__dict__)
+        for name in ("_period", "_gap_error"):
+            part.__dict__.pop(name, None)
+        fields = ("time", "x_hat", "auxiliary", "innovation", "missing", "gain", "y", "memory")
+        for name in fields:
+            values = getattr(self, name)
+            part.__dict__[name] = None if values is None else values[rows]
+        if "_run_of" in self.__dict__:
+            observer, u = self.__dict__["_run_of"]
+            part.__dict__["_run_of"] = (observer, u[rows])
+        return part
+
+    @property
+    def gaps(self) -> list[Gap]:
+        """Every run of missing samples, output by output.
+
+        With several outputs each has a rate of its own: a gap of it is a wait of more than one and
+        a half times its median one, and begins where its next sample was due.
+        """
+        out = []
+        t, rows = self.time, len(self.y)
+        for channel, values in enumerate(self.y.T):
+            there = np.flatnonzero(~np.isnan(values))
+            runs = [(0, rows)] if not len(there) else []
+            if len(there):
+                first, last = int(there[0]), int(there[-1])
+                begins, ends = there[:-1] + 1, there[1:]
+                gap = ends > begins
+                head, tail = (0, first), (last + 1, rows)
+                if self.y.shape[1] > 1 and len(there) > 1:
+                    wait = np.diff(t[there])
+                    usual = float(np.median(wait))
+                    gap = wait > 1.5 * usual
+                    begins = np.searchsorted(t, t[there[:-1]] + 0.75 * usual)
+                    head = head if t[first] - t[0] > 1.5 * usual else (0, 0)
+                    tail = (int(np.searchsorted(t, t[last] + 1.5 * usual)), rows)
+                inner = zip(begins[gap].tolist(), ends[gap].tolist(), strict=True)
+                runs = [run for run in (head, *inner, tail) if run[1] > run[0]]
+            for start, stop in runs:
+                duration = float(t[min(stop, rows - 1)] - t[start])
+                out.append(Gap(start, stop - start, duration, channel))
+        return out
+
+    @property
+    def gap_error(self) -> Array:
+        """Error to expect at the end of each of `gaps`, (number of gaps, n), NaN where unknown.
+
+        What the same gaps, put into the complete parts of the record, do to the estimate; see
+        `hgo_rs.observers.gaps`. Computed when it is first asked for. NaN too for a model that runs
+        as Python.
+        """
+        if "_gap_error" not in self.__dict__:
+            self.__dict__["_gap_error"] = self.error_after(self.gaps)
+        error: Array = self.__dict__["_gap_error"]
+        return error
+
+    def error_after(self, gaps: Sequence[Gap]) -> Array:
+        """As `gap_error`, for some of `gaps`."""
+        if not gaps:
+            return np.empty((0, self.x_hat.shape[1]))
+        if "_run_of" not in self.__dict__:
+            raise HgoError("gap_error: only a result of Observer.run knows its observer")
+        observer, u = self.__dict__["_run_of"]
+        error: Array = observer._gap_error(self, u, gaps)
+        return error
+
+    def plot(self, figure: Figure | None = None) -> Figure:
+        """Draw estimates, innovation and gain. Needs the extra `plot`."""
+        from hgo_rs.plots import estimate_figure
+
+        single = self.y.shape[1] == 1
+        return estimate_figure(
+            self.time,
+            self.x_hat,
+            y=self.y[:, 0] if single else None,
+            innovation=self.innovation[:, 0] if single else None,
+            missing=self.missing,
+            gain=self.gain,
+            figure=figure,
+        )
+
+    def columns(self) -> dict[str, Array]:
+        """Every signal as a named column (N,)."""
+        out = {"time": self.time}
+        out |= {f"x_hat{i + 1}": column for i, column in enumerate(self.x_hat.T)}
+        out |= {f"innovation{i + 1}": column for i, column in enumerate(self.innovation.T)}
+        if self.gain is not None:
+            out["gain"] = self.gain
+        out["missing"] = self.missing.astype(float)
+        return out
+
+    def to_dataframe(self) -> Any:
+        """A pandas DataFrame indexed by time. Needs the extra `data`."""
+        pd = need("pandas", "a table needs pandas", "data")
+        return pd.DataFrame(self.columns()).set_index("time")
+
+    def to_xarray(self) -> Any:
+        """An xarray Dataset over time. Needs the extra `xarray`."""
+        xr = need("xarray", "a Dataset needs xarray", "xarray")
+        columns = self.columns()
+        time = columns.pop("time")
+        data = {name: ("time", values) for name, values in columns.items()}
+        return xr.Dataset(data, coords={"time": time})

@@ -1,0 +1,59 @@
+"""Observers of several outputs, one for each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from hgo_rs.errors import check
+from hgo_rs.models import Model
+from hgo_rs.observers.base import Observer
+
+_CHAIN_KINDS = ("standard", "low-power", "peaking-free")
+
+
+class MultiOutputObserver(Observer):
+    """An observer for each output of a model of several chains, which share their states.
+
+    Each observer estimates the chain of its output, x_c1' = x_c2, ..., x_cn' = phi_c(t, x, u), with
+    phi_c over the states of all chains; those of the other chains stand at their estimates at the
+    beginning of the step. A sample that is missing in one output is predicted over in that output.
+
+    Parameters
+    ----------
+    observers : sequence of StandardObserver, LowPowerObserver or PeakingFreeObserver
+        One for each output, made without a model: structure, gain, discretisation, timing. All of
+        the same timing.
+    model : Model
+        Of the form of chains: `Model(states=..., orders=[n_1, n_2, ...], phi=[phi_1, phi_2, ...])`.
+    allow_unstable : bool
+        As in `StandardObserver`.
+
+    The memory holds the estimates of all chains, one chain after the other, then the rest of each
+    observer's memory. `run` takes y of shape (N, number of chains).
+
+    Raises
+    ------
+    HgoError
+        Observers that do not fit the chains; another form of model.
+    """
+
+    def __init__(
+        self, observers: Sequence[Observer], *, model: Model, allow_unstable: bool = False
+    ) -> None:
+        chains = getattr(model, "orders", ())
+        remedy = "write Model(states=..., orders=[...], phi=[...])"
+        check(bool(chains), "model", model, "a Model of chains", remedy)
+        given = tuple(observer.n for observer in observers)
+        remedy = "give one observer for each chain, in order"
+        check(given == chains, "orders of the observers", given, f"{chains}", remedy)
+        specs = []
+        for observer in observers:
+            free = observer.model is None and observer.spec["kind"] in _CHAIN_KINDS
+            remedy = "a StandardObserver, LowPowerObserver or PeakingFreeObserver without a model"
+            check(free, "observers", observer, remedy, "the model of all chains is given once")
+            specs.append({k: v for k, v in observer.spec.items() if k != "model"})
+        same = len({observer.timing for observer in observers}) == 1
+        timings = [observer.timing for observer in observers]
+        check(same, "timing of the observers", timings, "the same", "give all the same timing=")
+        spec = {"kind": "chains", "observers": specs, "model": model.spec}
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)

@@ -1,0 +1,74 @@
+"""The standard high-gain observer."""
+
+from __future__ import annotations
+
+import numpy.typing as npt
+
+from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING
+from hgo_rs.models import System
+from hgo_rs.observers import arguments
+from hgo_rs.observers.arguments import Gain, Poles
+from hgo_rs.observers.base import Observer
+
+
+class StandardObserver(Observer):
+    """Standard high-gain observer of order n, any gain law.
+
+    x_hat' = A x_hat + f_hat(x_hat, u, t) + diag(r, ..., r^n) K (y - x_hat_1)
+
+    Sanfelice and Praly (5)-(7); with a constant gain Astolfi et al. (2) and, with f_hat = 0, Lee,
+    Choi and Khalil (39), (42).
+
+    Parameters
+    ----------
+    n : int
+        Order, 1 to 12.
+    gain : float, ConstantGain, AdaptiveGain or DeadZoneGain
+        High gain ell [1/s] or the law that moves it.
+    epsilon : float, optional
+        1/ell [s], in place of `gain`.
+    poles : n numbers, optional
+        Roots of s^n + k_1 s^(n-1) + ... + k_n, before scaling by ell. Default: equidistant in
+        [-2, -1].
+    k : n numbers, optional
+        The coefficients themselves, in place of `poles`.
+    model : System, optional
+        What is known of the system. Default: nothing, phi = 0.
+    method : str, optional
+        Discretisation, one of `METHODS`; the papers' recursions are "euler". Default: "zoh", or
+        "rk4" for a low-power or peaking-free law with a gain that moves.
+    timing : "predictor" or "current"
+        Whether the estimate at sample k uses samples up to k - 1, as the papers' recursions do, or
+        up to k.
+    allow_unstable : bool
+        Let `step` and `run` use a step beyond the stability limit.
+
+    Raises
+    ------
+    HgoError
+        Poles that are not Hurwitz or lack a conjugate; an order, gain or model out of range.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        gain: Gain | None = None,
+        *,
+        epsilon: float | None = None,
+        poles: Poles | None = None,
+        k: npt.ArrayLike | None = None,
+        model: System | None = None,
+        method: str | None = None,
+        timing: str = DEFAULT_TIMING,
+        allow_unstable: bool = False,
+    ) -> None:
+        n = arguments.order(n)
+        spec = {
+            "kind": "standard",
+            "n": n,
+            "k": arguments.coefficients(n, poles, k),
+            "gain": arguments.gain(gain, epsilon),
+            "model": arguments.model(model, n),
+            **arguments.manner(DEFAULT_METHOD if method is None else method, timing),
+        }
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)

@@ -1,9 +1,0 @@
-"""Systems of the user's own: `Model` for an observer, `Plant` for simulation."""
-
-from __future__ import annotations
-
-from hgo_rs.own.base import OwnSystem
-from hgo_rs.own.model import Model
-from hgo_rs.own.plant import Plant
-
-__all__ = ["Model", "OwnSystem", "Plant"]

@@ -1,0 +1,25 @@
+"""Simulation: a plant, noise and an observer, over one run or many; `studies` over many cases."""
+
+from __future__ import annotations
+
+from hgo_rs.simulation.experiment import simulate
+from hgo_rs.simulation.noise import (
+    Noise,
+    NormalNoise,
+    RecordedNoise,
+    Sines,
+    UniformNoise,
+    filtered_noise,
+)
+from hgo_rs.simulation.result import SimulationResult
+
+__all__ = [
+    "Noise",
+    "NormalNoise",
+    "RecordedNoise",
+    "SimulationResult",
+    "Sines",
+    "UniformNoise",
+    "filtered_noise",
+    "simulate",
+]

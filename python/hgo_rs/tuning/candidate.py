@@ -1,0 +1,339 @@
+"""One structure: what it does at each gain, the gain of a criterion, and the doubts left."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs.design import response
+from hgo_rs.design.discretisation import step_limit
+from hgo_rs.errors import HgoError, check, check_array, explain
+from hgo_rs.observers import Observer
+from hgo_rs.tuning.record import Record
+from hgo_rs.tuning.result import Array, TradeOff
+
+Build = Callable[[float], Observer]
+"""An observer with the gain given [1/s]."""
+
+_POINTS = 41
+_SPAN = 1e-3, 5.0  # of ell dt; beyond, an observer is all but deadbeat
+_NEAR = 2.0  # innovations up to this many times the least variance tell of noise and model error
+_LAGS = 20  # of the innovations' autocorrelation
+_FAR = 500  # lags after which what R and Q give of it has died out
+_LEVEL = 1e-3  # of the test that they are white
+# What is not white is said where it reaches the choice: see `Candidate.doubts`.
+_MISFIT, _CORRELATED = 0.15, 1.5
+_DITHER = 1.2  # noise up to this many times step/sqrt(12) is rounding and little else
+
+
+class Candidate:
+    """One structure: its trade-off over the gain."""
+
+    curve: TradeOff
+    noise: float
+    model_error: float
+    near: int  # gains of which the innovation is near the least
+    misfit: float  # RMS of what the fit of R and Q leaves there, of the measured variance
+
+    def __init__(self, build: Build, dt: float, ells: npt.ArrayLike | None) -> None:
+        self.build, self.dt, self.n = build, dt, 0
+        self.refused: list[tuple[float, Exception]] = []
+        self.ells = None if ells is None else np.unique(check_array(ells, "ells"))
+        if self.ells is None:
+            tried = [part / dt for part in (0.1, 1e-3, 1e-2, 1.0, 5.0)]
+        else:
+            sound = self.ells.size >= 3 and np.all((self.ells > 0.0) & np.isfinite(self.ells))
+            allowed = "three gains or more, each > 0 and finite"
+            check(sound, "ells", ells, allowed, "leave it out")
+            tried = self.ells.tolist()
+        for ell in tried:
+            try:
+                observer = self.made(ell)
+            except HgoError as error:
+                self.refused.append((ell, error))
+            else:
+                self.n, self.any = observer.n, observer
+                self.refused.clear()
+                return
+        raise self.none_left()
+
+    def made(self, ell: float) -> Observer:
+        """The observer with this gain, which must be what `build` is there for."""
+        call = f"build({ell:.6g})"
+        try:
+            observer = self.build(ell)
+        except HgoError:
+            raise
+        except Exception as error:
+            raise HgoError(f"{call} raised {type(error).__name__}: {error}") from error
+        remedy = "build ell -> StandardObserver(n, ell), for example"
+        check(isinstance(observer, Observer), call, observer, "an observer", remedy)
+        spec = observer.spec
+        law = spec.get("gain")
+        law = law if isinstance(law, Mapping) else {}
+        kinds = ("standard", "low-power", "peaking-free")
+        sound = law.get("law") == "constant" and spec["kind"] in kinds
+        shown = " with gain law ".join([spec["kind"], *([law["law"]] if "law" in law else [])])
+        check(sound, "observer", shown, f"one with a constant gain: {', '.join(kinds)}", remedy)
+        follows = math.isclose(law["ell"], ell, rel_tol=1e-6)
+        allowed = f"{ell:.6g}, the gain that is asked for"
+        check(follows, f"gain of {call}", law["ell"], allowed, remedy)
+        check(self.n in (0, observer.n), f"order of {call}", observer.n, f"{self.n}", remedy)
+        return observer
+
+    def look(self, index: int, record: Record | None, noise: float, model_error: float) -> None:
+        """Compute the curve of estimate `index`, over a record where there is one."""
+        self.index, self.noise, self.model_error = index, noise, model_error
+        if record is not None:
+            record.moves(self.n)
+        kept, squares, figures = [], [], []
+        for ell in self.grid(record).tolist():
+            try:
+                with np.errstate(all="ignore"):
+                    observer = self.made(ell)
+                    square, finite = math.nan, True
+                    if record is not None:
+                        square = float(np.nanmean(record.innovation(observer) ** 2))
+                        finite = math.isfinite(square)
+                    remedy = "choose a smaller gain, or a larger unit of y"
+                    check(finite, "mean square innovation", square, "finite", remedy)
+                    figures.append(self.figures(observer))
+            except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+                self.refused.append((ell, error))
+            else:
+                kept.append(ell)
+                squares.append(square)
+        if len(kept) < 3:
+            raise self.none_left()
+        grid, measured = np.array(kept), np.array(squares)
+        if record is not None:
+            smallest = np.finfo(np.float64).eps * float(np.max(np.abs(record.y[record.judged])))
+            self.found(grid, measured, smallest)
+        self.curve = TradeOff(
+            ell=grid,
+            innovation=np.sqrt(measured),
+            noise=self.noise * np.sqrt([of["noise"] for of in figures]),
+            model=self.model_error * np.sqrt([of["model"] for of in figures]),
+            **{
+                name: np.array([of[name] for of in figures])
+                for name in ("bandwidth", "settling", "peaking")
+            },
+        )
+
+    def grid(self, record: Record | None) -> Array:
+        """The gains asked for; else gains that are stable and, on a record, forget their start
+        before they are judged.
+        """
+        if self.ells is not None:
+            return self.ells
+        limit = step_limit(self.any.spec).c / self.dt
+        low, high = _SPAN
+        low, high = low / self.dt, min(high / self.dt, 0.9 * limit)
+        if record is not None:
+            spec = self.any.spec
+            low = max(
+                low, float(np.max(response.settling(spec))) * spec["gain"]["ell"] / record.skip
+            )
+        remedy = "give a longer log or a longer skip, or ells="
+        check(low < high, "least gain that settles within skip", low, f"< {high:.4g}", remedy)
+        return np.geomspace(low, high, _POINTS)
+
+    def figures(self, observer: Observer) -> dict[str, float]:
+        """What an observer does to the estimate that is asked about, per unit of noise and model
+        error.
+        """
+        spec, dt, i = observer.spec, self.dt, self.index
+        out = {
+            "bandwidth": float(response.bandwidth(spec, dt)[i]),  # may be infinite
+            "settling": float(response.settling(spec, dt)[i]),
+            "peaking": float(response.peaking(spec, dt)[i]),
+            "noise": float(response.noise_gain(spec, dt)[i]),
+            "model": float(response.model_gain(spec, dt)[i]),
+        }
+        for name, value in out.items():
+            sound = value >= 0.0 and (name == "bandwidth" or math.isfinite(value))
+            check(sound, name, value, "finite", "choose gains nearer to 1/dt")
+        return out
+
+    def found(self, grid: Array, squares: Array, smallest: float) -> None:
+        """sqrt(R) and sqrt(Q) from innovations: S(ell) = R s_R(ell) + Q s_Q(ell) near its least."""
+        from scipy.optimize import nnls
+
+        self.near, self.misfit = 0, math.nan
+        if np.min(squares) <= smallest**2:  # no noise: nothing is left beside rounding
+            return
+        used = np.argsort(squares)
+        self.near = int(np.sum(squares <= _NEAR * np.min(squares)))
+        used = used[: max(self.near, 3)]
+        specs = [self.made(ell).spec for ell in grid[used].tolist()]
+        shares = np.array([response.innovation_gain(spec, self.dt) for spec in specs])
+        unit = np.max(shares, axis=0)
+        relative = shares / unit / squares[used, None]
+        fit, _ = nnls(relative, np.ones(used.size))
+        noise, lack = np.sqrt(fit / unit)
+        left = (relative @ fit - 1.0)[: self.near]
+        self.noise, self.model_error = float(noise), float(lack)
+        self.misfit = float(np.sqrt(np.mean(left**2)))
+
+    def point(self, ell: float) -> dict[str, float]:
+        """All columns at one gain."""
+        out = self.figures(self.made(ell))
+        noise = self.noise * math.sqrt(out["noise"])
+        model = self.model_error * math.sqrt(out["model"])
+        return {**out, "noise": noise, "model": model, "error": math.hypot(noise, model)}
+
+    def reach(self, name: str, wanted: float) -> float:
+        """The least gain with this cutoff, or within this settling time."""
+        if name == "cutoff":
+            highest = math.pi / self.dt
+            remedy = "sample faster, or choose a lower one"
+            check(wanted < highest, name, wanted, f"below pi/dt = {highest:.4g} rad/s", remedy)
+        figure = response.bandwidth if name == "cutoff" else response.settling
+        values = self.curve.bandwidth if name == "cutoff" else -self.curve.settling
+        sign = 1.0 if name == "cutoff" else -1.0
+        there = np.flatnonzero(values >= sign * wanted)
+        if there.size == 0 or there[0] == 0:
+            ends = np.abs(values[[0, -1]])
+            allowed = f"between {min(ends):.4g} and {max(ends):.4g}, what gains from "
+            allowed += f"{self.curve.ell[0]:.4g} to {self.curve.ell[-1]:.4g} /s reach"
+            raise HgoError(explain(name, wanted, allowed, "choose another, or give ells="))
+        low, high = np.log(self.curve.ell[there[0] - 1 : there[0] + 1]).tolist()
+        while high - low > 1e-9:
+            middle = 0.5 * (low + high)
+            if (
+                sign * figure(self.made(math.exp(middle)).spec, self.dt)[self.index]
+                >= sign * wanted
+            ):
+                high = middle
+            else:
+                low = middle
+        return math.exp(high)
+
+    def least_error(self) -> float:
+        """The gain of the least R n(ell) + Q m(ell)."""
+        from scipy.optimize import minimize_scalar
+
+        remedy = "no noise is left to weigh against; give a noise level and model_error, or cutoff="
+        rms = float(np.nanmin(self.curve.innovation)) if self.noise != self.noise else math.nan
+        check(rms != rms, "least RMS innovation", rms, "above the rounding of y", remedy)
+
+        def error(log_ell: float) -> float:
+            spec, i = self.made(math.exp(log_ell)).spec, self.index
+            of_noise = self.noise * math.sqrt(response.noise_gain(spec, self.dt)[i])
+            return math.hypot(
+                of_noise, self.model_error * math.sqrt(response.model_gain(spec, self.dt)[i])
+            )
+
+        k = int(np.argmin(self.curve.error))
+        ends = np.log(self.curve.ell[[max(k - 1, 0), min(k + 1, len(self.curve.ell) - 1)]])
+        best = minimize_scalar(error, bounds=ends, method="bounded", options={"xatol": 1e-6})
+        return float(math.exp(best.x))
+
+    # --- what it cannot know ---
+
+    def none_left(self) -> HgoError:
+        """Why there are too few gains: what all say, if it is the same; else what each says."""
+        texts = self.left_out()
+        first = self.refused[0][1]
+        if len(texts) == 1 and isinstance(first, HgoError):
+            return first
+        return HgoError("fewer than three gains are left: " + "; ".join(texts))
+
+    def left_out(self) -> list[str]:
+        """The gains that were refused, and why; reasons that differ by their numbers are one."""
+        groups: dict[str, list[tuple[float, Exception]]] = {}
+        for ell, error in self.refused:
+            groups.setdefault(re.sub(r"[-+]?\d\S*|inf|nan", "#", str(error)), []).append(
+                (ell, error)
+            )
+        out = []
+        for group in groups.values():
+            gains = [f"{ell:.4g}" for ell, _ in group]
+            shown = ", ".join(gains) if len(gains) < 6 else f"{gains[0]}, ..., {gains[-1]}"
+            error = group[0][1]
+            reason = (
+                str(error) if isinstance(error, HgoError) else f"{type(error).__name__}: {error}"
+            )
+            out.append(f"{len(gains)} of the gains left out ({shown} /s): {reason}")
+        return out
+
+    def at_an_edge(self, ell: float) -> list[str]:
+        """A least error at an end of the gains that were tried is not known to be the least."""
+        low, high = self.curve.ell[[0, -1]].tolist()
+        if ell <= low * (1.0 + 1e-3):
+            remedy = "give ells= that begin lower, on a log with a longer skip"
+            if any(refused < low for refused, _ in self.refused):
+                remedy = "lower ones were left out"
+            return [f"the least error is at the lowest gain tried, {low:.4g} /s: {remedy}"]
+        if ell >= high * (1.0 - 1e-3):
+            remedy = "give ells= that end higher, sample faster, or tell the model more"
+            if any(refused > high for refused, _ in self.refused):
+                remedy = "higher ones were left out"
+            return [f"the least error is at the highest gain tried, {high:.4g} /s: {remedy}"]
+        return []
+
+    def doubts(self, ell: float, record: Record, by_target: bool) -> tuple[float, list[str]]:
+        """Whether the innovation at this gain is what white noise R and white model error Q give.
+
+        A portmanteau test. Of the autocorrelations r_j, over n_j pairs, less those rho_j that R and
+        Q give with this law, sqrt(n_j) (r_j - rho_j) is normal with Bartlett's covariance if so;
+        their normed sum of squares is chi-squared (Box and Pierce, J. Am. Stat. Assoc. 65, 1970,
+        for rho_j = 0, the Kalman filter's). A model error that lasts, as friction does,
+        makes every long record fail that, at little cost for the gain. It costs where the variance
+        S(ell) itself does not follow R and Q, or where the correlation is most of the innovation.
+        """
+        from scipy.stats import chi2
+
+        try:
+            observer = self.made(ell)
+            innovation = record.innovation(observer)
+        except HgoError as error:
+            return math.nan, [f"the chosen gain, {ell:.4g} /s, is refused over the log: {error}"]
+        said = []
+        so = "so that the gain may be far too high; compare with lower ones, or choose by cutoff="
+        if by_target:
+            so = "so that noise and model error may be wrong; the gain does not rest on them"
+        if 0 < self.near < 3:
+            said.append(
+                f"gains tried of which the innovation is near the least: {self.near}, too few to "
+                "find noise and model error by; give ells= that are closer together"
+            )
+        step = record.coarse_step()
+        rounding = step / math.sqrt(12.0)
+        if step and self.noise < _DITHER * rounding:
+            said.append(
+                f"y moves in steps of {step:.4g}, by one or none from most samples to the next, "
+                f"and the noise found, {self.noise:.3g}, is rounding ({rounding:.3g}) and little "
+                f"else: it lasts for several samples and is not white, {so}"
+            )
+        whiteness = math.nan
+        if math.isfinite(self.misfit):
+            far = np.array([self.noise**2, self.model_error**2]) @ response.innovation_covariance(
+                observer.spec, self.dt, _LAGS + _FAR
+            )
+            rho = far / far[0]
+            e, there = np.nan_to_num(innovation), np.isfinite(innovation)
+            lags = np.arange(1, _LAGS + 1)
+            pairs = np.array([np.sum(there[j:] & there[:-j]) for j in lags])
+            products = np.array([e[j:] @ e[:-j] for j in lags])
+            excess = products / np.maximum(pairs, 1) / np.nanmean(innovation**2) - rho[lags]
+            # Bartlett's covariance of sample autocorrelations, spread @ spread.T / N: 1 if rho = 0
+            i, k = lags[:, None], np.arange(1, _FAR + 1)
+            spread = rho[k + i] + rho[np.abs(k - i)] - 2.0 * rho[i] * rho[k]
+            normal = np.linalg.lstsq(spread, np.sqrt(pairs) * excess, rcond=None)[0]
+            whiteness = float(chi2.sf(normal @ normal, _LAGS))
+            size = float(np.sqrt(np.sum(excess**2)))
+            severe = self.misfit > _MISFIT or (size > _CORRELATED and not by_target)
+            if whiteness < _LEVEL and severe and not said:
+                said.append(
+                    f"the noise found, {self.noise:.3g}, and model error, {self.model_error:.3g}, "
+                    "do not explain the innovation if they are white: its autocorrelations are off "
+                    f"by {size:.2g} in all (probability {whiteness:.1g}), its variance over the "
+                    f"gain by {100.0 * self.misfit:.0f} %, {so}; look for hum, filtering, held "
+                    "samples, or terms that the model lacks"
+                )
+        return whiteness, said

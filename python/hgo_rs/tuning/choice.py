@@ -1,0 +1,195 @@
+"""Choosing a gain, and a structure, from a log or from what is known of the noise.
+
+A larger gain follows faster and passes more noise. `tune` computes that trade-off over the gain and
+marks the point that is asked for: a cutoff frequency, a settling time, or the least mean-square
+error against noise and model error together.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs.errors import HgoError, check, check_integer, check_number
+from hgo_rs.tuning.candidate import Build, Candidate
+from hgo_rs.tuning.record import Record
+from hgo_rs.tuning.result import Tuning
+
+
+class TuningWarning(UserWarning):
+    """What `tune` cannot know from what it was given, so that its choice may be off."""
+
+
+def tune(
+    build: Build | Mapping[str, Build],
+    log_or_noise: float | tuple[npt.ArrayLike, ...],
+    dt: float | None = None,
+    *,
+    cutoff: float | None = None,
+    settling: float | None = None,
+    model_error: float | None = None,
+    state: int | None = None,
+    ells: npt.ArrayLike | None = None,
+    skip: float | None = None,
+) -> Tuning:
+    """Choose the gain of an observer, and its structure if several are offered.
+
+    By least mean-square error, unless `cutoff` or `settling` is given. The law's linear part, as it
+    runs with the step `dt`, gives cutoff, settling time, peaking, and the error's variance
+
+        P(ell) = R n(ell) + Q m(ell)
+
+    from measurement noise of variance R and from what the model lacks in x_n', taken as white
+    noise of spectral density Q (`noise_gain`, `model_gain` of `hgo_rs.design`). On a log, R and Q
+    are found from the record alone: the innovation y - y_hat of the observer run with gain ell
+    has the variance S(ell) = R s_R(ell) + Q s_Q(ell) (`innovation_gain`), and R, Q >= 0 are fitted
+    to the measured S around its minimum, where the observer is nearest to the Kalman filter of
+    this noise. (Prediction errors as criterion: Ljung, System Identification, 1999, chapter 7. R
+    and Q from innovations of a filter that is not optimal: Mehra, IEEE TAC 15, 1970.)
+
+    Parameters
+    ----------
+    build : callable, or mapping of names to callables
+        ell -> observer with that constant gain. A gain that is refused is left out, with a warning.
+    log_or_noise : (t, y), (t, y, u), or float
+        A record (t: (N,) times or a period [s]; y: (N,); u: (N, n_u)), or the standard deviation of
+        the measurement noise, white from sample to sample.
+    dt : float, optional
+        Sampling period [s]; of a log the median time between samples of y, and found in it.
+    cutoff : float, optional
+        Wanted cutoff of the estimate [rad/s]. Among structures the least noise wins.
+    settling : float, optional
+        Wanted settling time (2 %) of the estimate [s]. Among structures the least noise wins.
+    model_error : float, optional
+        sqrt(Q), unit of x_n per sqrt(s); needed for the least error without a log.
+    state : int, optional
+        The estimate the choice is about, 1 to n. Default: the last one all structures have.
+    ells : (points,), optional
+        Gains to look at [1/s], three or more, in any order. Default: 41 from 1e-3/dt
+        (on a log: from where what was wrong at the start is forgotten after `skip`) to 5/dt or 0.9
+        of the step limit.
+    skip : float, optional
+        Time [s] at the start of a log that is not judged. Default: a twentieth of it.
+
+    Returns
+    -------
+    Tuning
+
+    Warns
+    -----
+    TuningWarning
+        The least error at the lowest or highest gain tried; a record that white noise and white
+        model error do not explain, or of which a coarse step of y is all the noise; gains or
+        structures that were left out, and why.
+
+    Raises
+    ------
+    HgoError
+        Two criteria at once; a target no gain reaches, with what can be reached; no model_error
+        for the least error without a log; a log that is too short, stands still or has no noise;
+        fewer than three gains that are not refused.
+    """
+    asked = {"cutoff": cutoff, "settling": settling}
+    targets = {
+        name: check_number(value, name, above=0.0)
+        for name, value in asked.items()
+        if value is not None
+    }
+    check(len(targets) < 2, "cutoff, settling", targets, "given one at a time", "leave one out")
+    structures = dict(build) if isinstance(build, Mapping) else {"": build}
+    check(structures, "build", build, "at least one observer", "give ell -> observer")
+    for make in structures.values():
+        check(callable(make), "build", make, "callable", "give ell -> observer")
+
+    record, known = None, (math.nan, math.nan)
+    if isinstance(log_or_noise, (tuple, list)):
+        record = Record.of(tuple(log_or_noise), skip)
+        step = record.dt
+        if dt is not None:
+            given = check_number(dt, "dt", above=0.0)
+            median = f"the log's median time between samples, {step:.6g} s"
+            fits = math.isclose(given, step, rel_tol=1e-2)
+            check(fits, "dt", given, median, "leave it out, or correct the times")
+        found = "it is found in the log; give a noise level in place of the log to use it"
+        check(model_error is None, "model_error", model_error, "left out with a log", found)
+    else:
+        check(skip is None, "skip", skip, "left out without a log", "leave it out")
+        remedy = "give the standard deviation of the noise, or a log as a tuple (t, y)"
+        level = check_number(log_or_noise, "log_or_noise", above=0.0, remedy=remedy)
+        check(dt is not None, "dt", dt, "given with a noise level", "give the sampling period")
+        step = check_number(dt, "dt", above=0.0)
+        needed = "given with a noise level, for the least error"
+        remedy = "say how much the model lacks, or give a log, cutoff= or settling="
+        check(targets or model_error is not None, "model_error", None, needed, remedy)
+        lack = math.nan if model_error is None else model_error
+        if model_error is not None:
+            lack = check_number(model_error, "model_error", least=0.0)
+        known = level, lack
+
+    candidates: dict[str, Candidate] = {}
+    refusals: dict[str, HgoError] = {}
+    for name, make in structures.items():
+        try:
+            candidates[name] = Candidate(make, step, ells)
+        except HgoError as error:
+            refusals[name] = error
+    if not candidates:
+        raise next(iter(refusals.values()))
+    order = min(candidate.n for candidate in candidates.values())
+    index = order if state is None else check_integer(state, "state", least=1, most=order)
+    reached: dict[str, float] = {}
+    for name, candidate in candidates.items():
+        try:
+            candidate.look(index - 1, record, *known)
+            if targets:
+                reached[name] = candidate.reach(*next(iter(targets.items())))
+            else:
+                reached[name] = candidate.least_error()
+        except HgoError as error:
+            refusals[name] = error
+    if not reached:
+        raise next(iter(refusals.values()))
+
+    def cost(name: str) -> float:
+        """The noise at the target; else what explains the log best, or errs least on paper."""
+        if targets:
+            return candidates[name].point(reached[name])["noise"]
+        if record is not None:
+            return float(np.nanmin(candidates[name].curve.innovation))
+        return candidates[name].point(reached[name])["error"]
+
+    best = min(reached, key=cost)
+    chosen = candidates[best]
+    criterion = "least error"
+    for name, value in targets.items():
+        criterion = f"{name} {value:.4g} " + ("rad/s" if name == "cutoff" else "s")
+    ell = reached[best]
+    said = [f"structure {name!r} was left out: {error}" for name, error in refusals.items()]
+    for name in reached:
+        of = f"{name}: " if name else ""
+        said += [of + text for text in candidates[name].left_out()]
+    if not targets:
+        said += chosen.at_an_edge(ell)
+    whiteness = math.nan
+    if record is not None:
+        whiteness, doubts = chosen.doubts(ell, record, bool(targets))
+        said += doubts
+    for text in said:
+        warnings.warn(text, TuningWarning, stacklevel=2)
+    return Tuning(
+        observer=chosen.made(ell),
+        ell=ell,
+        structure=best,
+        state=index,
+        criterion=criterion,
+        noise=chosen.noise,
+        model_error=chosen.model_error,
+        point=chosen.point(ell),
+        curves={name: candidates[name].curve for name in reached},
+        whiteness=whiteness,
+        warnings=tuple(said),
+    )

@@ -1,0 +1,130 @@
+"""What `tune` returns: the choice, and the trade-off behind it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs.errors import need
+from hgo_rs.observers import Observer
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TradeOff:
+    """What one structure does at each gain `ell`, all (points,), for the estimate `tune` was asked
+    about. Gains that were refused are not in it.
+
+    Attributes
+    ----------
+    ell : [1/s]
+    bandwidth : [rad/s]
+        See `Observer.bandwidth`; infinite where it has no cutoff below the Nyquist frequency.
+    settling : [s]
+    peaking
+        Largest error after a start with x_hat_1 wrong by 1.
+    noise
+        Standard deviation of the estimate from measurement noise; NaN if the noise is not known.
+    model
+        Standard deviation of its error from what the model lacks; NaN if that is not known.
+    innovation
+        RMS of y - y_hat, before the sample is used, over the log; NaN without a log.
+    """
+
+    ell: Array
+    bandwidth: Array
+    settling: Array
+    peaking: Array
+    noise: Array
+    model: Array
+    innovation: Array
+
+    @property
+    def error(self) -> Array:
+        """Standard deviation of the error: noise and model error together."""
+        return np.asarray(np.hypot(self.noise, self.model))
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """A gain, why it was chosen, and the trade-off it was chosen from.
+
+    Attributes
+    ----------
+    observer : Observer
+        The chosen one.
+    ell : float [1/s]
+    structure : str
+        Its name, where several were offered.
+    state : int
+        The estimate that the choice is about, 1 to n.
+    criterion : str
+    noise : float
+        Standard deviation of the measurement noise: given, or found in the log; NaN if unknown.
+    model_error : float
+        Square root of the spectral density of what x_n' lacks: given, or found in the log; NaN if
+        unknown.
+    point : dict
+        The columns of `TradeOff`, and `error`, at the chosen gain.
+    curves : dict
+        A `TradeOff` a structure.
+    whiteness : float
+        On a log, how probable autocorrelations of the innovation as large as those at the chosen
+        gain are (20 lags, a portmanteau test), if noise and model error are white;
+        NaN without a log.
+    warnings : tuple of str
+        What the choice leaves open, each also given as a `TuningWarning`.
+    """
+
+    observer: Observer
+    ell: float
+    structure: str
+    state: int
+    criterion: str
+    noise: float
+    model_error: float
+    point: dict[str, float]
+    curves: dict[str, TradeOff] = field(repr=False)
+    whiteness: float = math.nan
+    warnings: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        name = f"{self.structure}: " if self.structure else ""
+        rows = [f"{name}gain {self.ell:.4g} /s, {self.criterion} of estimate {self.state}"]
+        units = {"bandwidth": " rad/s", "settling": " s"}
+        rows += [f"  {k:10s} {v:.4g}{units.get(k, '')}" for k, v in self.point.items() if v == v]
+        if self.whiteness == self.whiteness:
+            rows.append(f"  {'whiteness':10s} {self.whiteness:.2g}")
+        rows += [f"  warning: {text}" for text in self.warnings]
+        return "\n".join(rows)
+
+    def columns(self) -> dict[str, Any]:
+        """The curves of all structures, one below the other, as named columns."""
+        out: dict[str, Any] = {"structure": []}
+        for name, curve in self.curves.items():
+            out["structure"] += [name] * len(curve.ell)
+            for key, values in (*vars(curve).items(), ("error", curve.error)):
+                out.setdefault(key, []).extend(values.tolist())
+        return out
+
+    def to_dataframe(self) -> Any:
+        """A pandas DataFrame of `columns`. Needs the extra `data`."""
+        pd = need("pandas", "a table needs pandas", "data")
+        return pd.DataFrame(self.columns())
+
+    def plot(self, figure: Figure | None = None) -> Figure:
+        """Draw the trade-off with the chosen point marked. Needs the extra `plot`."""
+        from hgo_rs.plots import tuning_figure
+
+        name = f"{self.structure}, " if self.structure else ""
+        title = f"{name}estimate {self.state}: gain {self.ell:.4g} /s by {self.criterion}"
+        point = {**self.point, "ell": self.ell}
+        return tuning_figure(self.curves, self.structure, point, title=title, figure=figure)
