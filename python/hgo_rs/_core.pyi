@@ -9,11 +9,13 @@ __all__ = [
     "ELEMENTARY",
     "Observer",
     "Online",
+    "StudyKernel",
     "coefficients_from_poles",
     "coupled_paths",
     "evaluate_table",
     "filtered",
     "is_hurwitz",
+    "kernel_agrees",
     "low_power_coefficients",
     "low_power_coefficients_from_poles",
     "low_power_polynomial",
@@ -21,6 +23,7 @@ __all__ = [
     "random",
     "run_single",
     "simulate",
+    "study_source",
     "trace_step",
 ]
 
@@ -28,6 +31,10 @@ _Array = npt.NDArray[np.float64]
 _Pairs = list[tuple[float, float]]
 
 ELEMENTARY: str
+
+@final
+class StudyKernel:
+    def __new__(cls, runs: int, forms: list[tuple[int, bool, int]]) -> StudyKernel: ...
 
 @final
 class Observer:
@@ -101,7 +108,9 @@ class Online:
     ) -> _Array: ...
     def _bound(self, start: float, samples: float) -> float: ...
 
-def simulate(spec: Mapping[str, Any]) -> dict[str, Any]: ...
+def simulate(spec: Mapping[str, Any], kernel: StudyKernel | None = None) -> dict[str, Any]: ...
+def study_source(spec: Mapping[str, Any], lanes: int, copies: int = 0) -> dict[str, Any] | None: ...
+def kernel_agrees(spec: Mapping[str, Any], kernel: StudyKernel) -> bool: ...
 def coupled_paths(spec: Mapping[str, Any]) -> dict[str, _Array]: ...
 def mean_covariance(spec: Mapping[str, Any]) -> dict[str, _Array]: ...
 def coefficients_from_poles(poles: _Pairs) -> list[float]: ...

@@ -523,10 +523,6 @@ struct State {
 }
 
 impl Kernel<'_> {
-    fn draws(&self) -> bool {
-        matches!(self.study.plan.draw, DrawKind::Uniform(..) | DrawKind::Normal(..))
-    }
-
     /// Every number that is carried, with its kind, where it is kept, and whether it is uniform.
     fn places(&self) -> Vec<(Kind, &'static str, usize, bool)> {
         let layout = &self.study.layout;

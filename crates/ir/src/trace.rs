@@ -301,8 +301,13 @@ pub fn call(function: usize, arguments: &[Traced]) -> Vec<Traced> {
 
 /// The result of an operation of this trace.
 pub fn apply<const K: usize>(operation: Operation, operands: [Traced; K]) -> Traced {
-    let indices = std::array::from_fn(|i| operands.get(i).map_or(0, |Traced(index)| *index));
-    Traced(with(|trace| trace.apply(operation, indices, K)))
+    record(operation, std::array::from_fn(|i| operands.get(i).copied().unwrap_or(Traced(0))), K)
+}
+
+/// The same for all numbers of operands: in one place, since laws of all orders are full of it.
+#[inline(never)]
+fn record(operation: Operation, operands: [Traced; 3], count: usize) -> Traced {
+    Traced(with(|trace| trace.apply(operation, operands.map(|Traced(index)| index), count)))
 }
 
 /// `a` where the value is positive, else `b`.

@@ -18,6 +18,7 @@ from hgo_rs.models import Ship, System, VanDerPol
 from hgo_rs.models.own.callables import runnable
 from hgo_rs.observers import FixedStep, Observer, StochasticApproximation
 from hgo_rs.read_only import ReadOnlyDict
+from hgo_rs.simulation.llvm import check_engine, kernel_for
 from hgo_rs.simulation.noise import Noise, RecordedNoise
 from hgo_rs.simulation.result import SimulationResult
 
@@ -101,6 +102,7 @@ def simulate(
     every: int = 0,
     allow_unstable: bool = False,
     backend: str = "rust",
+    engine: str = "auto",
 ) -> SimulationResult:
     """Simulate a plant with an observer.
 
@@ -148,6 +150,10 @@ def simulate(
         Allow a step beyond the stability limit.
     backend : "rust" or "numpy"
         The compiled core, or the NumPy reference.
+    engine : "auto", "interpreter" or "llvm"
+        What moves the runs in the core, with the same bits: the interpreter of its tables, or a
+        kernel that llvmlite (extra `fast`) compiles of them. "auto" compiles where llvmlite is
+        there and the study is worth it.
 
     Raises
     ------
@@ -156,11 +162,12 @@ def simulate(
     """
     given = locals()
     backend = check_choice("backend", given.pop("backend"), BACKENDS)
+    engine = check_engine(given.pop("engine"), backend)
     experiment = plan(**given)
     kept = runs * experiment.numbers
     remedy = f"as it is the result would hold {kept:.3g} numbers; fewer runs or a larger every"
     check(kept <= _LARGEST, "runs", runs, f"such that {_LARGEST:.3g} numbers do", remedy)
-    return result_of(execute(experiment.spec, backend), experiment)
+    return result_of(execute(experiment.spec, backend, engine), experiment)
 
 
 def plan(
@@ -283,8 +290,13 @@ _threads_of: int | None = None
 """The process in which the core's threads started."""
 
 
-def execute(spec: dict[str, Any], backend: str) -> dict[str, Any]:
-    """Outputs of a spec: named arrays (runs, ...), and the frames' times "t"."""
+def execute(
+    spec: dict[str, Any], backend: str, engine: str = "auto", runs: int | None = None
+) -> dict[str, Any]:
+    """Outputs of a spec: named arrays (runs, ...), and the frames' times "t".
+
+    The spec may be a piece of a study of `runs` runs, for which a kernel is then compiled or not.
+    """
     if backend == "rust":
         global _threads_of
         if _threads_of not in (None, os.getpid()):
@@ -294,7 +306,7 @@ def execute(spec: dict[str, Any], backend: str) -> dict[str, Any]:
                 "ProcessPoolExecutor(mp_context=multiprocessing.get_context('spawn'))"
             )
         _threads_of = os.getpid()
-        return _core.simulate(spec)
+        return _core.simulate(spec, kernel_for(spec, engine, runs or spec["runs"]))
     from hgo_rs import reference
 
     try:

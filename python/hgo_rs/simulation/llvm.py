@@ -15,9 +15,9 @@ from functools import cache
 from typing import Any
 
 from hgo_rs import _core
-from hgo_rs.errors import HgoError
+from hgo_rs.errors import HgoError, check, check_choice
 
-__all__ = ["ENGINES", "kernel_for"]
+__all__ = ["ENGINES", "check_engine", "kernel_for"]
 
 ENGINES = ("auto", "interpreter", "llvm")
 """What moves a study: `auto` takes llvm where it is there and the study is worth its compilation."""
@@ -46,43 +46,55 @@ _lock = threading.Lock()
 _compiled: OrderedDict[tuple[str, str], _Compiled] = OrderedDict()
 
 
-def kernel_for(spec: Mapping[str, Any], engine: str) -> Any:
-    """The kernel of a study's spec, or None where the interpreter is to take it.
+def check_engine(engine: str, backend: str) -> str:
+    """The engine, if it is one and is there.
 
     Raises
     ------
     HgoError
-        `engine="llvm"`, and llvmlite is missing, does not know this processor, or the study cannot be
-        compiled.
+        `engine="llvm"`, and llvmlite is missing or does not know this processor; an engine for the
+        NumPy reference.
+    """
+    check_choice("engine", engine, ENGINES)
+    if backend != "rust" and engine != "auto":
+        check(False, "engine", engine, "for backend 'rust'", "leave it out")
+    if engine == "llvm" and isinstance(_binding(), str):
+        raise HgoError(f"engine = 'llvm' is not allowed: {_binding()}")
+    return engine
+
+
+def kernel_for(spec: Mapping[str, Any], engine: str, runs: int) -> Any:
+    """The kernel of a spec, a piece of a study of `runs` runs; None: the interpreter is to take it.
+
+    Raises
+    ------
+    HgoError
+        `engine="llvm"`, and the study cannot be compiled.
     """
     if engine == "interpreter" or os.environ.get("HGO_INSTRUCTION_SET") == "plain":
         return None
     wanted = engine == "llvm"
     binding = _binding()
     if isinstance(binding, str):
-        if wanted:
-            raise HgoError(f"engine = 'llvm' is not allowed: {binding}")
-        return None
-    work = spec["steps"] * max(spec["runs"], 1)
+        return None  # `check_engine` has refused it where it was asked for
+    work = spec["steps"] * runs
     if not wanted and work * 10 < _WORTH:  # ten operations are few: nothing is traced for nothing
         return None
     instructions = _instructions()
     lanes, features = _WIDTHS[instructions]
     source = _core.study_source(spec, lanes)
     if source is None:
-        if wanted:
-            raise HgoError(
-                "engine = 'llvm' is not allowed for a system of Python functions that could not be "
-                "compiled: write its equations as expressions, or leave engine out"
-            )
-        return None
+        return _refused(
+            wanted,
+            "for a system of Python functions that could not be compiled: write its equations as "
+            "expressions, or leave engine out",
+        )
     if source["operations"] > _LARGEST:
-        if wanted:
-            raise HgoError(
-                f"engine = 'llvm' is not allowed: a sample takes {source['operations']} operations, "
-                f"more than the {_LARGEST} that are compiled; leave engine out"
-            )
-        return None
+        return _refused(
+            wanted,
+            f"for {source['operations']} operations a sample, more than the {_LARGEST} that are "
+            "compiled; leave engine out",
+        )
     if not wanted and work * source["operations"] < _WORTH:
         return None
     with _lock:
@@ -103,6 +115,12 @@ def kernel_for(spec: Mapping[str, Any], engine: str) -> Any:
                     stacklevel=4,
                 )
     return made.kernel if made.agrees else None
+
+
+def _refused(wanted: bool, why: str) -> None:
+    """Refuse an engine that was asked for; else the interpreter takes the study."""
+    if wanted:
+        raise HgoError(f"engine = 'llvm' is not allowed {why}")
 
 
 @cache

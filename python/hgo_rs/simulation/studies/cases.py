@@ -139,13 +139,13 @@ def _experiment(
         given = build(**parameters)
         remedy = "return dict(plant=..., observer=..., x0=..., dt=..., steps=...)"
         check(isinstance(given, Mapping), "build", given, "the arguments of simulate", remedy)
-        for name in given.keys() & {"runs", "rng", "backend"}:
+        for name in given.keys() & {"runs", "rng", "backend", "engine"}:
             check(False, name, given[name], "given to study, not by build", "leave it out of build")
         remedy = "one is for all runs: call simulate for this case"
         check(given.get("histogram") is None, "histogram", "...", "left out of a study", remedy)
         arguments = signature.bind(**given, runs=runs, rng=seed)
         arguments.apply_defaults()
-        del arguments.arguments["backend"]
+        del arguments.arguments["backend"], arguments.arguments["engine"]
         experiment = plan(**arguments.arguments)
         _try(experiment, backend)
     except HgoError as error:

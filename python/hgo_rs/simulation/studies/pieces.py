@@ -60,13 +60,13 @@ class Work(NamedTuple):
     home: int
 
     def __call__(
-        self, specs: list[dict[str, Any]], backend: str
+        self, specs: list[dict[str, Any]], backend: str, engine: str, runs: int
     ) -> tuple[list[dict[str, Any]], float]:
         """The outputs of specs, and the seconds that they took."""
         end_with_parent(self.home)
         start = time.perf_counter()
         # Arrays may have travelled to addresses that are no multiple of 8; copies are aligned.
-        outs = [execute(copy.deepcopy(spec), backend) for spec in specs]
+        outs = [execute(copy.deepcopy(spec), backend, engine, runs) for spec in specs]
         return outs, time.perf_counter() - start
 
 
@@ -166,7 +166,8 @@ def compute(
         task = again.pop() if again else todo.take(wanted)
         specs = [result.experiments[p.case].piece(p.first, p.runs) for p in task.pieces]
         try:
-            future = executor.submit(work, specs, result.backend)
+            runs = result.finished.shape[1]
+            future = executor.submit(work, specs, result.backend, result.engine, runs)
         except Exception as error:
             lost(task, error)
         else:

@@ -65,6 +65,7 @@ class StudyResult:
     backend: str
     experiments: list[Experiment]
     outputs: list[dict[str, Array]]
+    engine: str = "auto"
 
     # --- one case, one run ---------------------------------------------------------------------
 
@@ -84,7 +85,7 @@ class StudyResult:
         steps = self.experiments[case].spec["steps"]
         every = check_integer(every, "every", least=1 + steps // _FRAMES)
         spec = self.experiments[case].piece(run, 1) | {"every": every}
-        return result_of(execute(spec, self.backend), replace(self.experiments[case], spec=spec))
+        return result_of(execute(spec, self.backend, self.engine), replace(self.experiments[case], spec=spec))
 
     @property
     def complete(self) -> bool:

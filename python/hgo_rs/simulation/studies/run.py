@@ -11,6 +11,7 @@ import numpy as np
 from hgo_rs.errors import HgoError, check, check_choice, check_integer, check_number
 from hgo_rs.read_only import read_only
 from hgo_rs.simulation.experiment import BACKENDS, Experiment
+from hgo_rs.simulation.llvm import check_engine
 from hgo_rs.simulation.studies.cases import Parameters, experiments, rows_of
 from hgo_rs.simulation.studies.pieces import compute, executor_of
 from hgo_rs.simulation.studies.progress import StudyProgress, Teller
@@ -35,6 +36,7 @@ def study(
     progress: bool | Callable[[StudyProgress], object] | None = None,
     max_memory: float | None = None,
     backend: str = "rust",
+    engine: str = "auto",
 ) -> StudyResult:
     """Simulate `runs` runs of each of many cases.
 
@@ -71,6 +73,7 @@ def study(
     max_memory : float, optional
         Bytes that the result may take. Default: 0.8 of the free memory.
     backend : "rust" or "numpy"
+    engine : "auto", "interpreter" or "llvm"
         As for `simulate`.
 
     Raises
@@ -91,10 +94,11 @@ def study(
     if piece is not None:
         piece = check_integer(piece, "piece", least=1, most=_RUNS)
     check_choice("backend", backend, BACKENDS)
+    check_engine(engine, backend)
     executor, own = executor_of(executor)
     planned = experiments(build, rows, runs=runs, seed=seed, backend=backend)
     _check_memory(planned, runs, max_memory, twice=save is not None)
-    result = _empty(rows, axes, planned, runs, seed, backend)
+    result = _empty(rows, axes, planned, runs, seed, (backend, engine))
     saved = None if save is None else Saved(save, result)
     if saved is not None:
         saved.load()
@@ -170,7 +174,7 @@ def _empty(
     planned: list[Experiment],
     runs: int,
     seed: int,
-    backend: str,
+    by: tuple[str, str],
 ) -> StudyResult:
     """A result without a finished run."""
     outputs = []
@@ -181,7 +185,7 @@ def _empty(
         outputs.append(out)
     finished = np.zeros((len(rows), runs), dtype=bool)
     shown = read_only(rows), read_only(axes)
-    return StudyResult(*shown, finished, seed, backend, planned, outputs)
+    return StudyResult(*shown, finished, seed, by[0], planned, outputs, engine=by[1])
 
 
 def _check_memory(planned: list[Experiment], runs: int, most: float | None, *, twice: bool) -> None:
