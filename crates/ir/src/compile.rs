@@ -374,6 +374,11 @@ impl Compiled {
         registers
     }
 
+    /// The constants, with their registers.
+    pub fn constants(&self) -> &[(u8, f64)] {
+        &self.constants
+    }
+
     /// Evaluate for some inputs.
     pub fn evaluate<T: Scalar>(&self, inputs: &[T]) -> Vec<T> {
         let mut registers = self.registers();

@@ -11,6 +11,7 @@ use hgo_rs::Scalar;
 use hgo_rs::observer::Status;
 use hgo_rs::program::{REGISTERS, Registers};
 use hgo_rs::simulate::DIVERGED;
+use std::cell::RefCell;
 use std::sync::Arc;
 
 /// A step of an observer, or a half of it, as a program, with registers in which constants and
@@ -18,6 +19,8 @@ use std::sync::Arc;
 pub(crate) struct Step {
     compiled: Compiled,
     at_rest: Registers<f64>,
+    /// Constants and parameters alone, with their registers.
+    fixed: Vec<(u8, f64)>,
     /// Where among the outputs the memory stands that a record shows; the first are the next memory.
     shown: usize,
     /// Whether an entry of the memory is handed on to a later one: it must be read before its place is
@@ -52,6 +55,11 @@ impl<S> Steps<S> {
             _ => &self.usual,
         }
     }
+}
+
+thread_local! {
+    /// Registers of single steps: to fill all of them would take longer than a step.
+    static SCRATCH: RefCell<Box<Registers<f64>>> = RefCell::new(Box::new(Registers::zero()));
 }
 
 /// An observer whose step is a program.
@@ -115,7 +123,10 @@ impl Tables {
         let next = (MEMORY..).zip(of(0).zip(of(shown)));
         let before = |place, of: &u8| (MEMORY..place).contains(&usize::from(*of));
         let hands_on = { next }.any(|(place, (a, b))| before(place, a) || before(place, b));
-        Ok(Step { at_rest: self.at_rest(&compiled), compiled, shown, hands_on })
+        let parameters = (self.given()..).zip(&self.parameters);
+        let parameters = parameters.filter_map(|(at, value)| Some((u8::try_from(at).ok()?, *value)));
+        let fixed = compiled.constants().iter().copied().chain(parameters).collect();
+        Ok(Step { at_rest: self.at_rest(&compiled), fixed, compiled, shown, hands_on })
     }
 
     /// Inputs of a step before its parameters.
@@ -393,10 +404,17 @@ impl Programmed {
     ) -> Status {
         let present = y.iter().all(|y| y.is_finite());
         let step = steps.choose(memory, present);
-        let mut r = step.at_rest;
-        self.put_gains(&self.lengths(memory, y, dt), &mut r);
-        r.0[MEMORY..MEMORY + memory.len()].copy_from_slice(memory);
-        let moved = step.advance(&mut r, memory.len(), (t, dt), (y, u), (memory, &mut []));
+        let moved = SCRATCH.with_borrow_mut(|r| {
+            // what else stands there is written before it is read
+            for (register, value) in &step.fixed {
+                r.0[usize::from(*register)] = *value;
+            }
+            if !self.tables.placed.is_empty() {
+                self.put_gains(&self.lengths(memory, y, dt), r);
+            }
+            r.0[MEMORY..MEMORY + memory.len()].copy_from_slice(memory);
+            step.advance(r, memory.len(), (t, dt), (y, u), (memory, &mut []))
+        });
         status(moved, present)
     }
 }
