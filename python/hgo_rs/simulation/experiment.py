@@ -111,8 +111,9 @@ def simulate(
     Parameters
     ----------
     plant : System
-        A plant of `hgo_rs.models`, of the observer's order; or a `Plant`. Of a `Plant` an observer
-        with a `Model` estimates the states of the model's names, any other the first n states.
+        A plant of `hgo_rs.models`, or a `Plant`. Of a `Plant` an observer with a `Model` estimates
+        the states of the model's names, any other the first n states. Entries of an estimate beyond
+        the plant's states (a disturbance, say) have no truth: their metrics are those of the entry.
     observer : Observer
     x0 : (nx,) or (runs, nx)
         Initial state of the plant.
@@ -354,13 +355,14 @@ def _check_fit(plant: System, observer: Observer) -> int:
     )
     check(isinstance(observer, Observer), "observer", observer, "an Observer", "see hgo_rs")
     ship = isinstance(plant, Ship)
-    order, n_y = (3, 3) if ship else (plant.order, 1)
+    n_y = 3 if ship else int(plant.spec.get("n_y", 1))
     remedy = "it is what an observer knows of a plant"
-    check(order is not None, "plant", plant, "a system that moves by itself", remedy)
-    own = _is_own(plant)  # of its states the first n are estimated
-    allowed = f"{'at most ' if own else ''}{order} for the plant {plant!r}"
-    fits = observer.n == order or (own and order is not None and observer.n <= order)
-    check(fits, "n of the observer", observer.n, allowed, "choose another")
+    check(plant.order is not None or ship, "plant", plant, "a system that moves by itself", remedy)
+    kind, reduced = observer.spec["kind"], "reduced-order"
+    # the first entries of an estimate are compared with the plant's states, as many as both have
+    fits = (kind == reduced) == ship or _is_own(plant)
+    allowed = f"{'' if ship else 'not '}{reduced!r} for the plant {plant!r}"
+    check(fits, "kind of the observer", kind, allowed, "choose another")
     allowed = f"{n_y} for the plant {plant!r}"
     check(observer.n_y == n_y, "n_y of the observer", observer.n_y, allowed, "choose another")
     return n_y

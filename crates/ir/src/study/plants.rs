@@ -4,6 +4,7 @@ use crate::spec::Spec;
 use crate::systems::AnyPlant;
 use crate::trace::{self, Setting, Traced, input, inputs, named, trace};
 use crate::error::{Result, refused};
+use crate::order::CHAINS;
 use crate::table::Table;
 use hgo_rs::Scalar;
 use hgo_rs::integrate::{PlantScheme, WienerIncrement, plant_step};
@@ -51,7 +52,8 @@ impl PlantTables {
         if spec.text("kind")? == "own-plant" {
             let own = OwnPlant::read(spec, scheme)?;
             let truth = own.estimated(truth)?;
-            return Self::of(own.n, scheme, truth, || Ok(Tabled(&own)));
+            let tables = Self::of(own.n, scheme, truth, || Ok(Tabled(&own)))?;
+            return own.with_outputs(tables);
         }
         if truth.is_some() {
             return Err(refused("truth names states of an own plant"));
@@ -139,8 +141,9 @@ pub fn flat<M: Memory<Traced>>(memory: &M, count: usize) -> Vec<Traced> {
 /// A plant of the user's own.
 struct OwnPlant {
     n: usize,
+    n_y: usize,
     noisy: bool,
-    /// (t, x, parameters) → (drift, diffusion if there is noise, output).
+    /// (t, x, parameters) → (drift, diffusion if there is noise, outputs).
     table: Table,
     /// Its derivatives, and theirs, where the scheme needs them.
     slopes: Option<[Table; 2]>,
@@ -150,8 +153,14 @@ struct OwnPlant {
 impl OwnPlant {
     fn read(spec: &Spec<'_>, scheme: PlantScheme) -> Result<Self> {
         use StochasticIntegrator::{Milstein, Taylor15};
-        spec.only(&["kind", "n", "n_u", "noisy", "table", "parameters", "names"])?;
+        spec.only(&["kind", "n", "n_u", "n_y", "noisy", "table", "parameters", "names"])?;
         let (n, noisy) = (spec.count("n")?, spec.flag_or("noisy", false)?);
+        let n_y = if spec.has("n_y") { spec.count("n_y")? } else { 1 };
+        if !(1..=CHAINS).contains(&n_y) {
+            return Err(refused(format!(
+                "n_y = {n_y} is not allowed: a plant has 1 to {CHAINS} outputs"
+            )));
+        }
         if !(1..=MAX_STATES).contains(&n) {
             return Err(refused(format!(
                 "n = {n} is not allowed: a plant has 1 to {MAX_STATES} states"
@@ -164,7 +173,7 @@ impl OwnPlant {
                 "a parameter of the plant is {bad}; it must be finite"
             )));
         }
-        let (given, made) = (1 + n + parameters.len(), n + usize::from(noisy) * n + 1);
+        let (given, made) = (1 + n + parameters.len(), n + usize::from(noisy) * n + n_y);
         if table.inputs.len() != given || table.outputs.len() != made {
             return Err(refused(format!(
                 "the plant's table has {} inputs and {} outputs; it must have {given} and {made}",
@@ -180,7 +189,7 @@ impl OwnPlant {
             }
             _ => None,
         };
-        Ok(Self { n, noisy, table, slopes, parameters })
+        Ok(Self { n, n_y, noisy, table, slopes, parameters })
     }
 
     /// The states that an observer estimates: those that are named, or the first.
@@ -209,6 +218,22 @@ impl OwnPlant {
     /// Drift, diffusion if there is noise, output: within a trace.
     fn outputs(&self, t: Traced, x: &[Traced]) -> Vec<Traced> {
         trace::inline(&self.table, &self.inputs(t, x))
+    }
+
+    /// With all its outputs.
+    fn with_outputs(&self, tables: PlantTables) -> Result<PlantTables> {
+        let setting = Setting::usual(false);
+        let last = |made: &[Traced]| named("y", &made[made.len() - self.n_y..]);
+        let output = trace(setting, || {
+            let (t, _, x) = (input("t"), input("dt"), inputs("x", self.n));
+            Ok(last(&self.outputs(t, &x)))
+        })?;
+        let drift = trace(setting, || {
+            let (t, x) = (input("t"), inputs("x", self.n));
+            let made = self.outputs(t, &x);
+            Ok([named("x", &made[..self.n]), last(&made)].concat())
+        })?;
+        Ok(PlantTables { n_y: self.n_y, output, drift, ..tables })
     }
 
     /// A direction in the inputs.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -25,8 +26,8 @@ class Plant(OwnSystem):
         Expressions as in `Model`.
     diffusion : the same, optional
         With one Wiener process W. Default: none.
-    output : expression, optional
-        Default: the first state.
+    output : expression, or a list of them, optional
+        What is measured, one expression an output. Default: the first state.
 
     Raises
     ------
@@ -50,7 +51,8 @@ class Plant(OwnSystem):
         given: dict[str, tuple[Any, tuple[int, ...]]] = {"drift": (drift, (self.n,))}
         if diffusion is not None:
             given["diffusion"] = (diffusion, (self.n,))
-        given["output"] = (h, ())
+        several = isinstance(h, (list, tuple))
+        given["output"] = (h, (len(h),) if several else ())
         inputs = {"t": "t", **{name: f"x[{i}]" for i, name in enumerate(names.states)}}
         self._compile(
             inputs,
@@ -91,7 +93,7 @@ class Plant(OwnSystem):
 
     @property
     def outputs(self) -> tuple[Node, ...]:
-        """y (1)."""
+        """y, one expression an output."""
         return self.equations["output"]
 
     def shown_equations(self) -> list[tuple[str, Node]]:
@@ -118,4 +120,5 @@ class Plant(OwnSystem):
     @property
     def spec(self) -> dict[str, Any]:
         """What the core reads, read-only; "table" is None where it is not compiled."""
-        return self._spec(kind="own-plant", n=self.n, n_u=0, noisy=self.noisy)
+        kind = {"kind": "own-plant", "n": self.n, "n_u": 0, "noisy": self.noisy}
+        return self._spec(**kind, n_y=max(1, math.prod(self._groups["output"].shape)))
