@@ -344,15 +344,10 @@ CASES = {
         "moves by itself",
     ),
     "no observer": (lambda: simulate(Lee(), "hgo", x0=[1, 0]), "observer = 'hgo'", "an Observer"),
-    "plant of another order": (
-        lambda: lee(StandardObserver(5, 9.0)),
-        "n of the observer = 5",
-        "2 for the plant Lee()",
-    ),
     "plant of other outputs": (
         lambda: simulate(Ship(), StandardObserver(3, 9.0), x0=[0, 6, 0, 1, 0, 0]),
-        "n_y of the observer = 1",
-        "3 for the plant Ship(",
+        "kind of the observer = 'standard'",
+        "'reduced-order' for the plant Ship(",
     ),
     "x0 of another order": (lambda: lee(x0=[1.0]), "shape of x0 = (1,)", "(2,) or (1, 2)"),
     "x0 NaN": (lambda: lee(x0=[1.0, NAN]), "x0 = [1.0, nan]", "finite"),

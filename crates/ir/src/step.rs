@@ -235,7 +235,11 @@ impl Step {
             spoilt += 0.0 * r.0[usize::from(*output)];
         }
         // what was out of bounds before grew too large; within them the model has no value
-        let moved = !spoilt.is_nan() || !within(&r.0[MEMORY..MEMORY + memory]);
+        let grew = spoilt.is_nan() && !within(&r.0[MEMORY..MEMORY + memory]);
+        let moved = !spoilt.is_nan() || grew;
+        if let (true, Some(first)) = (grew, largest.first_mut()) {
+            *first = f64::NAN;
+        }
         if moved && !self.hands_on {
             // at once: a number that was just written is soon read again as it was written, by itself
             for (i, (output, shown)) in next.iter().zip(shown).enumerate() {
@@ -375,7 +379,8 @@ impl Programmed {
             }
         }
         memory.copy_from_slice(&r.0[place]);
-        largest.iter().fold(0.0, |most: f64, value| most.max(*value))
+        let larger = |most: f64, value: &f64| if most.is_nan() || *value <= most { most } else { *value };
+        largest.iter().fold(0.0, larger)
     }
 
     /// The innovation of a sample over which nothing is stepped.

@@ -455,7 +455,8 @@ class OwnPlant(Plant):
         integer(spec.get("n_u", 0), f"{where}.n_u", least=0, most=0)
         self.is_noisy = bool(spec.get("noisy", False))
         self.table, self.parameters = _table(spec, where)
-        outputs = (2 if self.is_noisy else 1) * self.n + 1
+        self.n_y = integer(spec.get("n_y", 1), f"{where}.n_y", least=1)
+        outputs = (2 if self.is_noisy else 1) * self.n + self.n_y
         _fits(self.table, 1 + self.n + len(self.parameters), outputs, where)
 
     @property
@@ -476,9 +477,9 @@ class OwnPlant(Plant):
         return self._rows(x, t, self.n, self.n) if self.noisy else np.zeros_like(x)
 
     def output(self, x: Array, u: Array | None, t: float) -> Array:
-        """The last output."""
-        y: Array = self._rows(x, t, len(self.table.outputs) - 1, 1)[0]
-        return y
+        """The last outputs."""
+        y = self._rows(x, t, len(self.table.outputs) - self.n_y, self.n_y)
+        return y if self.n_y > 1 else y[0]
 
 
 def _table(spec: Spec, where: str) -> tuple[Any, Array]:
@@ -510,7 +511,7 @@ KEYS: dict[str, tuple[str, ...]] = {
     "none": (),
     "input": ("b0",),
     "own": ("form", "n", "n_u", "orders", "n_z", "table", "parameters", "names"),
-    "own-plant": ("n", "n_u", "noisy", "table", "parameters", "names"),
+    "own-plant": ("n", "n_u", "n_y", "noisy", "table", "parameters", "names"),
 }
 
 

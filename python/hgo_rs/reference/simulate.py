@@ -287,17 +287,11 @@ def simulate(spec: Spec) -> dict[str, Any]:
     plant_schedule = schedule
     if spec.get("plant_schedule") is not None:
         plant_schedule = schedule_from(spec["plant_schedule"], "plant_schedule")
-    target = law.target(plant)
-    if (
-        law.n != target.stop - target.start
-        or law.n_y != plant.n_y
-        or (plant.n_u and law.n_u != plant.n_u)
-    ):
+    if law.n_y != plant.n_y or (plant.n_u and law.n_u != plant.n_u):
         raise fail(
-            "observer.n",
-            law.n,
-            f"{target.stop - target.start}, with {plant.n_y} outputs and {plant.n_u} inputs, "
-            f"for plant {plant.kind!r}",
+            "observer.n_y",
+            law.n_y,
+            f"{plant.n_y} outputs, with {plant.n_u} inputs, for plant {plant.kind!r}",
             "choose an observer that fits the plant",
         )
     noise_spec = spec.get("noise") or {"kind": "none"}
@@ -308,7 +302,8 @@ def simulate(spec: Spec) -> dict[str, Any]:
     memory = columns(member(spec, "memory0", "spec"), "memory0", law.memory_len, runs)
     law.check(memory)
     # which entries of x are estimated, where they are not the plant's own choice
-    truth: Any = spec.get("truth") or target
+    target = law.target(plant)
+    truth: Any = (spec.get("truth") or list(range(plant.n))[target])[: law.n]
 
     advance: _Sampled | _Joint
     if mode == "joint":
@@ -316,7 +311,7 @@ def simulate(spec: Spec) -> dict[str, Any]:
     else:
         advance = _Sampled(plant, law, _Drive(plant, spec, runs, seed, first_run), runs)
 
-    metrics = _Metrics(spec, runs, law.n, law.signals, law.signals)
+    metrics = _Metrics(spec, runs, len(truth), law.signals, law.signals)
     sizes = (plant.n, law.memory_len, plant.n_y)
     frames = _Frames(every, steps, runs, sizes) if every else None
     diverged_at = np.full(runs, -1, dtype=np.int64)
@@ -351,7 +346,8 @@ def simulate(spec: Spec) -> dict[str, Any]:
             length = _find_divergence(
                 start, xs, memories, diverged_at, final_x, final_memory, stop - start
             )
-            metrics.update(start, t, memories[:, : law.n] - xs[:, truth], memories, length)
+            errors = memories[:, : len(truth)] - xs[:, truth]
+            metrics.update(start, t, errors, memories, length)
             if frames is not None:
                 frames.update(start, t, [xs, memories, part.ys], length)
             if np.all(diverged_at >= 0):

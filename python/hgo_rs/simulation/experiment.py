@@ -307,7 +307,7 @@ def execute(
                 "ProcessPoolExecutor(mp_context=multiprocessing.get_context('spawn'))"
             )
         _threads_of = os.getpid()
-        return _core.simulate(spec, kernel_for(spec, engine, runs or spec["runs"]))
+        return _core.simulate(spec, kernel_for(spec, engine, runs or spec.get("runs", 1)))
     from hgo_rs import reference
 
     try:

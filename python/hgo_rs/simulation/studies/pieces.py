@@ -55,18 +55,21 @@ def cost(result: StudyResult, piece: Piece) -> int:
 
 
 class Work(NamedTuple):
-    """What a worker does for the process `home`, with which it ends."""
+    """What a worker does for the process `home`, with which it ends; cases have `runs` runs."""
 
     home: int
+    engine: str
+    runs: int
 
     def __call__(
-        self, specs: list[dict[str, Any]], backend: str, engine: str, runs: int
+        self, specs: list[dict[str, Any]], backend: str
     ) -> tuple[list[dict[str, Any]], float]:
         """The outputs of specs, and the seconds that they took."""
         end_with_parent(self.home)
         start = time.perf_counter()
         # Arrays may have travelled to addresses that are no multiple of 8; copies are aligned.
-        outs = [execute(copy.deepcopy(spec), backend, engine, runs) for spec in specs]
+        by = (backend, self.engine, self.runs)
+        outs = [execute(copy.deepcopy(spec), *by) for spec in specs]
         return outs, time.perf_counter() - start
 
 
@@ -146,7 +149,8 @@ def compute(
     StudyError
         The executor lost pieces that were submitted `1 + _AGAIN` times.
     """
-    here, work = isinstance(executor, Here), Work(os.getpid())
+    here = isinstance(executor, Here)
+    work = Work(os.getpid(), result.engine, result.finished.shape[1])
     todo = Todo(result, piece, _BLOCK * (os.cpu_count() or 1) if here else _BLOCK)
     wanted, done_tasks = float(_FIRST), 0
     again: list[Task] = []
@@ -166,8 +170,7 @@ def compute(
         task = again.pop() if again else todo.take(wanted)
         specs = [result.experiments[p.case].piece(p.first, p.runs) for p in task.pieces]
         try:
-            runs = result.finished.shape[1]
-            future = executor.submit(work, specs, result.backend, result.engine, runs)
+            future = executor.submit(work, specs, result.backend)
         except Exception as error:
             lost(task, error)
         else:
