@@ -28,7 +28,7 @@
 compile_error!("hgo-rs needs feature `std` (default) or, without std, feature `libm`");
 
 pub mod covariance;
-mod elementary;
+pub mod elementary;
 pub mod error;
 pub mod estimator;
 pub mod gain;

@@ -4,7 +4,7 @@
 //! chunk or what else runs beside it.
 
 use crate::Scalar;
-use crate::elementary::double::{log2_of, log2_parts, sin_of_turns};
+use crate::elementary::{Bits, Float, log2_of, log2_parts, sin_of_turns};
 use core::f64::consts::LN_2;
 
 const GOLDEN: u64 = 0x9E37_79B9_7F4A_7C15;
@@ -69,13 +69,10 @@ impl Stream {
 
     /// The next 64 random bits.
     #[inline(always)]
-    pub const fn next_u64(&mut self) -> u64 {
-        let [s0, s1, s2, s3] = self.s;
-        let result = s0.wrapping_add(s3).rotate_left(23).wrapping_add(s0);
-        let s2 = s2 ^ s0;
-        let s3 = s3 ^ s1;
-        self.s = [s0 ^ s3, s1 ^ s2, s2 ^ (s1 << 17), s3.rotate_left(45)];
-        result
+    pub fn next_u64(&mut self) -> u64 {
+        let (bits, state) = advanced(self.s);
+        self.s = state;
+        bits
     }
 
     /// Uniform on [0, 1), 53 bits.
@@ -98,25 +95,36 @@ impl Stream {
     }
 }
 
+/// 64 random bits of a generator's state, and its next state.
+#[inline(always)]
+pub fn advanced<B: Bits>([s0, s1, s2, s3]: [B; 4]) -> (B, [B; 4]) {
+    let turned = |bits: B, by: u32| (bits << by) | (bits >> (64 - by));
+    let result = turned(s0.wrapping_add(s3), 23).wrapping_add(s0);
+    let s2 = s2 ^ s0;
+    let s3 = s3 ^ s1;
+    (result, [s0 ^ s3, s1 ^ s2, s2 ^ (s1 << 17), turned(s3, 45)])
+}
+
 /// What [`radius_of`] makes the radius √(−2 ln(u + 2⁻⁵³)) of a normal pair of, u in [0, 1).
 #[inline(always)]
-pub fn radius_parts(u: f64) -> (f64, f64) {
-    log2_parts(u + LOWEST) // in (0, 1], exact
+pub fn radius_parts<T: Float<Precision = f64>>(u: T) -> (T, T) {
+    log2_parts(u + T::of(LOWEST)) // in (0, 1], exact
 }
 
 /// The radius of a normal pair.
 #[inline(always)]
-pub fn radius_of((k, s): (f64, f64)) -> f64 {
-    Scalar::sqrt(-2.0 * LN_2 * log2_of(k, s))
+pub fn radius_of<T: Float<Precision = f64>>((k, s): (T, T)) -> T {
+    (T::of(-2.0 * LN_2) * log2_of(k, s)).sqrt()
 }
 
 /// r cos 2πu and r sin 2πu, u in [0, 1). The turn is counted from ½ and folded at the quarters, both
 /// exactly, as far as the sine of a quarter: what is near 0 keeps its relative precision.
 #[inline(always)]
-pub fn turned(radius: f64, u: f64) -> (f64, f64) {
-    let turn = u - 0.5;
-    let folded = turn.abs() - 0.25;
-    let other = (0.25 - folded.abs()).copysign(-turn);
+pub fn turned<T: Float<Precision = f64>>(radius: T, u: T) -> (T, T) {
+    let quarter = T::short(0.25);
+    let turn = u - T::short(0.5);
+    let folded = turn.abs() - quarter;
+    let other = (quarter - folded.abs()).copysign(-turn);
     (radius * sin_of_turns(folded), radius * sin_of_turns(other))
 }
 
@@ -127,12 +135,11 @@ const LOWEST: f64 = 1.0 / 9_007_199_254_740_992.0;
 /// lower 32 below that of ½, both then taken off. (Vectors of integers and floats convert only on
 /// some processors.)
 #[inline(always)]
-const fn fraction(bits: u64) -> f64 {
-    const UPPER: f64 = 2_147_483_648.0;
-    const LOWER: f64 = 0.5;
-    let upper = f64::from_bits(UPPER.to_bits() | (bits >> 43));
-    let lower = f64::from_bits(LOWER.to_bits() | ((bits >> 11) & 0xFFFF_FFFF));
-    (upper - (UPPER + LOWER)) + lower
+pub fn fraction<T: Float<Precision = f64>>(bits: T::Bits) -> T {
+    let (upper, lower) = (T::of(2_147_483_648.0), T::short(0.5));
+    let high = T::from_bits(upper.to_bits() | (bits >> 43));
+    let low = T::from_bits(lower.to_bits() | ((bits >> 11) & T::Bits::of(0xFFFF_FFFF)));
+    (high - (upper + lower)) + low
 }
 
 /// A sine A sin(ωt + φ).

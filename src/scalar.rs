@@ -151,7 +151,7 @@ pub trait Scalar:
 }
 
 macro_rules! scalar {
-    ($t:ident, $bits:ident, $module:ident) => {
+    ($t:ident, $bits:ident) => {
         impl Scalar for $t {
             const ZERO: Self = 0.0;
             const NEG_ZERO: Self = -0.0;
@@ -186,65 +186,47 @@ macro_rules! scalar {
             }
             #[inline(always)]
             fn sqrt(self) -> Self {
-                square_root::$t(self)
+                elementary::Float::sqrt(self)
             }
             #[inline(always)]
             fn sin(self) -> Self {
-                elementary::$module::sin(self)
+                elementary::sin(self)
             }
             #[inline(always)]
             fn cos(self) -> Self {
-                elementary::$module::cos(self)
+                elementary::cos(self)
             }
             #[inline(always)]
             fn tan(self) -> Self {
-                elementary::$module::tan(self)
+                elementary::tan(self)
             }
             #[inline(always)]
             fn atan(self) -> Self {
-                elementary::$module::atan(self)
+                elementary::atan(self)
             }
             #[inline(always)]
             fn atan2(self, x: Self) -> Self {
-                elementary::$module::atan2(self, x)
+                elementary::atan2(self, x)
             }
             #[inline(always)]
             fn tanh(self) -> Self {
-                elementary::$module::tanh(self)
+                elementary::tanh(self)
             }
             #[inline(always)]
             fn ln(self) -> Self {
-                elementary::$module::ln(self)
+                elementary::ln(self)
             }
             #[inline(always)]
             fn exp(self) -> Self {
-                elementary::$module::exp(self)
+                elementary::exp(self)
             }
             #[inline(always)]
             fn powf(self, power: Self) -> Self {
-                elementary::$module::powf(self, power)
+                elementary::powf(self, power)
             }
         }
     };
 }
 
-#[cfg(feature = "std")]
-mod square_root {
-    pub(super) use std::primitive::f32 as f32_type;
-    pub(super) use std::primitive::f64 as f64_type;
-    #[inline(always)]
-    pub(super) fn f32(x: f32_type) -> f32_type {
-        x.sqrt()
-    }
-    #[inline(always)]
-    pub(super) fn f64(x: f64_type) -> f64_type {
-        x.sqrt()
-    }
-}
-#[cfg(not(feature = "std"))]
-mod square_root {
-    pub(super) use libm::{sqrt as f64, sqrtf as f32};
-}
-
-scalar!(f32, u32, single);
-scalar!(f64, u64, double);
+scalar!(f32, u32);
+scalar!(f64, u64);

@@ -2,7 +2,8 @@
 
 use super::exact::VALUES;
 use hgo_rs::Scalar;
-use hgo_rs::noise::{Channel, Stream};
+use hgo_rs::elementary;
+use hgo_rs::noise::{Channel, Stream, turned};
 
 /// Distance of two numbers in units in the last place of the second; 0 if both are NaN.
 fn ulps(ours: f64, exact: f64, mantissa: i32) -> f64 {
@@ -190,4 +191,131 @@ fn exp_at_the_ends() {
     assert!(ulps(Scalar::exp(-740.3), (-740.3_f64).exp(), 52) <= 1.0);
     assert!(ulps(f64::from(Scalar::exp(88.7_f32)), f64::from(88.7_f32).exp(), 23) < 2.0);
     assert!(ulps(f64::from(Scalar::exp(-103.0_f32)), f64::from(-103.0_f32).exp(), 23) <= 1.0);
+}
+
+/// Arguments at which the functions change their way, and their neighbours.
+fn ends() -> Vec<f64> {
+    let ends = [
+        0.0,
+        5e-324,
+        1e-310,
+        1e-45,
+        f64::from(f32::MIN_POSITIVE),
+        f64::MIN_POSITIVE,
+        2_f64.powi(-104),
+        0.25,
+        0.5,
+        core::f64::consts::FRAC_1_SQRT_2,
+        0.75,
+        1.0,
+        core::f64::consts::SQRT_2,
+        2.0,
+        22.0,
+        44.0,
+        88.7,
+        103.9,
+        709.78,
+        745.13,
+        1074.0,
+        2e4,
+        1e9,
+        2_f64.powi(104),
+        f64::from(f32::MAX),
+        f64::MAX,
+        f64::INFINITY,
+        f64::NAN,
+    ];
+    ends.iter().flat_map(|x| [*x, x.next_up(), x.next_down()]).flat_map(|x| [x, -x]).collect()
+}
+
+/// Pairs of such arguments, and 200,000 of random ones of all sizes.
+fn pairs() -> Vec<[f64; 2]> {
+    let mut stream = Stream::new(3, 0, Channel::Process);
+    let mut drawn = || match stream.next_u64() % 5 {
+        0 => f64::from_bits(stream.next_u64()),
+        1 => (stream.uniform() - 0.5) * 60.0,
+        2 => (stream.uniform() - 0.5) * 1600.0,
+        3 => stream.uniform(),
+        _ => (stream.uniform() - 0.5) * 2_f64.powi((80.0 * stream.uniform()) as i32 - 40),
+    };
+    let ends = ends();
+    let of_ends = ends.iter().flat_map(|a| ends.iter().map(|b| [*a, *b]));
+    of_ends.chain((0..200_000).map(|_| [drawn(), drawn()])).collect()
+}
+
+/// All results in one number (FNV-1a over words); every NaN counts as the same.
+fn digest(values: impl Iterator<Item = f64>) -> u64 {
+    values.fold(0xCBF2_9CE4_8422_2325, |hash, value| {
+        let bits = if value.is_nan() { 0x7FF8 << 48 } else { value.to_bits() };
+        (hash ^ bits).wrapping_mul(0x0100_0000_01B3)
+    })
+}
+
+/// The bits of every function, which studies, exports and chips have in common, stay what they are.
+#[test]
+fn bits_stay() {
+    macro_rules! digests {
+        ($t:ident, $place:path, $pairs:expr) => {{
+            use $place::{atan, atan2, cos, exp, ln, log2_of, log2_parts, powf, sin, tan, tanh};
+            let pairs: Vec<[$t; 2]> = $pairs;
+            let all = |f: fn($t, $t) -> $t| digest(pairs.iter().map(|&[x, p]| f(x, p).into()));
+            [
+                ("exp", all(|x, _| exp(x))),
+                ("ln", all(|x, _| ln(x))),
+                ("sin", all(|x, _| sin(x))),
+                ("cos", all(|x, _| cos(x))),
+                ("tan", all(|x, _| tan(x))),
+                ("tanh", all(|x, _| tanh(x))),
+                ("atan", all(|x, _| atan(x))),
+                ("atan2", all(|y, x| atan2(y, x))),
+                ("powf", all(|x, p| powf(x, p))),
+                (
+                    "log2",
+                    all(|x, _| {
+                        let (k, s) = log2_parts(x);
+                        log2_of(k, s)
+                    }),
+                ),
+            ]
+        }};
+    }
+    let double = digests!(f64, elementary, pairs());
+    #[allow(clippy::cast_possible_truncation)]
+    let single =
+        digests!(f32, elementary, pairs().iter().map(|pair| pair.map(|x| x as f32)).collect());
+    assert_eq!(
+        double,
+        [
+            ("exp", 0x1466_FFD3_E470_4D97),
+            ("ln", 0x0931_1C26_710A_500C),
+            ("sin", 0x13D7_8178_D481_B59A),
+            ("cos", 0x7F4D_8FEC_EE6A_866A),
+            ("tan", 0x476D_27DE_9FD4_ED3B),
+            ("tanh", 0xC2CC_9E56_B248_EA14),
+            ("atan", 0x411F_F60B_1930_32D5),
+            ("atan2", 0x7478_9424_EAC7_AF3C),
+            ("powf", 0x8383_8CD5_9BBB_20C0),
+            ("log2", 0xD2D6_1E0B_4A34_C83B),
+        ]
+    );
+    assert_eq!(
+        single,
+        [
+            ("exp", 0xBFFF_D3D3_BA7B_0925),
+            ("ln", 0x8885_9468_1A7B_0925),
+            ("sin", 0x603A_56E1_1A7B_0925),
+            ("cos", 0x8F6A_A810_3A7B_0925),
+            ("tan", 0x2461_9A1E_FA7B_0925),
+            ("tanh", 0xEF95_E3E7_BA7B_0925),
+            ("atan", 0x490E_8384_9A7B_0925),
+            ("atan2", 0x431D_63F7_FA7B_0925),
+            ("powf", 0xA55E_D79F_DA7B_0925),
+            ("log2", 0x51D2_9800_BA7B_0925),
+        ]
+    );
+    let turns = pairs().into_iter().filter(|[u, _]| (0.0..1.0).contains(u)).flat_map(|[u, _]| {
+        let (cos, sin) = turned(1.0, u);
+        [cos, sin]
+    });
+    assert_eq!(digest(turns), 0x994A_0CFB_A661_B8F9);
 }

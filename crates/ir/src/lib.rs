@@ -3,7 +3,8 @@
 //! A law of the core is run once over [`trace::Traced`] numbers, which remember how they were computed:
 //! what comes out is a [`table::Table`], operations in order, each value computed once, with the law's
 //! bits. A model of the user's own is a table too, and stands within the law's. Tables are compiled for
-//! the core's interpreter, run, or handed on to be printed.
+//! the core's interpreter, run, or handed on to be printed. The core's elementary functions are printed by
+//! [`elementary`].
 //!
 //! Specs are plain data ([`Value`]), from Python's objects or from a TOML file; what is refused, and what
 //! a user's function raises, is an [`Error`]. Nothing here knows Python.
@@ -11,7 +12,7 @@
 //! # Floors
 //!
 //! A file imports lower floors only, and of other crates `hgo_rs`: `error` (0); `value`, `order`,
-//! `recursion` (1); `spec` (2); `table`, `choices`, `systems` (3); `trace`, `compile` (4); `model`, `tabled`
+//! `recursion`, `elementary` from its rows to its text (1 to 4); `spec` (2); `table`, `choices`, `systems` (3); `trace`, `compile` (4); `model`, `tabled`
 //! (5); `tables` (6); `laws`, `step` (7); `called` (8); `observer` (9).
 
 // Every error here is an `Error`, which says what it is about.
@@ -21,6 +22,7 @@ mod called;
 pub mod choices;
 pub mod compile;
 pub mod derivative;
+pub mod elementary;
 pub mod error;
 pub mod llvm;
 mod laws;

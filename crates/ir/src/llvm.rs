@@ -5,6 +5,7 @@
 //! vector, of which several copies stand side by side, operation by operation, since a processor works
 //! on more of them at once than one chain of operations keeps busy.
 
+use crate::elementary::{self, Precision};
 use crate::study::{DrawKind, Instant, LANES, Study};
 use crate::table::{Table, operands};
 use hgo_rs::program::Operation;
@@ -45,8 +46,8 @@ struct Printer {
     label: String,
     /// Vectors of a number, of this block.
     splats: HashMap<String, String>,
-    /// Elementary functions that are called, with the number of their arguments.
-    functions: BTreeSet<(&'static str, usize, bool)>,
+    /// Functions of the core that are called, with their lanes.
+    functions: BTreeSet<(&'static str, usize)>,
 }
 
 impl Printer {
@@ -143,12 +144,12 @@ impl Printer {
 
     /// A call of an elementary function of the core.
     fn call(&mut self, name: &'static str, values: &[&Value]) -> Value {
-        let lanes = self.lanes;
-        let uniform = values.iter().all(|value| matches!(value, Value::Uniform(_))) || lanes == 1;
-        self.functions.insert((name, values.len(), uniform));
+        let uniform = values.iter().all(|value| matches!(value, Value::Uniform(_)));
+        let lanes = if uniform { 1 } else { self.lanes };
+        self.functions.insert((name, lanes));
         self.apply(values, |of, names| {
             let given: Vec<String> = names.iter().map(|name| format!("{of} {name}")).collect();
-            format!("call {of} @{}({})", function_name(name, lanes, uniform), given.join(", "))
+            format!("call {of} {}({})", function_name(name, lanes), given.join(", "))
         })
     }
 
@@ -287,23 +288,6 @@ impl Printer {
 
     // --- random numbers --------------------------------------------------------------------------
 
-    fn bits(&mut self, values: &[&Value], print: impl Fn(&str, &[String]) -> String) -> Value {
-        let of = self.of(Kind::Bits, false);
-        let results = (0..self.copies).map(|copy| {
-            let names: Vec<String> = values
-                .iter()
-                .map(|value| match value {
-                    Value::Each(names) => names[copy].clone(),
-                    Value::Uniform(name) => name.clone(),
-                })
-                .collect();
-            let result = self.name();
-            self.line(format!("  {result} = {}", print(&of, &names)));
-            result
-        });
-        Value::Each(results.collect())
-    }
-
     fn word(&self, value: u64) -> String {
         if self.lanes == 1 {
             return value.to_string();
@@ -311,81 +295,61 @@ impl Printer {
         format!("<{}>", vec![format!("i64 {value}"); self.lanes].join(", "))
     }
 
-    fn rotated(&mut self, value: &Value, by: u64) -> Value {
-        let (by, lanes) = (self.word(by), self.lanes);
-        self.bits(&[value], |of, names| {
-            let suffix = if lanes == 1 { "i64".into() } else { format!("v{lanes}i64") };
-            let [x] = names else { return String::new() };
-            format!("call {of} @llvm.fshl.{suffix}({of} {x}, {of} {x}, {of} {by})")
-        })
-    }
-
-    /// The next 64 bits of xoshiro256++.
-    fn next_bits(&mut self, state: &mut [Value; 4]) -> Value {
-        let two = |name: &'static str| {
-            move |of: &str, names: &[String]| format!("{name} {of} {}, {}", names[0], names[1])
+    /// A call of a function of the core for vectors; its results.
+    fn call_each(&mut self, name: &'static str, values: &[(Kind, &Value)], results: &[Kind]) -> Vec<Value> {
+        let lanes = self.lanes;
+        self.functions.insert((name, lanes));
+        let types: Vec<String> = results.iter().map(|kind| self.of(*kind, false)).collect();
+        let whole = match types.as_slice() {
+            [one] => one.clone(),
+            several => format!("{{ {} }}", several.join(", ")),
         };
-        let [s0, s1, s2, s3] = state.clone();
-        let sum = self.bits(&[&s0, &s3], two("add"));
-        let rotated = self.rotated(&sum, 23);
-        let result = self.bits(&[&rotated, &s0], two("add"));
-        let shift = self.word(17);
-        let n2 = self.bits(&[&s2, &s0], two("xor"));
-        let n3 = self.bits(&[&s3, &s1], two("xor"));
-        let m0 = self.bits(&[&s0, &n3], two("xor"));
-        let m1 = self.bits(&[&s1, &n2], two("xor"));
-        let shifted = self.bits(&[&s1], |of, names| format!("shl {of} {}, {shift}", names[0]));
-        let m2 = self.bits(&[&n2, &shifted], two("xor"));
-        let m3 = self.rotated(&n3, 45);
-        *state = [m0, m1, m2, m3];
-        result
-    }
-
-    /// Uniform on [0, 1): the upper 53 bits as a fraction, exactly.
-    fn uniform(&mut self, state: &mut [Value; 4]) -> Value {
-        let bits = self.next_bits(state);
-        if self.lanes == 8 {
-            let by = self.word(11);
-            let high = self.bits(&[&bits], |of, names| format!("lshr {of} {}, {by}", names[0]));
-            let whole = self.cast("uitofp", &high);
-            return self.binary("fmul", &whole, &Self::constant(2.0_f64.powi(-53)));
-        }
-        // narrower vectors do not convert: the upper 21 bits put below the point of 2^31, the lower 32
-        // below that of a half, both then taken off
-        let (upper, lower) = (2_147_483_648.0_f64, 0.5_f64);
-        let [by_upper, by_lower, mask] = [43, 11, 0xFFFF_FFFF].map(|word| self.word(word));
-        let [put_upper, put_lower] = [upper, lower].map(|point| self.word(point.to_bits()));
-        let high = self.bits(&[&bits], |of, names| format!("lshr {of} {}, {by_upper}", names[0]));
-        let high = self.bits(&[&high], |of, names| format!("or {of} {}, {put_upper}", names[0]));
-        let low = self.bits(&[&bits], |of, names| format!("lshr {of} {}, {by_lower}", names[0]));
-        let low = self.bits(&[&low], |of, names| format!("and {of} {}, {mask}", names[0]));
-        let low = self.bits(&[&low], |of, names| format!("or {of} {}, {put_lower}", names[0]));
-        let (high, low) = (self.cast("bitcast", &high), self.cast("bitcast", &low));
-        let high = self.binary("fsub", &high, &Self::constant(upper + lower));
-        self.binary("fadd", &high, &low)
-    }
-
-    /// Bits as numbers.
-    fn cast(&mut self, name: &str, bits: &Value) -> Value {
-        let (of, from) = (self.of(Kind::Float, false), self.of(Kind::Bits, false));
-        let Value::Each(names) = bits else { return bits.clone() };
-        let results = names.iter().map(|bits| {
+        let mut made = vec![Vec::new(); results.len()];
+        for copy in 0..self.copies {
+            let given: Vec<String> = values
+                .iter()
+                .map(|(kind, value)| {
+                    let of = self.of(*kind, false);
+                    format!("{of} {}", self.vector(value, copy))
+                })
+                .collect();
             let result = self.name();
-            self.line(format!("  {result} = {name} {from} {bits} to {of}"));
-            result
-        });
-        Value::Each(results.collect())
+            let function = function_name(name, lanes);
+            self.line(format!("  {result} = call {whole} {function}({})", given.join(", ")));
+            if let [only] = made.as_mut_slice() {
+                only.push(result);
+                continue;
+            }
+            for (i, made) in made.iter_mut().enumerate() {
+                let part = self.name();
+                self.line(format!("  {part} = extractvalue {whole} {result}, {i}"));
+                made.push(part);
+            }
+        }
+        made.into_iter().map(Value::Each).collect()
     }
 
-    /// A standard normal pair, the second where it is wanted.
-    fn normal_pair(&mut self, state: &mut [Value; 4], both: bool) -> [Value; 2] {
-        let first = self.uniform(state);
-        let second = self.uniform(state);
-        let radius = self.call("normal_radius", &[&first]);
-        let one = self.call("normal_cos", &[&radius, &second]);
-        let other =
-            if both { self.call("normal_sin", &[&radius, &second]) } else { Self::constant(0.0) };
-        [one, other]
+    /// Uniform on [0, 1).
+    fn uniform(&mut self, state: &mut [Value; 4]) -> Value {
+        use Kind::{Bits, Float};
+        let given: Vec<(Kind, &Value)> = state.iter().map(|word| (Bits, word)).collect();
+        let mut made = self.call_each("advanced", &given, &[Bits; 5]).into_iter();
+        let bits = made.next().unwrap_or(Self::constant(0.0));
+        for (word, next) in state.iter_mut().zip(made) {
+            *word = next;
+        }
+        self.call_each("fraction", &[(Bits, &bits)], &[Float]).swap_remove(0)
+    }
+
+    /// A standard normal pair.
+    fn normal_pair(&mut self, state: &mut [Value; 4]) -> [Value; 2] {
+        use Kind::Float;
+        let (first, second) = (self.uniform(state), self.uniform(state));
+        let parts = self.call_each("radius_parts", &[(Float, &first)], &[Float; 2]);
+        let given: Vec<(Kind, &Value)> = parts.iter().map(|part| (Float, part)).collect();
+        let radius = self.call_each("radius_of", &given, &[Float]).swap_remove(0);
+        let pair = self.call_each("turned", &[(Float, &radius), (Float, &second)], &[Float; 2]);
+        [0, 1].map(|i| pair.get(i).cloned().unwrap_or(Self::constant(0.0)))
     }
 
     /// The largest bits of magnitudes so far: those of NaN are larger than those of any number.
@@ -409,20 +373,19 @@ impl Printer {
     }
 }
 
-/// The name of an elementary function for vectors or numbers.
-fn function_name(name: &str, lanes: usize, uniform: bool) -> String {
-    format!("hgo_{name}_v{}", if uniform { 1 } else { lanes })
+/// The name of a function of the core for so many lanes.
+fn function_name(name: &str, lanes: usize) -> String {
+    elementary::function(name, Precision::Double)
+        .map_or_else(String::new, |function| elementary::llvm::name(&function, lanes))
 }
 
 /// A study's kernels as source.
 #[derive(Clone, Debug)]
 pub struct Source {
-    /// LLVM IR; elementary functions are declared, not defined: see [`Source::functions`].
+    /// LLVM IR, with the functions of the core that it calls.
     pub text: String,
     /// For each number of open windows, with and without distances, the name of its function.
     pub names: Vec<(usize, bool, String)>,
-    /// Elementary functions that are called: name, number of arguments, lanes.
-    pub functions: Vec<(String, usize, usize)>,
 }
 
 impl Study {
@@ -432,7 +395,7 @@ impl Study {
         if self.tables.calls() || lanes * copies == 0 || !LANES.is_multiple_of(lanes * copies) {
             return None;
         }
-        let mut source = Source { text: String::new(), names: Vec::new(), functions: Vec::new() };
+        let mut source = Source { text: String::new(), names: Vec::new() };
         let mut functions = BTreeSet::new();
         for (open, distances) in self.forms() {
             let name = format!("span_{open}_{}", u8::from(distances));
@@ -448,25 +411,27 @@ impl Study {
             functions.extend(printer.functions);
             source.names.push((open, distances, name));
         }
-        let of = |kind: &str, lanes: usize| {
-            if lanes == 1 { kind.to_owned() } else { format!("<{lanes} x {kind}>") }
-        };
+        let mut declared = BTreeSet::new();
         for lanes in BTreeSet::from([1, lanes]) {
-            let (float, bits) = (of("double", lanes), of("i64", lanes));
-            let suffix = |kind: &str| if lanes == 1 { kind.into() } else { format!("v{lanes}{kind}") };
+            let of = |kind: &str| {
+                if lanes == 1 { kind.to_owned() } else { format!("<{lanes} x {kind}>") }
+            };
+            let vector = if lanes == 1 { String::new() } else { format!("v{lanes}") };
+            let (float, bits) = (of("double"), of("i64"));
             for (name, count) in [("fabs", 1), ("sqrt", 1), ("copysign", 2)] {
                 let given = vec![float.clone(); count].join(", ");
-                let _ = writeln!(source.text, "declare {float} @llvm.{name}.{}({given})", suffix("f64"));
+                declared.insert(format!("declare {float} @llvm.{name}.{vector}f64({given})"));
             }
-            for (name, count) in [("fshl", 3), ("smax", 2)] {
-                let given = vec![bits.clone(); count].join(", ");
-                let _ = writeln!(source.text, "declare {bits} @llvm.{name}.{}({given})", suffix("i64"));
-            }
+            declared.insert(format!("declare {bits} @llvm.smax.{vector}i64({bits}, {bits})"));
         }
-        source.functions = functions
-            .into_iter()
-            .map(|(name, count, uniform)| (name.to_owned(), count, if uniform { 1 } else { lanes }))
-            .collect();
+        for (name, lanes) in functions {
+            let function = elementary::function(name, Precision::Double)?;
+            declared.extend(elementary::llvm::declarations([&function], lanes));
+            source.text.push_str(&elementary::llvm::function_ir(&function, lanes));
+        }
+        for line in declared {
+            let _ = writeln!(source.text, "{line}");
+        }
         Some(source)
     }
 
@@ -747,7 +712,7 @@ impl Kernel<'_> {
                     p.binary("fadd", &Printer::constant(low), &part)
                 }
                 DrawKind::Normal(mean, std) => {
-                    let [normal, _] = p.normal_pair(&mut state.measurement, false);
+                    let [normal, _] = p.normal_pair(&mut state.measurement);
                     let part = p.binary("fmul", &Printer::constant(std), &normal);
                     p.binary("fadd", &Printer::constant(mean), &part)
                 }
@@ -904,7 +869,7 @@ impl Kernel<'_> {
         let tables = &self.study.tables;
         let mut xi = [Printer::constant(0.0), Printer::constant(0.0)];
         if tables.is_random {
-            xi = p.normal_pair(&mut state.process, tables.draws_both);
+            xi = p.normal_pair(&mut state.process);
         }
         let inputs: [&[Value]; 4] = [&[time.clone(), h.clone()], &state.x, u, &xi];
         let next = p.table(plant, &inputs, true);
