@@ -72,13 +72,15 @@ impl<T: Scalar> Ship<T> {
     }
 
     /// λ₂₁, λ₂₂, λ₃₁, λ₃₂ of the appendix. λ₂₂ has no value at z = 0: atan(0/0). It jumps where z₁ changes
-    /// its sign; a z₁ of nothing but rounding, and 0 of either sign, is +0.
+    /// its sign; a z₁ of nothing but rounding, and 0 of either sign, is +0 (without a decision, so that
+    /// the model can be traced).
     #[inline(always)]
     fn lambda(z: &Vector3<T>) -> [T; 4] {
         let c = T::from_f64;
         let s = z.y - c(1.18) * z.z;
         let (zz, ss) = (z.x * z.x, s * s);
-        let z1 = if z.x.abs() > c(1e-12) * s.abs() { z.x } else { T::ZERO };
+        let counts = -T::ONE.copysign(c(1e-12) * s.abs() - z.x.abs());
+        let z1 = z.x * counts.max(T::ZERO) + T::ZERO;
         let l22 = -c(0.0232) * (zz + ss) * (s / z1).atan();
         [c(0.102) * zz - c(0.0232) * ss, l22, c(0.287) * zz + c(0.307) * ss, -c(13.23) * l22]
     }

@@ -42,7 +42,7 @@ mod _core {
     #[pymodule_export]
     use super::online::Online;
     #[pymodule_export]
-    use super::programs::{evaluate_table, run_single, trace_step};
+    use super::programs::{evaluate_table, placed_gains, run_single, trace_step};
     /// The source of the elementary functions: `hgo_rs.exports` prints them into other programs.
     #[pymodule_export]
     const ELEMENTARY: &str = include_str!("../elementary.rs");

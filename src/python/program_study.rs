@@ -645,7 +645,8 @@ pub fn simulate<'py>(py: Python<'py>, spec: &Spec<'py>) -> PyResult<Bound<'py, P
     if standard && matches!(gains, PlacedGains::For(_)) && waits()? {
         observer = Tables::read(&of_observer, DOUBLE)?;
     }
-    let study = Study { plan: &plan, observer: &observer, taking: observer.taking()?, plant };
+    let study =
+        Study { plan: &plan, observer: &observer, taking: observer.taking(false, false)?, plant };
     if n < observer.n() {
         return Err(refused(&format!(
             "the observer estimates {} states; the plant has {n}",

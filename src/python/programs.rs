@@ -12,16 +12,17 @@ use super::interrupt::StopFlag;
 use super::plan::{Plan, StudyResult};
 use super::recursion::{AnyObserver, Block, Recursion};
 use super::spec::Spec;
-use super::systems::{AnyModel, read_van_der_pol};
+use super::systems::{AnyModel, read_ship, read_van_der_pol};
 use super::table::Table;
 use super::tabled::{Gains, LawTables, MAX_INPUTS, flat};
 use super::trace::{self, PlacedGains, Setting, Traced, call, input, inputs, named, trace};
 use crate::Scalar;
 use crate::dispatch_order;
 use crate::gain::ConstantGain;
+use crate::injection::Placement;
 use crate::memory::Memory;
-use crate::model::{Model, PhaseVariable, SampledModel, StrictFeedback, last};
-use crate::models::Correction;
+use crate::model::{Model, PhaseVariable, SampledModel, StrictFeedback, Unknown, last};
+use crate::models::{Correction, Ship};
 use crate::observer::{Observer, Status, Timing};
 use crate::observers::{
     LowPower, ModifiedObserver, ReducedOrderObserver, RepelledCollection, SampledDataObserver,
@@ -471,7 +472,7 @@ where
 }
 
 /// A gain that does not move.
-fn constant(spec: &Spec<'_>) -> PyResult<ConstantGain<f64>> {
+fn constant<T: Scalar>(spec: &Spec<'_>) -> PyResult<ConstantGain<T>> {
     match AnyGain::read(spec)? {
         AnyGain::Constant(gain) => Ok(gain),
         AnyGain::Moving(_) => Err(refused("a gain that moves has no gains for a length alone")),
@@ -518,6 +519,20 @@ fn standard<const N: usize>(
     Tables::continuous(given, setting, manner, &law?)
 }
 
+/// The gains of placed corrections of a low-power law, which depend on no model.
+fn low_power_gains<T: Scalar + Send + Sync, const N: usize>(
+    spec: &Spec<'_>,
+    at: Placement,
+    saturated: bool,
+) -> PyResult<Arc<Gains>> {
+    let saturation = AnySaturation::<N, T>::read(spec, saturated)?;
+    let [alpha, beta] = [spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?];
+    let [alpha, beta] = [alpha, beta].map(|k| k.map(T::from_f64));
+    let gain = constant(&spec.sub("gain")?)?;
+    let law = LowPower::<T, _, _, _, N, 0>::new(alpha, beta, gain, Unknown, saturation)?;
+    Gains::new::<T, _>(law, at)
+}
+
 fn low_power<const N: usize>(
     spec: &Spec<'_>,
     given: &Given<'_, '_>,
@@ -558,12 +573,9 @@ fn low_power<const N: usize>(
                         alpha, beta, $made, model, saturation,
                     )?)
                 },
-                |at| {
-                    let saturation = AnySaturation::<N>::read(spec, saturated)?;
-                    let (gain, model) = (constant(&gain)?, AnyModel::Unknown);
-                    let law =
-                        LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, gain, model, saturation)?;
-                    Gains::new(law, at)
+                |at| match setting.single {
+                    true => low_power_gains::<f32, N>(spec, at, saturated),
+                    false => low_power_gains::<f64, N>(spec, at, saturated),
                 },
             )
         };
@@ -648,33 +660,45 @@ fn own_sampled<const N: usize>(
     })
 }
 
-fn reduced_order<const NX: usize, const NZ: usize>(
+fn own_reduced_order<const NX: usize, const NZ: usize>(
     spec: &Spec<'_>,
     given: &Given<'_, '_>,
     own: &OwnModel,
     setting: Setting,
 ) -> PyResult<Tables> {
-    type Reduced<const NX: usize, const NZ: usize> =
-        ReducedOrderObserver<Traced, OwnStrictFeedback, NX, NZ, MAX_INPUTS>;
-    let (h_bar, epsilon) = (spec.vector::<NZ>("h_bar", NZ)?, spec.f64("epsilon")?);
     let n_u = own.n_u;
-    let build = || -> PyResult<Reduced<NX, NZ>> {
+    reduced_order::<_, NX, NZ, MAX_INPUTS>(spec, given, n_u, setting, || {
         let parameters = own.names().iter().map(|name| input(name)).collect();
-        let model =
-            OwnStrictFeedback { function: trace::function(own.table.clone(), parameters), n_u };
+        Ok(OwnStrictFeedback { function: trace::function(own.table.clone(), parameters), n_u })
+    })
+}
+
+/// Tables of a reduced-order observer with the model that `model` makes.
+fn reduced_order<Md, const NX: usize, const NZ: usize, const M: usize>(
+    spec: &Spec<'_>,
+    given: &Given<'_, '_>,
+    n_u: usize,
+    setting: Setting,
+    model: impl Fn() -> PyResult<Md>,
+) -> PyResult<Tables>
+where
+    Md: StrictFeedback<Traced, NX, NZ, M>,
+{
+    let (h_bar, epsilon) = (spec.vector::<NZ>("h_bar", NZ)?, spec.f64("epsilon")?);
+    let build = || -> PyResult<ReducedOrderObserver<Traced, Md, NX, NZ, M>> {
         let h_bar = h_bar.map(Traced::from_f64);
-        Ok(ReducedOrderObserver::new(h_bar, Traced::from_f64(epsilon), model)?)
+        Ok(ReducedOrderObserver::new(h_bar, Traced::from_f64(epsilon), model()?)?)
     };
     let correct = |started, present| {
         let answer = Some(if started { Ordering::Greater } else { Ordering::Equal });
-        half_table(Setting { present, answer, ..setting }, n_u, true, build)
+        half_table(Setting { present, answer, ..setting }, n_u, true, &build)
     };
     Ok(Tables {
-        shape: shape::<Reduced<NX, NZ>>(n_u, build)?,
+        shape: shape(n_u, &build)?,
         correct: Some(correct(true, true)?),
-        advance: half_table(setting, n_u, false, build)?,
+        advance: half_table(setting, n_u, false, &build)?,
         missing: Some(correct(true, false)?),
-        unstarted: Some((NZ + NX + MAX_INPUTS, [correct(false, true)?, correct(false, false)?])),
+        unstarted: Some((NZ + NX + M, [correct(false, true)?, correct(false, false)?])),
         placed: Vec::new(),
         law: None,
         parameters: given.parameters().to_vec(),
@@ -802,7 +826,9 @@ impl Tables {
         if kind == "reduced-order" {
             spec.only(&["kind", "model", "h_bar", "epsilon"])?;
             let Given::Own(own) = &given else {
-                return Err(refused("the ship's observer decides on its samples: it has no table"));
+                return reduced_order::<Ship<Traced>, 3, 3, 2>(spec, given, 2, setting, || {
+                    read_ship(&spec.sub("model")?)
+                });
             };
             if own.form != "strict-feedback" {
                 return Err(refused("the reduced-order observer needs a strict-feedback model"));
@@ -810,7 +836,7 @@ impl Tables {
             macro_rules! sizes {
                 ($(($x:literal, $z:literal)),+) => {
                     match (own.n, own.n_z) {
-                        $(($x, $z) => reduced_order::<$x, $z>(spec, given, own, setting),)+
+                        $(($x, $z) => own_reduced_order::<$x, $z>(spec, given, own, setting),)+
                         (n_x, n_z) => Err(refused(&format!(
                             "{n_x} measured and {n_z} unmeasured states are not allowed: the \
                              reduced-order observer takes 1 to 4, and no more unmeasured than measured"
@@ -950,19 +976,47 @@ impl Tables {
     pub fn correct(&self) -> Option<&Table> {
         self.correct.as_ref()
     }
-    /// What takes the sample, whether the law has started or not: the correction with current timing,
-    /// else the way to the next sample.
-    pub fn taking(&self) -> PyResult<Table> {
+    /// What takes a sample that is there, or one that is missing, whether the law has started or not: the
+    /// correction with current timing, else the way to the next sample.
+    pub fn taking(&self, missing: bool, single: bool) -> PyResult<Table> {
         let usual = self.correct.as_ref().unwrap_or(&self.advance);
-        let Some((index, [unstarted, _])) = &self.unstarted else { return Ok(usual.clone()) };
-        trace(Setting::usual(false), || {
+        let usual = self.missing.as_ref().filter(|_| missing).unwrap_or(usual);
+        let Some((index, unstarted)) = &self.unstarted else { return Ok(usual.clone()) };
+        trace(Setting::usual(single), || {
             let given: Vec<Traced> = usual.inputs.iter().map(|name| input(name)).collect();
-            let (made, first) = (trace::inline(usual, &given), trace::inline(unstarted, &given));
+            let made = trace::inline(usual, &given);
+            let first = trace::inline(&unstarted[usize::from(missing)], &given);
             let started = given[MEMORY + index];
             let chosen = made.iter().zip(&first);
             let chosen: Vec<Traced> =
                 chosen.map(|(a, b)| trace::if_positive(started, *a, *b)).collect();
             Ok(usual.output_names.iter().cloned().zip(chosen).collect())
+        })
+    }
+    /// The way to the next sample after a period that no sample has ended, as [`Observer::predict`]: a law
+    /// that closes its periods by samples closes that one first, and holds its estimate where the model has
+    /// no value.
+    fn predict(&self, single: bool) -> PyResult<Table> {
+        let advance = &self.advance;
+        let Some((index, _)) = self.unstarted else { return Ok(advance.clone()) };
+        let closing = self.taking(true, single)?;
+        trace(Setting::usual(single), || {
+            let given: Vec<Traced> = advance.inputs.iter().map(|name| input(name)).collect();
+            let memory = MEMORY..MEMORY + self.shape.memory;
+            let mut closed = given.clone();
+            let made = trace::inline(&closing, &given);
+            let mut spoilt = Traced::NEG_ZERO; // or NaN
+            made.iter().take(self.shape.n).for_each(|entry| spoilt += *entry - *entry);
+            let made = made.iter().zip(&given[memory.clone()]);
+            closed[memory.clone()].iter_mut().zip(made).for_each(|(closed, (made, before))| {
+                *closed = trace::if_equal([spoilt, spoilt], *made, *before);
+            });
+            let open = given[memory][index + 1]; // length of the period
+            let (usual, late) = (trace::inline(advance, &given), trace::inline(advance, &closed));
+            let chosen = usual.iter().zip(&late);
+            let chosen: Vec<Traced> =
+                chosen.map(|(usual, late)| trace::if_positive(open, *late, *usual)).collect();
+            Ok(advance.output_names.iter().cloned().zip(chosen).collect())
         })
     }
     /// The way to the next sample.
@@ -1362,13 +1416,14 @@ impl AnyObserver for Programmed {
 }
 
 /// A part of the step of the observer that `spec` describes, as a table over (t, dt, z, y, u,
-/// parameters), without the inputs that the part does not take. "step", with predictor timing: (z after
-/// the step, innovation). With current timing "correct", the use of a sample, of (t, z, y): (z, innovation);
-/// and "predict", the way to the next one, of (t, dt, z, u): z. With `missing` the part that takes the
-/// sample where it is missing. With `dt`, corrections that are placed (zoh, bilinear) are right for times
-/// of this length only.
+/// parameters, gains), without the inputs that the part does not take. "step", with predictor timing: (z
+/// after the step, innovation). With current timing "correct", the use of a sample, of (t, z, y): (z,
+/// innovation); and "predict", the way to the next one, of (t, dt, z, u): z. With `missing` the part that
+/// takes the sample where it is missing. With `dt`, corrections that are placed (zoh, bilinear) are right
+/// for times of this length only; with `held`, those of their gains that no operations compute are
+/// inputs, see [`placed_gains`].
 #[pyfunction]
-#[pyo3(signature = (spec, single=false, missing=false, dt=None, part="step"))]
+#[pyo3(signature = (spec, single=false, missing=false, dt=None, part="step", held=false))]
 pub fn trace_step<'py>(
     py: Python<'py>,
     spec: &Bound<'py, PyAny>,
@@ -1376,27 +1431,52 @@ pub fn trace_step<'py>(
     missing: bool,
     dt: Option<f64>,
     part: &str,
+    held: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let gains = dt.map_or(PlacedGains::Computed, PlacedGains::For);
+    let computed = if held { PlacedGains::Held } else { PlacedGains::Computed };
+    let gains = dt.map_or(computed, PlacedGains::For);
     let setting = Setting { gains, ..Setting::usual(single) };
     let tables = Tables::read(&Spec::new(spec, "observer")?, setting)?;
-    let of_missing = tables.missing.filter(|_| missing);
     let Shape { memory, n_y, n_u, .. } = tables.shape;
     let y = MEMORY + memory..MEMORY + memory + n_y;
     let u = y.end..y.end + n_u;
-    let table = match (part, tables.correct) {
-        ("step", None) => of_missing.unwrap_or(tables.advance),
-        ("correct", Some(correct)) => {
+    let table = match (part, &tables.correct) {
+        ("step", None) => tables.taking(missing, single)?,
+        ("correct", Some(_)) => {
             let step = MEMORY - 1; // its length
-            of_missing.unwrap_or(correct).without_inputs(|i| i == step || u.contains(&i))
+            tables.taking(missing, single)?.without_inputs(|i| i == step || u.contains(&i))
         }
-        ("predict", Some(_)) => tables.advance.without_inputs(|i| y.contains(&i)),
+        ("predict", Some(_)) => tables.predict(single)?.without_inputs(|i| y.contains(&i)),
         (other, correct) => {
             let parts = if correct.is_some() { "correct or predict" } else { "step" };
             return Err(refused(&format!("part = {other:?} is not allowed: {parts}")));
         }
     };
     table.to_dict(py)
+}
+
+/// Gains for corrections that are for times of these lengths, as [`trace_step`] takes them with `held`:
+/// for each chain that takes any, which sample corrects it, where its time stands in the memory (with
+/// current timing; else it is the step's length), and a row of gains for each length.
+#[pyfunction]
+#[pyo3(signature = (spec, lengths, single=false))]
+#[allow(clippy::needless_pass_by_value)]
+pub fn placed_gains(
+    spec: &Bound<'_, PyAny>,
+    lengths: Vec<f64>,
+    single: bool,
+) -> PyResult<Vec<(usize, Option<usize>, Vec<Vec<f64>>)>> {
+    let setting = Setting { gains: PlacedGains::Held, ..Setting::usual(single) };
+    let tables = Tables::read(&Spec::new(spec, "observer")?, setting)?;
+    let of_chain = |PlacedChain { channel, elapsed, gains }: &PlacedChain| {
+        let row = |length: &f64| {
+            let mut row = vec![0.0; gains.count];
+            gains.write(*length, &mut row);
+            row
+        };
+        (*channel, *elapsed, lengths.iter().map(row).collect())
+    };
+    Ok(tables.placed.iter().map(of_chain).collect())
 }
 
 /// Memories along a record in single precision: times (N,), samples (N, n_y), inputs (N, n_u), memory

@@ -61,12 +61,15 @@ struct PlacedTables {
 /// Gains of a placed correction as numbers.
 pub trait Numbers<T: Scalar>: Copy {
     const COUNT: usize;
+    /// Whether operations of a table compute them.
+    const COMPUTED: bool;
     fn from_numbers(values: &[T]) -> Self;
     fn numbers(&self) -> Vec<T>;
 }
 
 impl<T: Scalar, const N: usize> Numbers<T> for SVector<T, N> {
     const COUNT: usize = N;
+    const COMPUTED: bool = true;
     fn from_numbers(values: &[T]) -> Self {
         Self::read(values)
     }
@@ -77,6 +80,7 @@ impl<T: Scalar, const N: usize> Numbers<T> for SVector<T, N> {
 
 impl<T: Scalar, const N: usize> Numbers<T> for [BlockGains<T, N>; 2] {
     const COUNT: usize = 4 * N;
+    const COMPUTED: bool = false; // roots of polynomials
     fn from_numbers(values: &[T]) -> Self {
         let part = |i: usize| SVector::read(values.get(i * N..).unwrap_or(&[]));
         [BlockGains { a: part(0), b: part(1) }, BlockGains { a: part(2), b: part(3) }]
@@ -99,13 +103,17 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// Of this law.
-    pub fn new<L>(law: L, at: Placement) -> PyResult<Arc<Self>>
+    /// Of this law, in its precision.
+    pub fn new<T, L>(law: L, at: Placement) -> PyResult<Arc<Self>>
     where
-        L: Injected<f64, Gains: Numbers<f64>, Poles: Send + Sync> + Send + Sync + 'static,
+        T: Scalar,
+        L: Injected<T, Gains: Numbers<T>, Poles: Send + Sync> + Send + Sync + 'static,
     {
         let poles = law.poles(at)?;
-        let of = move |length| law.gains(at, &poles, &law.initial(), length).numbers();
+        let of = move |length| {
+            let gains = law.gains(at, &poles, &law.initial(), T::from_f64(length)).numbers();
+            gains.into_iter().map(T::to_f64).collect()
+        };
         Ok(Arc::new(Self { count: L::Gains::COUNT, of: Box::new(of), recent: Mutex::default() }))
     }
 
@@ -187,7 +195,12 @@ impl LawTables {
         let placed = match manner.method {
             AnyMethod::Known(_) => None,
             AnyMethod::Placed(at) => {
-                let given = L::CONSTANT && matches!(setting.gains, PlacedGains::Given);
+                let given = L::CONSTANT
+                    && match setting.gains {
+                        PlacedGains::Given => true,
+                        PlacedGains::Held => !L::Gains::COMPUTED,
+                        PlacedGains::Computed | PlacedGains::For(_) => false,
+                    };
                 let gains = if given { Some(gains(at)?) } else { None };
                 Some(Self::placed(setting, (at, manner.timing), n_u, &build, gains)?)
             }
