@@ -291,6 +291,30 @@ fn a_reduced_order_observer_is_told_time_and_input() {
     close(z.z_hat.x, end.z_hat.x + d1 * (h * (psi - end.z_hat.x) + f2));
 }
 
+/// A period whose input has no value moves no estimate, and counts for the next correction.
+#[test]
+fn a_reduced_order_observer_counts_a_period_without_a_value() {
+    let observer = ReducedOrderObserver::<f64, _, 1, 1, 1>::new([0.5], 0.25, Cascade).unwrap();
+    let mut online = Estimator::new(observer, 0.4).unwrap();
+    let one = |v: f64| Vector1::new(v);
+    online.correct(&one(1.2));
+    online.predict(&one(0.4), 0.1);
+    online.correct(&one(1.3));
+    let before = *online.memory();
+    assert_eq!(online.predict(&one(f64::NAN), 0.15), Status::ModelUndefined);
+    let after = *online.memory();
+    assert_eq!((after.z_hat, after.u, after.period), (before.z_hat, before.u, before.period));
+    assert_eq!(after.elapsed, 0.15);
+    online.predict(&one(0.4), 0.1);
+    assert_eq!(online.correct(&one(1.9)), Status::Updated);
+    // the slope is that over both periods, the estimate moves over the second one
+    let t = 0.1;
+    let psi = ((1.9 - 1.3) / 0.25 - (t + 0.4 + 1.3)) / (2.0 + t + 0.4 + 1.3);
+    let f2 = 3.0 * 0.25 + 0.4 - psi + 0.1 * 1.3;
+    let z = before.z_hat.x;
+    close(online.memory().z_hat.x, z + 0.1 * (2.0 * (psi - z) + f2));
+}
+
 /// A pendulum under a torque: q̈ = u − w/2 − 9.81 sin q.
 #[derive(Clone, Copy)]
 struct Pendulum;

@@ -20,6 +20,7 @@ __all__ = [
     "low_power_coefficients_from_poles",
     "low_power_polynomial",
     "mean_covariance",
+    "placed_gains",
     "random",
     "run_single",
     "simulate",
@@ -133,7 +134,11 @@ def trace_step(
     missing: bool = False,
     dt: float | None = None,
     part: str = "step",
+    held: bool = False,
 ) -> dict[str, Any]: ...
+def placed_gains(
+    spec: Mapping[str, Any], lengths: list[float], single: bool = False
+) -> list[tuple[int, int | None, list[list[float]]]]: ...
 def evaluate_table(
     table: Mapping[str, Any], inputs: npt.ArrayLike, single: bool = False
 ) -> list[list[float]]: ...

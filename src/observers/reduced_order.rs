@@ -207,6 +207,11 @@ where
     }
 
     #[inline(always)]
+    fn held(&self, z: &Self::State, dt: T) -> Self::State {
+        Self::State { elapsed: z.elapsed.passed(dt), ..*z }
+    }
+
+    #[inline(always)]
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
         z.z_hat.as_slice()
     }

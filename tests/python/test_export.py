@@ -74,7 +74,30 @@ KINDS = {
     "filtered_arm": lambda: two_links(**BEST),
     "pendulum": lambda: pendulum(),
     "driven": lambda: driven(**BEST),
+    "low_held": lambda: LowPowerObserver(3, 20.0, model=InputGain(2.0), **BEST),
+    "free_held": lambda: hgo_rs.PeakingFreeObserver(
+        3, 8.0, saturation=0.5, clip="smooth", method="bilinear", timing="predictor"
+    ),
+    "arm_held": lambda: two_links(LowPowerObserver, **BEST),
+    "ship": lambda: hgo_rs.ReducedOrderObserver(0.5),
+    "strict": lambda: strict_feedback(),
 }
+"""Observers; of those whose gains are held the period is `DT`."""
+
+DT = 0.01
+
+
+def strict_feedback() -> Observer:
+    """The reduced-order observer of a model of one's own."""
+    model = hgo_rs.Model(
+        states=["p", "v"],
+        inputs=["u"],
+        parameters={"d": 0.3},
+        f1=["0.1*sin(p)"],
+        g=[["1 + 0.1*cos(p)"]],
+        f2=["u - d*v*p + 0.3*sin(4*t)"],
+    )
+    return hgo_rs.ReducedOrderObserver(0.05, h_bar=[0.4], model=model)
 
 
 def driven(**manner: Any) -> Observer:
@@ -85,7 +108,7 @@ def driven(**manner: Any) -> Observer:
     return StandardObserver(2, 15.0, model=model, **manner)
 
 
-def two_links(**manner: Any) -> Observer:
+def two_links(law: Any = StandardObserver, **manner: Any) -> Observer:
     """Two coupled joints with an encoder each."""
     model = hgo_rs.Model(
         states=["q1", "w1", "q2", "w2"],
@@ -93,7 +116,7 @@ def two_links(**manner: Any) -> Observer:
         parameters={"c": 2.0},
         phi=["-sin(q1) + c*tanh(q2 - q1)", "c*(q1 - q2) - 0.1*w2"],
     )
-    joint = [StandardObserver(2, ell, **manner) for ell in (12.0, 15.0)]
+    joint = [law(2, ell, **manner) for ell in (12.0, 15.0)]
     return hgo_rs.MultiOutputObserver(joint, model=model)
 
 
@@ -124,23 +147,29 @@ def pendulum() -> Observer:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_program_has_the_bits_of_the_core(tmp_path: Path, kind: str) -> None:
     observer = KINDS[kind]()
-    observer.export(to="c", out=tmp_path, name=kind)
+    held = {"dt": DT} if "held" in kind else {}
+    observer.export(to="c", out=tmp_path, name=kind, **held)
     # every step of the vector has a value
     assert ", 2, {" not in (tmp_path / f"{kind}_vector.h").read_text()
     every = FLAGS.values() if kind == "pendulum" else [FLAGS["gnu11 -O3 native"]]
     for flags in every:
         assert says_ok(in_c(tmp_path, kind, flags), 100)
-    if kind in ("pendulum", "adaptive", "sampled", "arm", "current", "filtered_arm", "driven"):
-        observer.export(to="rust", out=tmp_path, name=kind)
+    if kind not in ("standard", "low_power", "peaking_free", "exact", "moving"):
+        observer.export(to="rust", out=tmp_path, name=kind, **held)
         assert says_ok(in_rust(tmp_path, kind), 100)
 
 
-@pytest.mark.parametrize("kind", ["pendulum", "sampled", "filtered_arm", "driven"])
+SINGLE = ["pendulum", "sampled", "filtered_arm", "driven", "low_held", "arm_held", "strict"]
+
+
+@pytest.mark.parametrize("kind", SINGLE)
 def test_single_precision_is_the_cores_in_both_languages(tmp_path: Path, kind: str) -> None:
     observer = KINDS[kind]()
-    observer.export(to="c", out=tmp_path, name=kind, precision="single")
+    given: dict[str, Any] = {"name": kind, "precision": "single"}
+    given |= {"dt": DT} if "held" in kind else {}
+    observer.export(to="c", out=tmp_path, **given)
     assert says_ok(in_c(tmp_path, kind, FLAGS["gnu11 -O3 native"]), 100)
-    observer.export(to="rust", out=tmp_path, name=kind, precision="single")
+    observer.export(to="rust", out=tmp_path, **given)
     assert says_ok(in_rust(tmp_path, kind), 100)
 
 
@@ -280,6 +309,75 @@ def test_a_wrong_bit_is_found(tmp_path: Path) -> None:
     assert re.match(r"step 0: x1 = \S+, expected \S+\n", done.stdout)
 
 
+# --- gains that are held --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("kind", ["low_held", "arm_held"])
+def test_held_gains_are_those_of_a_table_for_their_time_alone(kind: str, precision: str) -> None:
+    observer = KINDS[kind]()
+    spec, single = observer.spec, precision == "single"
+    real = PRECISIONS[precision].real
+    rows = program(observer, name="p", precision=precision, dt=DT, periods=5)
+    assert rows.periods is not None
+    time = real(0.0)
+    rng = np.random.default_rng(1)
+    for k, length in enumerate(rows.periods.lengths, start=1):
+        time = real(time + real(DT))
+        assert length == time and rows.periods.count(length) == k
+        z = rng.standard_normal(observer.memory.size)
+        elapsed = [gains.held.elapsed for gains in rows.gains]
+        z[elapsed] = length
+        y = rng.standard_normal(observer.n_y)
+        alone = _core.trace_step(spec, single, part="correct", dt=float(length))
+        any_time = _core.trace_step(spec, single, part="correct", held=True)
+        gains = [gain for of in rows.gains for gain in of.held.rows[k]]
+        given = [0.0, *z, *y, *([2.0] if kind == "arm_held" else [])]
+        made = [
+            _core.evaluate_table(table, [[*given, *more]], single)
+            for table, more in ((alone, []), (any_time, gains))
+        ]
+        assert made[0] == made[1]
+    assert not any(any(of.held.rows[0]) for of in rows.gains)
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_periods_are_counted_through_rounding_and_jitter_is_not(
+    tmp_path: Path, precision: str
+) -> None:
+    observer = LowPowerObserver(2, 20.0, **BEST)
+    rows = program(observer, name="axis", precision=precision, dt=1e-3, periods=7)
+    times: list[tuple[float, int]] = [(0.0, 0), (-1e-3, 0), (math.inf, 0), (math.nan, 0), (1e30, 0)]
+    times += [(k * 1e-3 * (1.0 + 1e-6), k if k <= 7 else 0) for k in range(1, 20)]
+    times += [(k * 1e-3 * (1.0 - 1e-6), k if k <= 7 else 0) for k in range(1, 20)]
+    times += [(k * 1e-3 + 2e-5, 0) for k in range(20)]
+    times += [(5e-4, 0), (1.5e-3, 0), (1e-3 * (1.0 + 1e-4), 0), (7.5e-3, 0)]
+    assert rows.periods is not None
+    assert [rows.periods.count(time) for time, _ in times] == [k for _, k in times]
+    calls = "\n".join(
+        f'    printf("%d ", axis_periods({float(time)!r}));'.replace("inf", "INFINITY").replace(
+            "nan", "NAN"
+        )
+        for time, _ in times
+    )
+    text = '#include "axis.h"\n#include <math.h>\n#include <stdio.h>\nint main(void)\n{\n'
+    put(tmp_path, {**c_files(rows), "driver.c": f"{text}{calls}\n    return 0;\n}}\n"})
+    run("cc", "-std=c99", tmp_path / "driver.c", tmp_path / "axis.c", "-lm", "-o", tmp_path / "d")
+    assert [int(k) for k in run(tmp_path / "d").split()] == [k for _, k in times]
+
+
+def test_after_a_time_without_gains_the_estimate_follows_again() -> None:
+    """A sample is refused, its period is predicted over, and the next one is used."""
+    observer = LowPowerObserver(2, 20.0, **BEST)
+    t = 0.01 * np.arange(400.0)
+    t[200:] += 0.0043
+    log = (t, 1.0 + 2.0 * t, np.zeros((400, 0)))
+    rows = program(observer, name="p", precision="double", dt=0.01, log=log).vector
+    assert [k for k, row in enumerate(rows) if row.status == 3] == [200]
+    assert rows[200].memory[-1] == 0.0
+    assert abs(rows[-1].memory[1] - 2.0) < 1e-6 and abs(rows[201].memory[1] - 2.0) < 1e-3
+
+
 # --- every operation ------------------------------------------------------------------------------
 
 ELEMENTARY = sorted(set(FUNCTIONS.values()) & set(Elementary.read("double").functions))
@@ -383,14 +481,15 @@ def test_no_compiler_and_no_linter_warns(tmp_path: Path, precision: str) -> None
     rows[10:13, 2] = np.nan
     programs = [bare(random_table(rng, size), rows, precision) for size in (20, 60, 120)]
     observers = [odd(), *(make() for make in KINDS.values())]
-    programs += [program(of, name="maze", precision=precision) for of in observers]
+    programs += [program(of, name="maze", precision=precision, dt=DT) for of in observers]
     for number, described in enumerate(programs):
         folder = put(tmp_path / str(number), c_files(described))
         run("gcc", *STRICT, "-fsyntax-only", folder / "maze.c", folder / "main.c")
         checked_as_cpp(folder, "maze")
     if shutil.which("cargo-clippy") is None:
         pytest.skip("not installed: cargo clippy")
-    for described in [programs[0], programs[2], programs[3], programs[-1]]:
+    held = [described for described in programs if described.gains]
+    for described in [programs[0], programs[2], programs[3], *held, programs[-1]]:
         checked_by_clippy(put(tmp_path / "rust", rust_files(described)))
 
 
@@ -616,12 +715,18 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
     blocked.write_text("")
     with pytest.raises(HgoError, match="cannot be written"):
         export(observer, to="c", out=blocked)
-    with pytest.raises(HgoError, match="reduced-order"):
-        hgo_rs.ReducedOrderObserver(0.5).export(to="c", out=tmp_path)
     for method in ("zoh", "bilinear"):
         observer = LowPowerObserver(3, 5.0, method=method)
-        with pytest.raises(HgoError, match=f"method = '{method}': .* low-power .*\"rk4\""):
+        with pytest.raises(HgoError, match=r"dt is missing: .* --dt, .*\"rk4\""):
             observer.export(to="c", out=tmp_path)
+        for periods in (0, 257, 1.5):
+            with pytest.raises(HgoError, match="periods = "):
+                observer.export(to="c", out=tmp_path, dt=0.1, periods=periods)
+        with pytest.raises(HgoError, match="dt = 1e-60"):
+            observer.export(to="c", out=tmp_path, dt=1e-60, precision="single")
+        moving = LowPowerObserver(3, hgo_rs.AdaptiveGain(0.05, 0.5, 0.2), method=method)
+        with pytest.raises(HgoError, match=r"gain = 'adaptive': .* by iteration .*\"rk4\""):
+            moving.export(to="c", out=tmp_path, dt=0.1)
 
 
 def test_the_command_writes_what_the_file_says(
@@ -641,6 +746,12 @@ def test_the_command_writes_what_the_file_says(
     )
     assert "sampling: 0.001 s" in (tmp_path / "c" / "my_axis.h").read_text()
     assert says_ok(in_c(tmp_path / "c", "my_axis"), 100)
+    config.write_text(config.read_text().replace("standard", "low-power"))
+    given = ["export", str(config), "--to", "c", "--out", str(tmp_path / "low"), "--dt", "0.002"]
+    with pytest.raises(SystemExit) as ended:
+        main([*given, "--periods", "2"])
+    assert ended.value.code == 0
+    assert "1 to 2 periods of 0.002 s" in (tmp_path / "low" / "my_axis.h").read_text()
     with pytest.raises(SystemExit) as ended:
         main(["export", str(config), "--to", "c", "--out", str(config)])
     assert ended.value.code == 2
@@ -681,6 +792,12 @@ def test_a_control_system_of_a_law_that_filters() -> None:
     system = observer.to_control(0.1)
     response = control.input_output_response(system, t, np.hstack([y, u]).T, observer.memory)
     np.testing.assert_allclose(response.outputs.T, observer.run(0.1, y, u).x_hat, atol=1e-9)
+    own = strict_feedback()
+    system = own.to_control(0.1)
+    assert len(set(system.state_labels)) == own.memory.size
+    response = control.input_output_response(system, t, np.vstack([y[:, 0], u[:, 0]]), own.memory)
+    run_of = own.run(0.1, y[:, :1], u[:, :1])
+    np.testing.assert_allclose(response.outputs.T, run_of.x_hat, atol=1e-9)
 
 
 def test_a_control_system_of_current_timing() -> None:

@@ -42,6 +42,7 @@ axis axis_step axis_init axis_state axis_correct axis_predict axis_sin axis_min 
 axis_row axis_exp_result AXIS_UPDATED AXIS_UNDEFINED Axis Status UPDATED Updated result bits x k n m
 low high to_bits from_bits sin_q q_squared limited_q finite_ memory given row names steps
 STEPS MEMORY q Q qq
+axis_periods axis_gains axis_gains_1 gains periods gains_1 periods_1 counted nearest among GAINS
 """
 NAMES = TEXT.split()
 

@@ -107,14 +107,18 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// Of this law.
-    pub fn new<L>(law: L, at: Placement) -> Result<Arc<Self>>
+    /// Of this law, in its precision.
+    pub fn new<T, L>(law: L, at: Placement) -> Result<Arc<Self>>
     where
-        L: Injected<f64, Gains: Numbers<f64>, Poles: Send + Sync> + Send + Sync + 'static,
+        T: Scalar,
+        L: Injected<T, Gains: Numbers<T>, Poles: Send + Sync> + Send + Sync + 'static,
     {
         let poles = law.poles(at)?;
         let of = move |length, memory: &[f64]| {
-            law.gains(at, &poles, &L::State::read(memory), length).numbers()
+            let memory: Vec<T> = memory.iter().map(|value| T::from_f64(*value)).collect();
+            let z = if memory.is_empty() { law.initial() } else { L::State::read(&memory) };
+            let gains = law.gains(at, &poles, &z, T::from_f64(length)).numbers();
+            gains.into_iter().map(T::to_f64).collect()
         };
         Ok(Arc::new(Self { count: L::Gains::COUNT, of: Box::new(of), recent: Mutex::default() }))
     }
@@ -206,7 +210,12 @@ impl LawTables {
             AnyMethod::Known(_) => None,
             AnyMethod::Placed(at) => {
                 let known = L::CONSTANT && matches!(setting.gains, PlacedGains::For(_));
-                let given = L::CONSTANT && matches!(setting.gains, PlacedGains::Given);
+                let given = L::CONSTANT
+                    && match setting.gains {
+                        PlacedGains::Given => true,
+                        PlacedGains::Held => !L::TRACEABLE,
+                        PlacedGains::Computed | PlacedGains::For(_) => false,
+                    };
                 let gains = match (given, L::TRACEABLE || known) {
                     (true, _) => GainsOf::Inputs(gains(at)?),
                     (false, true) => GainsOf::Table,

@@ -90,43 +90,79 @@ impl Tables {
     pub fn correct(&self) -> Option<&Table> {
         self.correct.as_ref()
     }
-    /// What takes the sample, whether the law has started or not: the correction with current timing,
-    /// else the way to the next sample. Where samples may be `missing`, also without one.
-    pub fn taking(&self, missing: bool) -> Result<Table> {
+    /// What takes a sample that is there, or one that is missing, whether the law has started or not: the
+    /// correction with current timing, else the way to the next sample.
+    pub fn taking(&self, missing: bool, single: bool) -> Result<Table> {
         let usual = self.correct.as_ref().unwrap_or(&self.advance);
-        let without = self.missing.as_ref().filter(|_| missing);
-        if self.unstarted.is_none() && without.is_none() {
-            return Ok(usual.clone());
-        }
-        trace(Setting::usual(false), || {
+        let usual = self.missing.as_ref().filter(|_| missing).unwrap_or(usual);
+        let Some((index, unstarted)) = &self.unstarted else { return Ok(usual.clone()) };
+        trace(Setting::usual(single), || {
             let given: Vec<Traced> = usual.inputs.iter().map(|name| input(name)).collect();
-            let choose = |of: &dyn Fn(Traced, Traced) -> Traced, a: &[Traced], b: &[Traced]| {
-                a.iter().zip(b).map(|(a, b)| of(*a, *b)).collect::<Vec<Traced>>()
-            };
-            // of a law that has started, and of one that has not
-            let form = |started: &Table, unstarted: Option<&Table>| {
-                let made = trace::inline(started, &given);
-                match (&self.unstarted, unstarted) {
-                    (Some((index, _)), Some(unstarted)) => {
-                        let elapsed = given[MEMORY + index];
-                        let first = trace::inline(unstarted, &given);
-                        choose(&|a, b| trace::if_positive(elapsed, a, b), &made, &first)
-                    }
-                    _ => made,
-                }
-            };
-            let [with, none] = [0, 1].map(|i| self.unstarted.as_ref().map(|(_, forms)| &forms[i]));
-            let mut chosen = form(usual, with);
-            if let Some(without) = without {
-                let y = MEMORY + self.shape.memory;
-                let nothing = given[y..y + self.shape.n_y].iter().fold(Traced::ZERO, |sum, y| {
-                    sum + (*y - *y) // NaN where one is not finite
-                });
-                let other = form(without, none);
-                chosen = choose(&|a, b| trace::if_equal([nothing; 2], a, b), &chosen, &other);
-            }
+            let made = trace::inline(usual, &given);
+            let first = trace::inline(&unstarted[usize::from(missing)], &given);
+            let started = given[MEMORY + index];
+            let chosen = made.iter().zip(&first);
+            let chosen: Vec<Traced> =
+                chosen.map(|(a, b)| trace::if_positive(started, *a, *b)).collect();
             Ok(usual.output_names.iter().cloned().zip(chosen).collect())
         })
+    }
+    /// What takes any sample, there or missing.
+    pub fn taking_any(&self) -> Result<Table> {
+        let (with, without) = (self.taking(false, false)?, self.taking(true, false)?);
+        if self.missing.is_none() {
+            return Ok(with);
+        }
+        trace(Setting::usual(false), || {
+            let given: Vec<Traced> = with.inputs.iter().map(|name| input(name)).collect();
+            let y = MEMORY + self.shape.memory;
+            let nothing = given[y..y + self.shape.n_y].iter().fold(Traced::ZERO, |sum, y| {
+                sum + (*y - *y) // NaN where one is not finite
+            });
+            let (a, b) = (trace::inline(&with, &given), trace::inline(&without, &given));
+            let chosen = a.iter().zip(&b).map(|(a, b)| trace::if_equal([nothing; 2], *a, *b));
+            Ok(with.output_names.iter().cloned().zip(chosen).collect())
+        })
+    }
+    /// The way to the next sample after a period that no sample has ended, as
+    /// [`Observer::predict`]: a law that closes its periods by samples closes that one first, and holds its
+    /// estimate where the model has no value.
+    fn predict(&self, single: bool) -> Result<Table> {
+        let advance = &self.advance;
+        let Some((index, _)) = self.unstarted else { return Ok(advance.clone()) };
+        let closing = self.taking(true, single)?;
+        trace(Setting::usual(single), || {
+            let given: Vec<Traced> = advance.inputs.iter().map(|name| input(name)).collect();
+            let memory = MEMORY..MEMORY + self.shape.memory;
+            let mut closed = given.clone();
+            let made = trace::inline(&closing, &given);
+            let mut spoilt = Traced::NEG_ZERO; // or NaN
+            made.iter().take(self.shape.n).for_each(|entry| spoilt += *entry - *entry);
+            let made = made.iter().zip(&given[memory.clone()]);
+            closed[memory.clone()].iter_mut().zip(made).for_each(|(closed, (made, before))| {
+                *closed = trace::if_equal([spoilt, spoilt], *made, *before);
+            });
+            let open = given[memory][index + 1]; // length of the period
+            let (usual, late) = (trace::inline(advance, &given), trace::inline(advance, &closed));
+            let chosen = usual.iter().zip(&late);
+            let chosen: Vec<Traced> =
+                chosen.map(|(usual, late)| trace::if_positive(open, *late, *usual)).collect();
+            Ok(advance.output_names.iter().cloned().zip(chosen).collect())
+        })
+    }
+    /// Gains for corrections that are for times of these lengths, where they are inputs: for each chain that
+    /// takes any, which sample corrects it, where its time stands in the memory (with current timing; else
+    /// it is the step's length), and a row of gains for each length.
+    pub fn placed_gains(&self, lengths: &[f64]) -> Vec<(usize, Option<usize>, Vec<Vec<f64>>)> {
+        let of_chain = |PlacedChain { channel, elapsed, gains }: &PlacedChain| {
+            let row = |length: &f64| {
+                let mut row = vec![0.0; gains.count];
+                gains.write(*length, &mut row);
+                row
+            };
+            (*channel, *elapsed, lengths.iter().map(row).collect())
+        };
+        self.placed.iter().map(of_chain).collect()
     }
     /// The way to the next sample.
     pub fn advance(&self) -> &Table {
@@ -176,19 +212,17 @@ impl Tables {
     /// does not take. "step", with predictor timing: (z after the step, innovation). With current timing
     /// "correct", the use of a sample, of (t, z, y): (z, innovation); and "predict", the way to the next
     /// one, of (t, dt, z, u): z. With `missing` the part that takes the sample where it is missing.
-    pub fn part(self, part: &str, missing: bool) -> Result<Table> {
-        let of_missing = self.missing.filter(|_| missing);
+    pub fn part(&self, part: &str, missing: bool, single: bool) -> Result<Table> {
         let Shape { memory, n_y, n_u, .. } = self.shape;
         let y = MEMORY + memory..MEMORY + memory + n_y;
         let u = y.end..y.end + n_u;
-        match (part, self.correct) {
-            ("step", None) => Ok(of_missing.unwrap_or(self.advance)),
-            ("correct", Some(correct)) => {
+        match (part, &self.correct) {
+            ("step", None) => self.taking(missing, single),
+            ("correct", Some(_)) => {
                 let step = MEMORY - 1; // its length
-                let correct = of_missing.unwrap_or(correct);
-                Ok(correct.without_inputs(|i| i == step || u.contains(&i)))
+                Ok(self.taking(missing, single)?.without_inputs(|i| i == step || u.contains(&i)))
             }
-            ("predict", Some(_)) => Ok(self.advance.without_inputs(|i| y.contains(&i))),
+            ("predict", Some(_)) => Ok(self.predict(single)?.without_inputs(|i| y.contains(&i))),
             (other, correct) => {
                 let parts = if correct.is_some() { "correct or predict" } else { "step" };
                 Err(refused(format!("part = {other:?} is not allowed: {parts}")))

@@ -160,6 +160,8 @@ pub enum PlacedGains {
     For(f64),
     /// Inputs of the table where they depend on that time alone; else computed.
     Given,
+    /// Inputs where they depend on that time alone and no operations compute them; else computed.
+    Held,
 }
 
 impl Setting {

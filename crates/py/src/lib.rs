@@ -35,7 +35,7 @@ mod _core {
     #[pymodule_export]
     use crate::study::{kernel_agrees, simulate};
     #[pymodule_export]
-    use crate::tables::{evaluate_table, run_single, trace_step};
+    use crate::tables::{evaluate_table, placed_gains, run_single, trace_step};
     /// The source of the elementary functions: `hgo_rs.exports` prints them into other programs.
     #[pymodule_export]
     const ELEMENTARY: &str = include_str!("../../../src/elementary.rs");

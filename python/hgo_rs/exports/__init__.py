@@ -9,15 +9,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy.typing as npt
-
-from hgo_rs.errors import HgoError, check_choice, check_number
+from hgo_rs.errors import HgoError, check_choice, check_integer, check_number
 from hgo_rs.exports.names import check_name
-from hgo_rs.exports.program import program
+from hgo_rs.exports.program import PERIODS, program
+from hgo_rs.exports.vector import Log
 from hgo_rs.files import write_text
 from hgo_rs.observers import Observer
 
-__all__ = ["LANGUAGES", "export", "sources"]
+__all__ = ["LANGUAGES", "PERIODS", "export", "sources"]
 
 LANGUAGES = ("c", "rust")
 
@@ -30,7 +29,8 @@ def export(
     name: str = "observer",
     precision: str = "double",
     dt: float | None = None,
-    log: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike] | None = None,
+    periods: int = PERIODS,
+    log: Log | None = None,
 ) -> list[Path]:
     """Write an observer as a self-contained program; return the files.
 
@@ -47,18 +47,24 @@ def export(
         What functions and files are called: a lower-case identifier.
     precision : "double" or "single"
     dt : float, optional
-        Sampling period [s], for the comments and the test vector; `step` takes its own.
+        Sampling period [s]. A low-power or peaking-free law under zoh or bilinear needs it: its
+        source holds the gains of corrections that are for 1, 2, ... periods, and takes no sample
+        after another time. Other laws: for the comments and the test vector alone.
+    periods : int
+        For how many of them at most: 1 to 256.
     log : (t, y, u), optional
         What the test vector is computed from: (N,), (N, n_y), (N, n_u). Default: 101 samples made
-        up, with uneven steps and a gap.
+        up, with a gap and steps of several lengths.
 
     Raises
     ------
     HgoError
-        An unknown language or precision, a name that is no identifier, a folder that cannot be
-        written.
+        An unknown language or precision, a name that is no identifier, a missing `dt`, a law that
+        is no table of operations, a folder that cannot be written.
     """
-    texts = sources(observer, to=to, name=name, precision=precision, dt=dt, log=log)
+    texts = sources(
+        observer, to=to, name=name, precision=precision, dt=dt, periods=periods, log=log
+    )
     folder = Path(out)
     written = []
     try:
@@ -82,7 +88,8 @@ def sources(
     name: str = "observer",
     precision: str = "double",
     dt: float | None = None,
-    log: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike] | None = None,
+    periods: int = PERIODS,
+    log: Log | None = None,
 ) -> dict[str, str]:
     """The files of `export` as texts, by their names."""
     check_choice("to", to, LANGUAGES)
@@ -90,7 +97,8 @@ def sources(
     check_name(name)
     if dt is not None:
         check_number(dt, "dt", above=0.0)
-    described = program(observer, name=name, precision=precision, dt=dt, log=log)
+    check_integer(periods, "periods", least=1, most=256)
+    described = program(observer, name=name, precision=precision, dt=dt, periods=periods, log=log)
     if to == "c":
         from hgo_rs.exports.c import files
     else:

@@ -8,8 +8,10 @@ from typing import Any
 from hgo_rs.errors import HgoError
 from hgo_rs.exports.elementary import PRECISIONS, Const, Elementary, Function, Node
 from hgo_rs.exports.expressions import C, Written
+from hgo_rs.exports.held import TOLERANCE
 from hgo_rs.exports.names import C_WORDS
-from hgo_rs.exports.program import STATUS, Move, Program, wrapped
+from hgo_rs.exports.program import Gains, Program, wrapped
+from hgo_rs.exports.traced import Move
 
 __all__ = ["files"]
 
@@ -95,13 +97,17 @@ def _header(program: Program) -> str:
     fields += [f"    {real} {f.name}; {_comment(f.meaning)}" for f in program.parameters]
     if program.is_current:
         fields.append(f"    int {program.words.started}; {_comment('0 until the first sample')}")
-    codes = ",\n".join(f"    {name.upper()}_{code} = {i}" for i, code in enumerate(STATUS))
+    codes = ",\n".join(
+        f"    {name.upper()}_{code} = {i}" for i, code in enumerate(program.statuses)
+    )
     functions = "\n\n".join(
         f"{_comment(told)}\n{_signature(program, verb, moves)};"
         for verb, moves, told in _functions(program)
     )
     if program.is_current:
         functions += f"\n\n{_comment(_loop(program))}"
+    if program.periods is not None:
+        functions += f"\n\n{_comment(program.told_count)}\n{_count(program)};"
     return f"""\
 {_comment(program.description)}
 
@@ -112,8 +118,7 @@ def _header(program: Program) -> str:
 extern "C" {{
 #endif
 
-/* What a call made of its sample: used it; predicted over a missing one (NaN or infinite); or the
- * model has no finite value there, and the estimate was kept. */
+{_comment(_told_codes(program))}
 enum {{
 {codes}
 }};
@@ -133,6 +138,20 @@ void {name}_init({name}_state *state);
 
 #endif
 """
+
+
+def _told_codes(program: Program) -> str:
+    used = "What a call made of its sample: used it; predicted over a missing one (NaN or infinite)"
+    kept = "the model has no finite value there, and the estimate was kept"
+    if program.periods is None:
+        return f"{used}; or {kept}."
+    time = "the time since the last sample used" if program.is_current else "dt"
+    return f"{used}; {kept}; or {time} is not {program.told_periods}, and no sample was used."
+
+
+def _count(program: Program) -> str:
+    """Signature of the function that counts periods."""
+    return f"int {program.name}_periods({_real(program)} time)"
 
 
 def _loop(program: Program) -> str:
@@ -173,6 +192,7 @@ def _source(program: Program) -> str:
     if program.is_current:
         values.append(f"    state->{program.words.started} = 0;")
     parts.append(f"void {name}_init({name}_state *state)\n{{\n" + "\n".join(values) + "\n}\n")
+    parts += _held(program)
     parts += [_move(program, move, text) for move, text in zip(program.moves, texts, strict=True)]
     if program.is_current:
         parts.append(_both(program))
@@ -186,6 +206,56 @@ def _includes(helpers: list[str]) -> str:
     return "".join(f"#include <{word}.h>\n" for word in words)
 
 
+def _held(program: Program) -> list[str]:
+    """The gains that are held, and which of them are for a time."""
+    if program.periods is None:
+        return []
+    real, precision = _real(program), program.precision
+    fabs = "fabs" if real == "double" else "fabsf"
+    dt, half, least, most, tolerance = (
+        C.literal(value, precision)
+        for value in (program.periods.dt, 0.5, 0.5, program.periods.most + 0.5, TOLERANCE)
+    )
+    count = f"""\
+{_count(program)}
+{{
+    const {real} counted = time / {dt};
+    const int nearest = counted > {least} && counted < {most} ? (int)(counted + {half}) : 0;
+    return {fabs}(counted - ({real})nearest) <= {tolerance} * counted ? nearest : 0;
+}}
+"""
+    return [*(_rows(program, gains) for gains in program.gains), count]
+
+
+def _rows(program: Program, gains: Gains) -> str:
+    rows = ",\n".join(
+        wrapped("    ", f"{{{', '.join(C.literal(value, program.precision) for value in row)}}}")
+        for row in gains.rows
+    )
+    size = f"[{len(gains.rows)}][{len(gains.columns)}]"
+    head = f"static const {_real(program)} {_table(program, gains)}{size} = {{"
+    return f"{_comment(gains.told)}\n{head}\n{rows},\n}};\n"
+
+
+def _table(program: Program, gains: Gains) -> str:
+    number = f"_{gains.held.number}" if gains.held.number else ""
+    return f"{program.name}_gains{number}"
+
+
+def _chosen(program: Program, gains: Gains) -> list[str]:
+    """The row of the time that a correction is for."""
+    real, zero = _real(program), C.literal(0.0, program.precision)
+    time = "dt"
+    if gains.held.elapsed is not None:
+        sample = program.words.samples[gains.held.sample]
+        time = f"isfinite({sample}) ? {program.memory[gains.held.elapsed].name} : {zero}"
+    table = f"{_table(program, gains)}[{gains.periods}]"
+    return [
+        f"    const int {gains.periods} = {program.name}_periods({time});",
+        f"    const {real} *const {gains.row} = {table};",
+    ]
+
+
 def _move(program: Program, move: Move, text: Written) -> str:
     """A function that is one table."""
     real, up, places = _real(program), program.name.upper(), program.places
@@ -196,6 +266,9 @@ def _move(program: Program, move: Move, text: Written) -> str:
     lines += [f"    const {real} {f.name} = state->{f.name};" for f in stored if f.name in used]
     if text.inputs["t"] != "t" and "t" in used:
         lines.append(f"    const {real} {text.inputs['t']} = ({real})t;")
+    corrects = move is program.moves[0]
+    for gains in program.gains if corrects else ():
+        lines += _chosen(program, gains)
     lines += [wrapped(f"    const {real} {name} = ", f"{value};") for name, value in text.steps]
     idle = [word for word in arguments if word not in used and word not in program.words.samples]
     lines += [f"    (void){word};" for word in idle]
@@ -217,6 +290,10 @@ def _move(program: Program, move: Move, text: Written) -> str:
     ]
     if move.verb == "correct":
         lines.append(f"    state->{program.words.started} = 1;")
+    if program.gains and corrects:
+        refused = program.refused("isfinite({})", C.literal(0.0, program.precision))
+        refused = wrapped("    if (", f"{refused}) {{")
+        lines += [refused, f"        return {up}_OTHER_PERIOD;", "    }"]
     if move.takes("y"):
         present = " && ".join(f"isfinite({word})" for word in program.words.samples)
         lines.append(wrapped("    return ", f"{present} ? {up}_UPDATED : {up}_PREDICTED;"))

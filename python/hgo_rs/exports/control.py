@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.errors import HgoError, MissingExtraError, check_number, explain
-from hgo_rs.exports.program import UNDEFINED, words_of
+from hgo_rs.exports.program import words_of
+from hgo_rs.exports.vector import UNDEFINED
 from hgo_rs.observers import Observer
 
 __all__ = ["to_control"]

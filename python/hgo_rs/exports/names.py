@@ -79,6 +79,9 @@ _LIBRARIES = _words("""
 
 _LONGEST = 64
 
+OUTPUTS = 12
+"""Chains that a model may have."""
+
 
 def check_name(name: object) -> None:
     """Refuse a name of an export that a language, a library or a file system has taken."""
@@ -114,6 +117,9 @@ def names_of_export(name: str) -> set[str]:
         "vector",
         "to_bits",
         "from_bits",
+        "periods",
+        "gains",
+        *(f"gains_{output}" for output in range(1, OUTPUTS + 1)),
     }
     return {name} | {f"{name}_{word}" for word in words}
 

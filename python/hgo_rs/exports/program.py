@@ -4,31 +4,32 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from hgo_rs import _core
 from hgo_rs._version import __version__
 from hgo_rs.errors import HgoError, check
 from hgo_rs.exports.elementary import PRECISIONS, Precision
-from hgo_rs.exports.expressions import LENGTH, PLAIN, Dialect, Written, written
+from hgo_rs.exports.expressions import LENGTH, PLAIN, Dialect, Written, number, written
+from hgo_rs.exports.held import TOLERANCE, Held, Periods, held_gains
 from hgo_rs.exports.names import Names, names_of_export
-from hgo_rs.exports.table import Graph, graph
+from hgo_rs.exports.table import graph
+from hgo_rs.exports.traced import Move, Traced, indexed, model_of, numbered_parameters
+from hgo_rs.exports.vector import OTHER_PERIOD, STATUS, Log, Recursion, Row, vector
 from hgo_rs.observers import Observer
 
-__all__ = ["STATUS", "Field", "Move", "Program", "Row", "Words", "program", "words_of", "wrapped"]
+__all__ = ["PERIODS", "Field", "Gains", "Program", "Words", "program", "words_of", "wrapped"]
 
-STATUS = ("UPDATED", "PREDICTED", "UNDEFINED")
-"""What a step made of its sample, by number."""
-
-UNDEFINED = STATUS.index("UNDEFINED")
-
-Array = npt.NDArray[np.float64]
+PERIODS = 16
+"""For how many periods gains are held, if nothing else is asked."""
 
 ELAPSED = "time that the next correction is for, s"
+SINCE = "time since that sample, s"
+UNUSED = "not used"
+"""Of entries of a memory that an export leaves out."""
 
 LAWS = {
     "standard": "x_i' = x_(i+1) + f_i(x, u, t) + g^i k_i e,  e = y - x_1",
@@ -54,18 +55,6 @@ class Field:
 
 
 @dataclass(frozen=True)
-class Row:
-    """One step of the test vector; the memory is that after the step."""
-
-    t: float
-    dt: float
-    y: tuple[float, ...]
-    u: tuple[float, ...]
-    status: int
-    memory: tuple[float, ...]
-
-
-@dataclass(frozen=True)
 class Words:
     """Identifiers: the user's words where they are free."""
 
@@ -80,24 +69,36 @@ class Words:
 
 
 @dataclass(frozen=True)
-class Move:
-    """A function of the program, made of one table: its verb and what it takes.
+class Gains:
+    """Gains that the source holds for a chain, and what they are called there."""
 
-    `inputs` are the table's, in order, under the names t, dt, z[i], y[i], u[i] and p[i].
-    """
+    held: Held
+    columns: tuple[int, ...]
+    """Those that are used."""
+    row: str
+    """The row of the time that a correction is for."""
+    periods: str
+    """How many periods that is."""
 
-    verb: str
-    graph: Graph
-    inputs: tuple[str, ...]
+    @classmethod
+    def of(cls, held: Held, move: Move, names: Names) -> Gains:
+        """Of the move that corrects."""
+        used = move.used
+        columns = tuple(i for i, name in enumerate(held.named(0)) if name in used)
+        number = f"_{held.number}" if held.number else ""
+        return cls(held, columns, names.local(f"gains{number}"), names.local(f"periods{number}"))
 
     @property
-    def used(self) -> set[str]:
-        """The inputs that the outputs need."""
-        return {term.name for term in self.graph.terms if term.kind == "input"}
+    def rows(self) -> list[tuple[float, ...]]:
+        """What is held, for 0, 1, 2, ... periods."""
+        return [tuple(row[i] for i in self.columns) for row in self.held.rows]
 
-    def takes(self, kind: str) -> bool:
-        """Whether samples (y), inputs (u), t or dt are among the table's inputs."""
-        return any(name.split("[")[0] == kind for name in self.inputs)
+    @property
+    def told(self) -> str:
+        """What stands in the columns."""
+        output = f" (output {self.held.number})" if self.held.number else ""
+        names = ", ".join(self.held.column(i) for i in self.columns)
+        return f"Gains of a correction for 0, 1, 2, ... periods{output}: {names}."
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,11 @@ class Program:
     """Where the memory holds times that corrections are for."""
     description: str
     vector: tuple[Row, ...]
+    periods: Periods | None = None
+    """For which times gains are held, if they are."""
+    gains: tuple[Gains, ...] = ()
+    closes: bool = False
+    """Whether a sample closes the period before it: the estimate moves then."""
 
     @property
     def is_current(self) -> bool:
@@ -136,7 +142,17 @@ class Program:
             "p": words.parameters,
         }
         named = {f"{key}[{i}]": w for key, group in groups.items() for i, w in enumerate(group)}
+        for gains in self.gains:
+            named |= {
+                f"{gains.held.place}[{column}]": f"{gains.row}[{i}]"
+                for i, column in enumerate(gains.columns)
+            }
         return {"t": "t", LENGTH: "dt", **named}
+
+    @property
+    def statuses(self) -> tuple[str, ...]:
+        """What a call may give."""
+        return STATUS if self.gains else STATUS[:OTHER_PERIOD]
 
     def arguments(self, *moves: Move) -> list[str]:
         """What a function takes that is made of these moves."""
@@ -157,22 +173,61 @@ class Program:
         at = any("t" in move.used for move in self.moves)
         if not self.is_current:
             taken = f"{sample} and {control}" if control else sample
-            return f"Take {taken} at time t [s]; advance by dt [s]."
+            return f"Take {taken} at time t [s]; advance by dt [s]{self._told_times('dt')}."
         if verb == "correct":
-            return (
+            told = (
                 f"Take {sample} of now: the estimate is then that of now. The correction is for "
-                "the time since the last sample used."
+                f"the time since the last sample used{self._told_times('it')}."
             )
+            if self.periods is not None:
+                told += " If it is not, the next correction is for the time from now on."
+            return told + " The first sample only begins." * self.closes
         under = f", under {control}, which is applied from now on" if control else ""
         if verb == "predict":
             begins = f", from time t [s]{under}" if at else under
-            return f"Move over the period of length dt [s] that begins now{begins}."
+            then = " The estimate moves when a sample closes the period." if self.closes else ""
+            return f"Move over the period of length dt [s] that begins now{begins}.{then}"
         belong = [*self.words.controls, "dt [s]", "t [s], the time of its beginning,"]
         return (
             f"One call a sample: predict over the period that has just ended, then correct by "
             f"{sample} of now. {_and(belong)} to the period that has ended; the first call only "
             "corrects and does not use them."
         )
+
+    def _told_times(self, which: str) -> str:
+        """For which times there are corrections."""
+        if self.periods is None:
+            return ""
+        return f"; {which} must be {self.told_periods}, else the sample is not used"
+
+    @property
+    def told_periods(self) -> str:
+        """The times that gains are held for."""
+        if self.periods is None:
+            return "any"
+        dt, most = self.periods.dt, self.periods.most
+        length = f"{number(dt, self.precision)} s"
+        return f"1 to {most} periods of {length}" if most > 1 else f"one period of {length}"
+
+    @property
+    def told_count(self) -> str:
+        """What the function does that counts periods."""
+        return (
+            f"How many sampling periods a time [s] is, if it is {self.told_periods} (to "
+            f"{TOLERANCE:g} of it), else 0. Gains of a correction are held for these times alone."
+        )
+
+    def refused(self, finite: str, zero: str) -> str:
+        """The condition that a sample is not used because there are no gains for its time."""
+        conditions = []
+        for gains in self.gains:
+            condition = f"{gains.periods} == 0"
+            if gains.held.elapsed is not None:
+                sample = finite.format(self.words.samples[gains.held.sample])
+                condition += f" && {sample} && {self.memory[gains.held.elapsed].name} > {zero}"
+            conditions.append(condition)
+        held_in = "({})" if len(conditions) > 1 and self.is_current else "{}"
+        return " || ".join(map(held_in.format, conditions))
 
     def written(self, move: Move, dialect: Dialect) -> Written:
         """A move in one language."""
@@ -182,7 +237,7 @@ class Program:
             places["t"] = names.local("time")
         return written(
             move.graph,
-            {name: places[name] for name in move.inputs},
+            {name: places[name] for name in move.inputs if name in places},
             [f"next_{field.name}" for field in self.memory],
             names,
             dialect,
@@ -197,7 +252,8 @@ def program(
     name: str,
     precision: str,
     dt: float | None = None,
-    log: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike] | None = None,
+    periods: int = PERIODS,
+    log: Log | None = None,
 ) -> Program:
     """An observer as a program, its moves traced by the core.
 
@@ -206,65 +262,62 @@ def program(
     log : (t, y, u), optional
         Samples for the test vector, (N,), (N, n_y), (N, n_u). Default: 101 made up.
     dt : float, optional
-        Sampling period, for the comment and the made-up samples [s].
+        Sampling period, for gains that are held, the comment and the made-up samples [s].
+    periods : int
+        For how many periods at most gains are held.
     """
-    _check_table(observer.spec)
+    spec, current = observer.spec, observer._core.is_current
+    if model_of(spec).get("table", {}) is None:
+        raise HgoError(
+            "the model is made of Python callables that could not be compiled: an export must be of"
+            " operations; write its equations as expressions"
+        )
+    real = PRECISIONS[precision]
+    times, held = held_gains(spec, real, dt, periods)
     if precision == "single":
         _check_single(observer)
-    verbs = ("correct", "predict") if observer._core.is_current else ("step",)
-    traced = [_Traced.of(observer, verb, precision) for verb in verbs]
+    entries = _memory_words(observer)
+    memory = [i for i, (_, meaning) in enumerate(entries) if meaning != UNUSED]
+    verbs = ("correct", "predict") if current else ("step",)
+    traced = {verb: Traced.of(spec, verb, precision, memory) for verb in verbs}
+    moves = tuple(of.move() for of in traced.values())
     names = Names(names_of_export(name))
     words = words_of(observer, names)
-    meanings = [meaning for _, meaning in _memory_words(observer)]
-    elapsed = tuple(i for i, meaning in enumerate(meanings) if meaning.startswith(ELAPSED))
-    parameters = _parameters(observer.spec)
+    words = replace(words, memory=tuple(words.memory[i] for i in memory))
+    meanings = [entries[i][1] for i in memory]
+    elapsed = tuple(i for i, told in enumerate(meanings) if told.startswith((ELAPSED, SINCE)))
+    parameters = _parameters(spec)
     return Program(
         name,
-        PRECISIONS[precision],
-        tuple(map(Field, words.memory, meanings, map(float, observer.memory))),
+        real,
+        tuple(map(Field, words.memory, meanings, map(float, observer.memory[memory]))),
         tuple(
             Field(word, "parameter" if word == own else f"parameter {own}", value)
             for word, (own, value) in zip(words.parameters, parameters, strict=True)
         ),
         words,
         names,
-        tuple(of.move() for of in traced),
+        moves,
         elapsed,
-        _description(observer, precision, dt, words),
-        _vector(
-            observer,
-            {of.verb: of for of in traced},
-            [value for _, value in parameters],
-            precision,
+        _description(observer, precision, dt, times, words),
+        vector(
+            Recursion(
+                observer,
+                traced,
+                memory,
+                [value for _, value in parameters],
+                real,
+                times,
+                held,
+                elapsed,
+            ),
             log,
             dt or _period(observer),
-            elapsed,
         ),
+        times,
+        tuple(Gains.of(chain, moves[0], names) for chain in held),
+        spec["kind"] == "reduced-order",
     )
-
-
-def _check_table(spec: Mapping[str, Any]) -> None:
-    """Refuse laws that are no tables of operations."""
-    if _model(spec).get("table", {}) is None:
-        raise HgoError(
-            "the model is made of Python callables that could not be compiled: an export must be of"
-            " operations; write its equations as expressions"
-        )
-    if spec["kind"] == "reduced-order":
-        raise HgoError(
-            "the reduced-order observer decides on its memory, so that its step is not one table of"
-            " operations: export another law"
-        )
-    for law in spec.get("observers", (spec,)):
-        placed = law.get("method") in ("zoh", "bilinear")
-        check(
-            not (placed and law["kind"] in ("low-power", "peaking-free")),
-            "method",
-            law.get("method"),
-            f"another in an export of the {law['kind']} law, whose placed gains are found by "
-            "decisions on the length of a period",
-            'choose method="rk4", or the standard law',
-        )
 
 
 def _check_single(observer: Observer) -> None:
@@ -275,7 +328,7 @@ def _check_single(observer: Observer) -> None:
         (f"memory {word}", float(value))
         for (word, _), value in zip(_memory_words(observer), observer.memory, strict=True)
     ]
-    table = _model(spec).get("table", {})
+    table = model_of(spec).get("table", {})
     given += [("a constant of the model", float(value)) for value in table.get("constants", ())]
     remedy = 'scale the model, or export with precision="double"'
     for what, value in given:
@@ -285,70 +338,6 @@ def _check_single(observer: Observer) -> None:
         check(
             not lost, what, value, "within the range of single precision, 1.4e-45 to 3.4e38", remedy
         )
-
-
-@dataclass(frozen=True)
-class _Traced:
-    """Tables of one move of an observer: with its sample, and without."""
-
-    verb: str
-    precision: str
-    with_sample: dict[str, Any]
-    without: dict[str, Any]
-
-    @classmethod
-    def of(cls, observer: Observer, verb: str, precision: str) -> _Traced:
-        spec, single, m = (
-            _numbered_parameters(observer.spec),
-            precision == "single",
-            observer.memory,
-        )
-
-        def table(missing: bool) -> dict[str, Any]:
-            given = _core.trace_step(spec, single, missing=missing, part=verb)
-            # behind the memory, a table tells the innovation
-            return {**given, "outputs": given["outputs"][: len(m)]}
-
-        return cls(verb, precision, table(False), table(True))
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs."""
-        return tuple(self.with_sample["inputs"])
-
-    def move(self) -> Move:
-        samples = [i for i, name in enumerate(self.inputs) if name.startswith("y[")]
-        both = graph(self.with_sample, self.precision, missing=self.without, samples=samples)
-        return Move(
-            self.verb, both if samples else graph(self.with_sample, self.precision), self.inputs
-        )
-
-    def evaluate(
-        self, t: float, dt: float, numbers: Mapping[str, Sequence[float] | Array]
-    ) -> Array:
-        """The memory after the move."""
-        values = {"t": t, LENGTH: dt}
-        for word, given in numbers.items():
-            values |= dict(zip(_indexed(word, len(given)), given, strict=True))
-        table = self.with_sample if np.isfinite(numbers["y"]).all() else self.without
-        row = [[values[name] for name in self.inputs]]
-        return np.array(_core.evaluate_table(table, row, self.precision == "single")[0])
-
-
-def _numbered_parameters(spec: Mapping[str, Any]) -> dict[str, Any]:
-    """A spec whose parameters are called p[0], p[1], ...: names that no user can give."""
-    model = _model(spec)
-    if model.get("kind") != "own":
-        return dict(spec)
-    table = model["table"]
-    count = len(model["parameters"])
-    first = len(table["inputs"]) - count
-    inputs = [*table["inputs"][:first], *_indexed("p", count)]
-    return {**spec, "model": {**model, "table": {**table, "inputs": inputs}}}
-
-
-def _indexed(word: str, count: int) -> list[str]:
-    return [f"{word}[{i}]" for i in range(count)]
 
 
 def words_of(observer: Observer, names: Names | None = None) -> Words:
@@ -410,18 +399,13 @@ def _numbered(word: str, count: int) -> list[str]:
     return [f"{word}{i + 1}" for i in range(count)]
 
 
-def _model(spec: Mapping[str, Any]) -> Mapping[str, Any]:
-    model = spec.get("model")
-    return model if isinstance(model, Mapping) else {}
-
-
 def _own_names(spec: Mapping[str, Any]) -> Mapping[str, Sequence[str]]:
     """The user's names of states, inputs and parameters."""
-    return dict(_model(spec).get("names") or {})
+    return dict(model_of(spec).get("names") or {})
 
 
 def _parameters(spec: Mapping[str, Any]) -> list[tuple[str, float]]:
-    model = _model(spec)
+    model = model_of(spec)
     if model.get("kind") != "own":
         return []
     values = [float(value) for value in model.get("parameters", ())]
@@ -441,7 +425,9 @@ def _memory_words(observer: Observer) -> list[tuple[str, str]]:
         n_y, n_u = observer.n_y, observer.n_u
         words += [(f"last_{word}", "last sample") for word in _numbered("y", n_y)]
         words += [(f"held_{word}", "input since then") for word in _numbered("u", n_u)]
-        return [*words, ("elapsed", "time since that sample, s"), ("period", "its step, s")]
+        unused = len(observer.memory) - 2 - len(words)
+        words += [(word, UNUSED) for word in _numbered("unused", unused)]
+        return [*words, ("elapsed", SINCE), ("period", "length of the period since then, s")]
     if spec["kind"] != "chains":
         return words + _rest_of(spec, states, count)
     for i, chain in enumerate(spec["observers"], start=1):
@@ -478,97 +464,12 @@ def _period(observer: Observer) -> float:
     return period if np.isfinite(period) else 1e-3  # zoh and bilinear are stable at any step
 
 
-# --- the test vector --------------------------------------------------------------------------
-
-
-def _vector(
-    observer: Observer,
-    traced: Mapping[str, _Traced],
-    parameters: list[float],
-    precision: str,
-    log: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike] | None,
-    period: float,
-    elapsed: tuple[int, ...],
-) -> tuple[Row, ...]:
-    """The core's own steps over a log: in single precision those of its tables.
-
-    Raises
-    ------
-    HgoError
-        Moves of the core that are not those of the tables.
-    """
-    real = PRECISIONS[precision].real
-    t, y, u = _made_up(observer, period) if log is None else _given(observer, log)
-    y, u = y.astype(real).astype(float), u.astype(real).astype(float)
-    current = "step" not in traced
-
-    def moved(verb: str, z: Array, k: int, i: int, at: float, dt: float) -> Array:
-        """The memory after a move by sample k under input i."""
-        numbers = {"z": z, "y": y[k], "u": u[i], "p": parameters}
-        table = traced[verb].evaluate(float(real(at)), dt, numbers)
-        if precision == "double" and np.isfinite(table).all():
-            core = observer._core
-            made = (
-                core.step(z, y[k], u[i], at, dt)
-                if verb == "step"
-                else core.correct(z, y[k], at)
-                if verb == "correct"
-                else core.advance(z, np.full(observer.n_y, np.nan), u[i], at, dt)
-            )
-            if made[1] == UNDEFINED or not np.array_equal(made[0], table):
-                raise HgoError(
-                    f"step {k} of the test vector (y = {y[k].tolist()}) is not that of the "
-                    "observer's table: this law cannot be exported"
-                )
-        return table
-
-    rows: list[Row] = []
-    memory: Array = np.asarray(observer.memory, dtype=float)
-    for k in range(len(t) - 1):
-        # with current timing a step is over the period that ends with its sample
-        i = max(k - 1, 0) if current else k
-        at, dt = float(t[i]), float(real(t[i + 1] - t[i]))
-        status = 0 if np.isfinite(y[k]).all() else 1
-        after = memory
-        if current and k > 0:
-            after = moved("predict", memory, k, i, at, dt)
-            if np.isfinite(after).all():
-                memory = after
-            else:  # the estimate is held, and time goes on
-                memory = np.where(np.isin(np.arange(len(memory)), elapsed), after, memory)
-        if np.isfinite(after).all():
-            now = at + dt if current and k > 0 else at
-            after = moved("correct" if current else "step", memory, k, i, now, dt)
-        memory, status = (after, status) if np.isfinite(after).all() else (memory, UNDEFINED)
-        sample, control, moved_to = (tuple(v.tolist()) for v in (y[k], u[i], memory))
-        rows.append(Row(at, dt, sample, control, status, moved_to))
-    return tuple(rows)
-
-
-def _made_up(observer: Observer, period: float) -> tuple[Any, Any, Any]:
-    """100 samples of slow sines at uneven times, with a gap."""
-    k = np.arange(101.0)
-    t = period * (k + 0.2 * np.sin(k))
-    phase = np.arange(observer.n_y) + 0.5
-    y = 0.5 + 0.25 * np.sin(2.0 * np.pi * np.outer(k, 1.0 / (20.0 + phase)) + phase)
-    y[40:45] = np.nan
-    u = 0.1 * np.cos(np.outer(k, 0.05 + 0.02 * np.arange(observer.n_u)))
-    return t, y, u
-
-
-def _given(
-    observer: Observer, log: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]
-) -> tuple[Any, Any, Any]:
-    t, y, u = (np.asarray(values, dtype=float) for values in log)
-    y, u = y.reshape(len(t), observer.n_y), u.reshape(len(t), observer.n_u)
-    check(np.all(np.diff(t) > 0.0), "log", t, "at increasing times", "sort it")
-    return t, y, u
-
-
 # --- the comment ------------------------------------------------------------------------------
 
 
-def _description(observer: Observer, precision: str, dt: float | None, words: Words) -> str:
+def _description(
+    observer: Observer, precision: str, dt: float | None, periods: Periods | None, words: Words
+) -> str:
     """Equations and settings, a paragraph a line."""
     spec = observer.spec
     lines = [f"{spec['kind'].capitalize()} observer of order {observer.n}."]
@@ -581,7 +482,7 @@ def _description(observer: Observer, precision: str, dt: float | None, words: Wo
         if key == "k":
             roots = np.sort_complex(np.roots([1.0, *value]))
             lines.append(f"poles at gain 1: {', '.join(map(_pole, roots))}")
-    model = _model(spec)
+    model = model_of(spec)
     if model:
         hidden = ("table", "names", "n", "n_u", "parameters")
         lines.append(f"model: {_shown({k: v for k, v in model.items() if k not in hidden})}")
@@ -594,6 +495,8 @@ def _description(observer: Observer, precision: str, dt: float | None, words: Wo
         else "timing: predictor, the estimate after a step is that at the next sample"
     )
     lines.append(f"sampling: {f'{dt:g} s' if dt is not None else 'dt is given at every step'}")
+    if periods is not None:
+        lines.append(f"corrections: for times of 1 to {periods.most} sampling periods")
     lines.append(f"precision: {precision}")
     lines.append(f"written by hgo_rs {__version__}")
     return "\n".join(lines)
@@ -613,7 +516,7 @@ def _shown(value: Any) -> str:
 
 def _equations(spec: Mapping[str, Any]) -> list[str]:
     """An own model's equations, from its table; its inputs are called x[0], u[0] and so on."""
-    model = _model(spec)
+    model = model_of(spec)
     if model.get("kind") != "own":
         return []
     table, own = model["table"], model["names"]
@@ -622,8 +525,8 @@ def _equations(spec: Mapping[str, Any]) -> list[str]:
     n = model.get("n", 0)
     for i, word in enumerate(own["states"]):
         known |= {f"x[{i}]": word, f"z[{i - n}]": word}
-    table = _model(_numbered_parameters(spec))["table"]
-    known |= dict(zip(_indexed("p", len(own["parameters"])), own["parameters"], strict=True))
+    table = model_of(numbered_parameters(spec))["table"]
+    known |= dict(zip(indexed("p", len(own["parameters"])), own["parameters"], strict=True))
     given = {word: known.get(word, word) for word in table["inputs"]}
     text = written(graph(table, "double"), given, outputs, Names(given.values()), PLAIN, "double")
     lines = [f"{name} = {value}" for name, value in text.steps]

@@ -7,7 +7,9 @@ import textwrap
 
 from hgo_rs.exports.elementary import PRECISIONS, Elementary
 from hgo_rs.exports.expressions import RUST, Written
-from hgo_rs.exports.program import Move, Program, wrapped
+from hgo_rs.exports.held import TOLERANCE
+from hgo_rs.exports.program import Gains, Program, wrapped
+from hgo_rs.exports.traced import Move
 
 __all__ = ["files"]
 
@@ -34,7 +36,12 @@ pub enum Status {
     Predicted = 1,
     /// The model has no finite value there; the memory was kept.
     Undefined = 2,
-}
+<other>}
+"""
+
+OTHER_PERIOD = """\
+    /// <time> is not <periods>: no sample was used.
+    OtherPeriod = 3,
 """
 
 ALLOWED = """\
@@ -130,7 +137,7 @@ def _library(program: Program) -> str:
         )
         values.append(f"            {program.words.started}: false,")
     moves = zip(program.moves, texts, strict=True)
-    functions = [_move(program, move, text) for move, text in moves]
+    functions = _count(program) + [_move(program, move, text) for move, text in moves]
     if program.is_current:
         functions.append(_both(program))
     kind = _type(program)
@@ -142,8 +149,8 @@ def _library(program: Program) -> str:
 #![no_std]
 #![forbid(unsafe_code)]
 {ALLOWED}
-{STATUS}
-/// {what}.
+{_statuses(program)}
+{"".join(_rows(program, gains) for gains in program.gains)}/// {what}.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct {kind} {{
 {chr(10).join(fields)}
@@ -168,6 +175,67 @@ impl Default for {kind} {{
         *_helpers(program, list(dict.fromkeys(f for text in texts for f in text.functions))),
     ]
     return "\n".join(parts)
+
+
+def _statuses(program: Program) -> str:
+    if program.periods is None:
+        return STATUS.replace("<other>", "")
+    time = "The time since the last sample used" if program.is_current else "`dt`"
+    other = OTHER_PERIOD.replace("<time>", time).replace("<periods>", program.told_periods)
+    return STATUS.replace("<other>", other)
+
+
+def _table(gains: Gains) -> str:
+    return f"GAINS_{gains.held.number}" if gains.held.number else "GAINS"
+
+
+def _rows(program: Program, gains: Gains) -> str:
+    """The gains that are held."""
+    rows = "\n".join(
+        wrapped("    ", f"[{', '.join(RUST.literal(value, program.precision) for value in row)}],")
+        for row in gains.rows
+    )
+    kind = f"[[{program.precision.rust}; {len(gains.columns)}]; {len(gains.rows)}]"
+    doc = _doc(gains.told, "///")
+    return f"{doc}\n#[rustfmt::skip]\nstatic {_table(gains)}: {kind} = [\n{rows}\n];\n\n"
+
+
+def _count(program: Program) -> list[str]:
+    """The function that counts periods."""
+    if program.periods is None:
+        return []
+    real, precision = program.precision.rust, program.precision
+    dt, half, most, tolerance = (
+        RUST.literal(value, precision)
+        for value in (program.periods.dt, 0.5, program.periods.most + 0.5, TOLERANCE)
+    )
+    return [
+        f"""
+{_doc(program.told_count, "    ///")}
+    #[must_use]
+    pub fn periods(time: {real}) -> usize {{
+        let counted = time / {dt};
+        let among = counted > {half} && counted < {most};
+        let nearest = if among {{ (counted + {half}) as usize }} else {{ 0 }};
+        let apart = {real}::abs(counted - nearest as {real});
+        if apart <= {tolerance} * counted {{ nearest }} else {{ 0 }}
+    }}
+"""
+    ]
+
+
+def _chosen(program: Program, gains: Gains) -> list[str]:
+    """The row of the time that a correction is for."""
+    time = "dt"
+    if gains.held.elapsed is not None:
+        sample = program.words.samples[gains.held.sample]
+        elapsed = program.memory[gains.held.elapsed].name
+        time = f"if {sample}.is_finite() {{ {elapsed} }} else {{ 0.0 }}"
+    table = _table(gains)
+    return [
+        f"        let {gains.periods} = Self::periods({time});",
+        f"        let {gains.row} = {table}.get({gains.periods}).unwrap_or(&{table}[0]);",
+    ]
 
 
 def _sentence(text: str) -> str:
@@ -201,6 +269,9 @@ def _move(program: Program, move: Move, text: Written) -> str:
     lines += [f"        let _ = {word};" for word in idle]
     if text.inputs["t"] != "t" and "t" in used:
         lines.append(f"        let {text.inputs['t']} = t as {real};")
+    corrects = move is program.moves[0]
+    for gains in program.gains if corrects else ():
+        lines += _chosen(program, gains)
     lines += [wrapped(f"        let {name} = ", f"{value};") for name, value in text.steps]
     alone = len(set(text.outputs)) == 1
     finite = " && ".join(f"{real}::is_finite({value})" for value in dict.fromkeys(text.outputs))
@@ -220,6 +291,10 @@ def _move(program: Program, move: Move, text: Written) -> str:
     ]
     if move.verb == "correct":
         lines.append(f"        self.{program.words.started} = true;")
+    if program.gains and corrects:
+        refused = program.refused("{}.is_finite()", "0.0")
+        refused = wrapped("        if ", f"{refused} {{")
+        lines += [refused, "            return Status::OtherPeriod;", "        }"]
     if move.takes("y"):
         present = " && ".join(f"{word}.is_finite()" for word in program.words.samples)
         made = f"if {present} {{ Status::Updated }} else {{ Status::Predicted }}"

@@ -68,22 +68,24 @@ def graph(
     precision: str,
     *,
     missing: Mapping[str, Any] | None = None,
-    samples: Sequence[int] = (),
+    samples: Sequence[str] = (),
+    constant: Mapping[str, float] | None = None,
 ) -> Graph:
     """A table without what is not used, what is there twice, and what changes no bit.
 
     x * 1, x / 1, x + (-0), x - 0 and a choice between x and x are x, bit for bit. With `missing`,
-    the outputs are that table's where one of the inputs number `samples` is not finite.
+    the outputs are that table's where one of the inputs `samples` is not finite. The inputs named
+    in `constant` have these values.
 
     Raises
     ------
     HgoError
         An op that is not known; an operand that is not an earlier register.
     """
-    pool = _Pool(precision)
+    pool = _Pool(precision, constant or {})
     outputs = pool.add(table)
     if missing is not None:
-        inputs = tuple(pool.term(Term("input", name=table["inputs"][i])) for i in samples)
+        inputs = tuple(pool.term(Term("input", name=name)) for name in samples)
         present = pool.term(Term("present", inputs))
         pairs = zip(outputs, pool.add(missing), strict=True)
         outputs = [
@@ -96,8 +98,9 @@ def graph(
 class _Pool:
     """Terms, each once."""
 
-    def __init__(self, precision: str) -> None:
+    def __init__(self, precision: str, constant: Mapping[str, float]) -> None:
         self.real = PRECISIONS[precision].real
+        self.constant = constant
         self.terms: list[Term] = []
         self.place: dict[tuple[Any, ...], int] = {}
 
@@ -117,7 +120,7 @@ class _Pool:
     def add(self, table: Mapping[str, Any]) -> list[int]:
         """The outputs of a table."""
         constants = [float(self.real(value)) for value in table["constants"]]
-        registers = [self.term(Term("input", name=name)) for name in table["inputs"]]
+        registers = [self.input(name) for name in table["inputs"]]
         registers += [self.term(Term("constant", value=value)) for value in constants]
         for number, (op, *operands) in enumerate(table["ops"]):
             if _OPERANDS.get(op) != len(operands):
@@ -127,6 +130,11 @@ class _Pool:
                 raise HgoError(f"table: op {number} uses a register that is not an earlier one")
             registers.append(self.op(op, tuple(registers[register] for register in operands)))
         return [registers[output] for output in table["outputs"]]
+
+    def input(self, name: str) -> int:
+        if name in self.constant:
+            return self.term(Term("constant", value=self.constant[name]))
+        return self.term(Term("input", name=name))
 
     def op(self, op: str, parts: tuple[int, ...]) -> int:
         a, b = parts[0], parts[-1]

@@ -6,12 +6,15 @@ use crate::error::{Result, refused};
 use crate::model::Given;
 use crate::order::MAX_INPUTS;
 use crate::spec::Spec;
-use crate::systems::AnyModel;
 use crate::tabled::{Gains, LawTables};
 use crate::tables::Tables;
 use crate::trace::{Setting, Traced};
 use hgo_rs::Scalar;
+use hgo_rs::gain::GainLaw;
+use hgo_rs::injection::Placement;
+use hgo_rs::model::Unknown;
 use hgo_rs::observers::LowPower;
+use std::sync::Arc;
 
 pub(super) fn tables<const N: usize>(
     spec: &Spec<'_>,
@@ -53,15 +56,15 @@ pub(super) fn tables<const N: usize>(
                         alpha, beta, $made, model, saturation,
                     )?)
                 },
-                |at| {
-                    let saturation = AnySaturation::<N>::read(spec, saturated)?;
-                    let $gain = AnyGain::read(&gain)? else {
-                        return Err(refused("another gain law"));
-                    };
-                    let model = AnyModel::Unknown;
-                    let law =
-                        LowPower::<f64, _, _, _, N, 1>::new(alpha, beta, $made, model, saturation)?;
-                    Gains::new(law, at)
+                |at| match setting.single {
+                    true => gains::<f32, _, N>(spec, at, saturated, |gain| match gain {
+                        $gain => Some($made),
+                        _ => None,
+                    }),
+                    false => gains::<f64, _, N>(spec, at, saturated, |gain| match gain {
+                        $gain => Some($made),
+                        _ => None,
+                    }),
                 },
             )
         };
@@ -72,4 +75,20 @@ pub(super) fn tables<const N: usize>(
         law!(AnyGain::Moving(gain) => gain)
     };
     continuous(given, setting, manner, &law?)
+}
+
+/// The gains of placed corrections, which depend on no model; `chosen` takes out the gain law.
+fn gains<T: Scalar, G: GainLaw<T> + Send + Sync + 'static, const N: usize>(
+    spec: &Spec<'_>,
+    at: Placement,
+    saturated: bool,
+    chosen: impl FnOnce(AnyGain<T>) -> Option<G>,
+) -> Result<Arc<Gains>> {
+    let saturation = AnySaturation::<N, T>::read(spec, saturated)?;
+    let [alpha, beta] = [spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?];
+    let [alpha, beta] = [alpha, beta].map(|k| k.map(T::from_f64));
+    let gain = chosen(AnyGain::read(&spec.sub("gain")?)?);
+    let gain = gain.ok_or_else(|| refused("another gain law"))?;
+    let law = LowPower::<T, _, _, _, N, 0>::new(alpha, beta, gain, Unknown, saturation)?;
+    Gains::new::<T, _>(law, at)
 }

@@ -1,0 +1,126 @@
+"""Gains that no table of operations computes: held in the source, for some times of a correction.
+
+A placed correction (zoh, bilinear) of a low-power law is made by gains that depend on the time that
+it is for and are found by iteration. The core computes them beforehand for 1, 2, ... periods; the
+source counts the periods and takes the row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import accumulate, repeat
+from typing import Any
+
+from hgo_rs import _core
+from hgo_rs.errors import HgoError, check
+from hgo_rs.exports.elementary import Precision
+
+__all__ = ["TOLERANCE", "Held", "Periods", "held_gains"]
+
+TOLERANCE = 1e-5
+"""How far, of itself, a time may be from whole periods: more than sums of them round, and less than
+a clock of quartz is off."""
+
+
+@dataclass(frozen=True)
+class Periods:
+    """The times that corrections are possible for: 1 to `most` periods of length `dt` [s]."""
+
+    precision: Precision
+    dt: float
+    most: int
+
+    @property
+    def lengths(self) -> list[float]:
+        """These times as a sum forms them, period by period [s]."""
+        real = self.precision.real
+        return [float(time) for time in accumulate(repeat(real(self.dt), self.most))]
+
+    def count(self, time: float) -> int:
+        """How many periods a time is; 0 if it is none of these. The source's own operations."""
+        real = self.precision.real
+        counted = real(time) / real(self.dt)
+        among = real(0.5) < counted < real(self.most + 0.5)
+        nearest = int(counted + real(0.5)) if among else 0
+        return nearest if abs(counted - real(nearest)) <= real(TOLERANCE) * counted else 0
+
+
+@dataclass(frozen=True)
+class Held:
+    """Gains of the corrections of one chain."""
+
+    place: str
+    """Name of the tables' inputs: gains are place[0], place[1], ..."""
+    number: int
+    """Of the chain from 1; 0 if it is the only one."""
+    sample: int
+    """Which sample corrects."""
+    elapsed: int | None
+    """Where the memory holds the time that a correction is for; None: it is a step's length."""
+    rows: tuple[tuple[float, ...], ...]
+    """For 0, 1, 2, ... periods. Those of 0 are 0: for no time, or for one that is none of these."""
+
+    def named(self, periods: int) -> dict[str, float]:
+        """The tables' inputs for a time of so many periods."""
+        return {f"{self.place}[{i}]": gain for i, gain in enumerate(self.rows[periods])}
+
+    def column(self, index: int) -> str:
+        """What a gain is called: of block i, or of block i alone, where a level is met."""
+        part, i = divmod(index, len(self.rows[0]) // 4)
+        return f"{('a', 'b', 'alone_a', 'alone_b')[part]}{i + 1}"
+
+
+def held_gains(
+    spec: Mapping[str, Any], precision: Precision, dt: float | None, most: int
+) -> tuple[Periods | None, tuple[Held, ...]]:
+    """The gains that the source of an observer holds, and for which times; none for most laws.
+
+    Raises
+    ------
+    HgoError
+        A sampling period that is missing where gains depend on it; a gain that moves.
+    """
+    if not any(_holds(law) for law in _laws(spec)):
+        return None, ()
+    if dt is None:
+        raise HgoError(
+            "dt is missing: an export of a low-power or peaking-free law under zoh or bilinear "
+            "holds its gains for times of 1, 2, ... sampling periods; give dt=, the period [s] "
+            '(hgo export: --dt, or dt in [log] of the file), or choose method="rk4"'
+        )
+    periods = Periods(precision, float(precision.real(dt)), most)
+    check(periods.dt > 0.0, "dt", dt, "> 0 in single precision", "give the sampling period [s]")
+    lengths = [0.0, *periods.lengths]
+    single, several = precision.name == "single", spec["kind"] == "chains"
+    return periods, tuple(
+        Held(
+            f"gains{sample}" if several else "gains",
+            sample + 1 if several else 0,
+            sample,
+            elapsed,
+            tuple(map(tuple, rows)),
+        )
+        for sample, elapsed, rows in _core.placed_gains(spec, lengths, single)
+    )
+
+
+def _laws(spec: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    """The laws of the chains, or the only one."""
+    yield from spec.get("observers", (spec,))
+
+
+def _holds(law: Mapping[str, Any]) -> bool:
+    """Whether a law's gains are held."""
+    placed = law.get("method") in ("zoh", "bilinear")
+    if not placed or law["kind"] not in ("low-power", "peaking-free"):
+        return False
+    check(
+        law["gain"]["law"] == "constant",
+        "gain",
+        law["gain"]["law"],
+        f"constant in an export of the {law['kind']} law under {law['method']}, whose gains are "
+        "found by iteration for every gain and length of a period",
+        'choose method="rk4", a constant gain, or the standard law',
+    )
+    return True
