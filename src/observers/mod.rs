@@ -7,12 +7,12 @@ mod reduced_order;
 mod sampled_data;
 mod standard;
 
-pub use collection::{CopyState, ModifiedObserver, RepelledCollection};
+pub use collection::{CopyState, ModifiedObserver, ModifiedState, RepelledCollection};
 pub use low_power::{BlockGains, LowPower, LowPowerObserver, LowPowerState};
 pub use peaking_free::PeakingFreeObserver;
 pub use reduced_order::{ReducedOrderObserver, ReducedOrderState};
 pub use sampled_data::SampledDataObserver;
-pub use standard::StandardObserver;
+pub use standard::{StandardObserver, StandardState};
 
 pub use crate::saturation::{HardClip, NoSaturation, Saturation, SmoothSaturation};
 
