@@ -170,6 +170,23 @@ crate::error::through_constructor! {
     => Ok(Self { collection })
 }
 
+impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usize>
+    ModifiedObserver<T, Md, N, C, M>
+{
+    /// What its collection is made of.
+    ///
+    /// # Errors
+    /// As [`RepelledCollection::new`].
+    pub fn new(
+        k: [T; N],
+        k_bar: [T; N],
+        gain: AdaptiveGain<T>,
+        model: Md,
+    ) -> Result<Self, DesignError> {
+        Ok(Self { collection: RepelledCollection::new(k, k_bar, gain, model)? })
+    }
+}
+
 impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usize> ContinuousLaw<T>
     for ModifiedObserver<T, Md, N, C, M>
 {

@@ -1,14 +1,17 @@
 //! The laws written out, in both precisions, and where one is a case of another.
 
 use crate::catalogue::{SCHEMES, Visitor, visit_all};
-use hgo_rs::gain::{AdaptiveGain, ConstantGain};
+use hgo_rs::for_each_law;
+use hgo_rs::gain::{AdaptiveGain, ConstantGain, GainLaw};
+use hgo_rs::laws::{Form, Gain, Law, Sizes};
 use hgo_rs::memory::Memory;
-use hgo_rs::model::{InputGain, StrictFeedback, Unknown, no_input};
+use hgo_rs::model::{InputGain, Model, PhaseVariable, StrictFeedback, Unknown, no_input};
 use hgo_rs::models::{SanfelicePraly, Ship};
-use hgo_rs::observer::{Discretised, Euler, Measurement, StaggeredEuler};
+use hgo_rs::observer::{ContinuousLaw, Discretised, Euler, Measurement, StaggeredEuler};
 use hgo_rs::observers::{
-    CopyState, HardClip, LowPowerObserver, ModifiedObserver, ModifiedState, NoSaturation,
-    PeakingFreeObserver, RepelledCollection, StandardObserver, StandardState,
+    CopyState, HardClip, LAWS, LowPowerObserver, ModifiedObserver, ModifiedState, NoSaturation,
+    PeakingFreeObserver, ReducedOrderState, RepelledCollection, Saturation, StandardObserver,
+    StandardState,
 };
 use hgo_rs::{Observer, Scalar};
 use nalgebra::{SMatrix, SVector, Vector1, Vector2, Vector3};
@@ -226,4 +229,52 @@ fn velocity_is_explained_by_least_squares() {
         let residual = v - g * z;
         assert!(g.tr_mul(&residual).amax() < 1e-14 && residual.amax() > 0.01, "{residual}");
     }
+}
+
+/// What the list says of a law's memory is what its type has.
+#[test]
+fn the_list_counts_the_entries_of_each_memory() {
+    fn law<T: Scalar, L: ContinuousLaw<T>>(kind: &str, n: usize, m: usize, moves: bool) {
+        let said = Law::find(LAWS, kind).unwrap();
+        let sizes = Sizes { n, m, moves, inputs: 1, ..Sizes::default() };
+        assert_eq!((said.memory_len(&sizes), n), (L::State::LEN, L::ESTIMATED), "{kind}");
+        assert!(said.continuous && said.form != Form::Sampled, "{kind}");
+    }
+    macro_rules! count {
+        (
+            $(rates {
+                kind: $kind:literal, title: $title:literal,
+                law: $law:ty,
+                $($rest:tt)*
+            })*
+            $(recursions {
+                kind: $recursion:literal, title: $name:literal,
+                law: $sampled:ty,
+                $($more:tt)*
+            })*
+        ) => {
+            $({
+                fn both<T: Scalar, G, Md, S, const N: usize, const K: usize, const M: usize>(
+                    moves: bool,
+                ) where
+                    G: GainLaw<T>,
+                    Md: PhaseVariable<T, N, M> + Model<T, N, M>,
+                    S: Saturation<T>,
+                {
+                    law::<T, $law>($kind, N, K, moves);
+                }
+                both::<f64, AdaptiveGain<f64>, InputGain<f64>, NoSaturation, 2, 3, 1>(true);
+                if Law::find(LAWS, $kind).unwrap().gain == Gain::Any {
+                    both::<f32, ConstantGain<f32>, InputGain<f32>, NoSaturation, 5, 3, 1>(false);
+                }
+            })*
+            let kinds = [$($kind,)* $($recursion),*];
+            assert!(kinds.iter().eq(LAWS.iter().map(|law| &law.kind)), "{kinds:?}");
+        };
+    }
+    for_each_law!(count);
+    let sizes = Sizes { n: 3, outputs: 4, inputs: 2, ..Sizes::default() };
+    let len = |kind| Law::find(LAWS, kind).unwrap().memory_len(&sizes);
+    assert_eq!(len("sampled-data"), 3);
+    assert_eq!(len("reduced-order"), ReducedOrderState::<f64, 4, 3, 2>::LEN);
 }
