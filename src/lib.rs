@@ -18,7 +18,7 @@
 //! # Floors
 //!
 //! A file uses lower floors only, or what is named before it on its own: `elementary`,
-//! `scalar`, `error`, `memory`, `measurement`, `wide`, `polynomial` (0); `gain`, `schedule`, `saturation`, `model`,
+//! `scalar`, `error`, `memory`, `measurement`, `wide`, `polynomial` (0); `gain`, `schedule`, `saturation`, `model`, `laws`,
 //! `integrate`, `observer`, `injection`, `noise`, `metrics`, `program` (1); `models`,
 //! `observers` (2); `simulate`, `covariance`, `estimator` (3). Nothing names `std`, `alloc` or
 //! Python, nothing allocates and nothing panics.
@@ -34,6 +34,7 @@ pub mod estimator;
 pub mod gain;
 pub mod injection;
 pub mod integrate;
+pub mod laws;
 pub mod measurement;
 pub mod memory;
 pub mod metrics;

@@ -2,10 +2,12 @@
 //!
 //! A memory is a `Copy` struct of a fixed number of scalars. It can be added to (so that any
 //! integration scheme works on it) and visited in a fixed order (so that it flattens to columns,
-//! records and bytes). Tuples and arrays of memories are memories: plant and observer together
-//! are one, and so is a collection of observers.
+//! records and bytes). A law's memory is declared with [`memory_struct!`](crate::memory_struct), which
+//! names its parts. Pairs and arrays of memories are memories: plant and observer together are one,
+//! and so is a collection of observers.
 
 use crate::Scalar;
+use core::ops::{Deref, DerefMut};
 use nalgebra::SVector;
 
 /// A fixed number of scalars of type `T` in a fixed order.
@@ -175,4 +177,135 @@ impl<T: Scalar, A: Memory<T>, const C: usize> Memory<T> for [A; C] {
             a.visit_mut(f);
         }
     }
+}
+
+/// The entries of a vector but its last, which no memory counts: one slot more than entries, where the
+/// size N − 1 cannot be written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct AllButLast<T: Scalar, const N: usize>(SVector<T, N>);
+
+impl<T: Scalar, const N: usize> From<SVector<T, N>> for AllButLast<T, N> {
+    #[inline(always)]
+    fn from(entries: SVector<T, N>) -> Self {
+        Self(entries)
+    }
+}
+
+impl<T: Scalar, const N: usize> Deref for AllButLast<T, N> {
+    type Target = SVector<T, N>;
+    #[inline(always)]
+    fn deref(&self) -> &SVector<T, N> {
+        &self.0
+    }
+}
+
+impl<T: Scalar, const N: usize> DerefMut for AllButLast<T, N> {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut SVector<T, N> {
+        &mut self.0
+    }
+}
+
+impl<T: Scalar, const N: usize> Memory<T> for AllButLast<T, N> {
+    const LEN: usize = N.saturating_sub(1);
+    #[inline(always)]
+    fn zero() -> Self {
+        Self(SVector::zero())
+    }
+    #[inline(always)]
+    fn zip(&self, other: &Self, f: impl Fn(T, T) -> T + Copy) -> Self {
+        let entry = |i| if i < Self::LEN { f(self.0[i], other.0[i]) } else { T::ZERO };
+        Self(SVector::from_fn(|i, _| entry(i)))
+    }
+    #[inline(always)]
+    fn visit(&self, f: &mut impl FnMut(T)) {
+        for i in 0..Self::LEN {
+            f(self.0[i]);
+        }
+    }
+    #[inline(always)]
+    fn visit_mut(&mut self, f: &mut impl FnMut(&mut T)) {
+        for i in 0..Self::LEN {
+            f(&mut self.0[i]);
+        }
+    }
+}
+
+/// Declare a memory: a struct of parts that are memories, in the order of its entries.
+///
+/// Parameters are the scalar, parts left open, and sizes after a semicolon. The struct is `Copy` and
+/// has a [`Memory`](crate::memory::Memory) that visits the parts in order.
+///
+/// ```
+/// use hgo_rs::{Scalar, memory::Memory};
+/// use hgo_rs::nalgebra::SVector;
+///
+/// hgo_rs::memory_struct! {
+///     /// Memory of an observer with a filter on its innovation.
+///     pub struct FilteredState<T, R: Memory; const N: usize> {
+///         /// Estimate x̂.
+///         pub x_hat: SVector<T, N>,
+///         /// Filter.
+///         pub w: T,
+///         /// Moving gain r, or nothing.
+///         pub r: R,
+///     }
+/// }
+///
+/// let z = FilteredState::<f64, (), 2>::read(&[1.0, 2.0, 3.0]);
+/// assert_eq!((z.x_hat[1], z.w), (2.0, 3.0));
+/// assert_eq!(FilteredState::<f64, f64, 2>::LEN, 4);
+/// ```
+#[macro_export]
+macro_rules! memory_struct {
+    (
+        $(#[$attribute:meta])*
+        $access:vis struct $name:ident
+            <$T:ident $(, $part:ident: Memory)* $(; $(const $size:ident: usize),+)?>
+        {
+            $($(#[$doc:meta])* $shown:vis $field:ident: $kind:ty),+ $(,)?
+        }
+    ) => {
+        $(#[$attribute])*
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        $access struct $name<
+            $T: $crate::Scalar
+            $(, $part: $crate::memory::Memory<$T>)*
+            $($(, const $size: usize)+)?
+        > {
+            $($(#[$doc])* $shown $field: $kind),+
+        }
+
+        impl<
+            $T: $crate::Scalar
+            $(, $part: $crate::memory::Memory<$T>)*
+            $($(, const $size: usize)+)?
+        > $crate::memory::Memory<$T> for $name<$T $(, $part)* $($(, $size)+)?> {
+            const LEN: usize = 0 $(+ <$kind as $crate::memory::Memory<$T>>::LEN)+;
+            #[inline(always)]
+            fn zero() -> Self {
+                Self { $($field: <$kind as $crate::memory::Memory<$T>>::zero()),+ }
+            }
+            #[inline(always)]
+            fn zip(&self, other: &Self, f: impl Fn($T, $T) -> $T + Copy) -> Self {
+                Self {
+                    $($field: <$kind as $crate::memory::Memory<$T>>::zip(
+                        &self.$field,
+                        &other.$field,
+                        f,
+                    )),+
+                }
+            }
+            #[inline(always)]
+            fn visit(&self, f: &mut impl FnMut($T)) {
+                $(<$kind as $crate::memory::Memory<$T>>::visit(&self.$field, f);)+
+            }
+            #[inline(always)]
+            fn visit_mut(&mut self, f: &mut impl FnMut(&mut $T)) {
+                $(<$kind as $crate::memory::Memory<$T>>::visit_mut(&mut self.$field, f);)+
+            }
+        }
+    };
 }

@@ -2,10 +2,28 @@
 //!
 //! Run i of a study draws from streams that depend on (seed, i) alone: never on the thread, the
 //! chunk or what else runs beside it.
+//!
+//! A [`Stream`] is a generator of the crate `rand`, so every law of `rand_distr` draws from it. Here
+//! measurement noise with heavy tails, drawn ahead for one run:
+//!
+//! ```
+//! use hgo_rs::noise::{Channel, Draw, Noise, Stream};
+//! use rand_distr::{Distribution, StudentT};
+//!
+//! let mut stream = Stream::new(7, 0, Channel::Measurement);
+//! let law = StudentT::new(3.0)?;
+//! let values: Vec<f64> = law.map(|v| 0.01 * v).sample_iter(&mut stream).take(1000).collect();
+//! let noise = Noise { draw: Draw::Samples(&values), hold: 1, sines: &[] };
+//! assert_eq!(noise.fresh(&mut stream, 2), values[2]);
+//! # Ok::<(), rand_distr::ChiSquaredError>(())
+//! ```
 
 use crate::Scalar;
 use crate::elementary::{Bits, Float, log2_of, log2_parts, sin_of_turns};
+use core::convert::Infallible;
 use core::f64::consts::LN_2;
+use rand::rand_core::utils::fill_bytes_via_next_word;
+use rand::{SeedableRng, TryRng};
 
 const GOLDEN: u64 = 0x9E37_79B9_7F4A_7C15;
 
@@ -31,6 +49,9 @@ pub enum Channel {
 }
 
 /// A stream of random numbers: the generator xoshiro256++ of Blackman and Vigna.
+///
+/// It is an infallible generator of the crate `rand` (`Rng`, `SeedableRng`), whose words are those of
+/// [`Stream::next_u64`] in order. A seed is the four words of its state, little-endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Stream {
@@ -46,7 +67,11 @@ crate::error::through_constructor! {
 impl Stream {
     /// The stream of run `run` under `seed` for `channel`.
     pub const fn new(seed: u64, run: u64, channel: Channel) -> Self {
-        let base = mix(mix(mix(seed) ^ run) ^ channel as u64);
+        Self::spread(mix(mix(mix(seed) ^ run) ^ channel as u64))
+    }
+
+    /// The state that `SplitMix64` makes of 64 bits.
+    const fn spread(base: u64) -> Self {
         Self {
             s: [
                 mix(base),
@@ -103,6 +128,45 @@ pub fn advanced<B: Bits>([s0, s1, s2, s3]: [B; 4]) -> (B, [B; 4]) {
     let s2 = s2 ^ s0;
     let s3 = s3 ^ s1;
     (result, [s0 ^ s3, s1 ^ s2, s2 ^ (s1 << 17), turned(s3, 45)])
+}
+
+impl TryRng for Stream {
+    type Error = Infallible;
+
+    /// The upper half of the next word: the lowest bits are the weaker ones.
+    #[inline(always)]
+    fn try_next_u32(&mut self) -> Result<u32, Infallible> {
+        Ok((self.next_u64() >> 32) as u32)
+    }
+
+    #[inline(always)]
+    fn try_next_u64(&mut self) -> Result<u64, Infallible> {
+        Ok(self.next_u64())
+    }
+
+    #[inline]
+    fn try_fill_bytes(&mut self, dst: &mut [u8]) -> Result<(), Infallible> {
+        fill_bytes_via_next_word(dst, || self.try_next_u64())
+    }
+}
+
+impl SeedableRng for Stream {
+    type Seed = [u8; 32];
+
+    /// The state whose words the seed holds; from 0 throughout, which no state may be, that of
+    /// `seed_from_u64(0)`.
+    fn from_seed(seed: [u8; 32]) -> Self {
+        let mut s = [0; 4];
+        for (word, bytes) in s.iter_mut().zip(seed.as_chunks().0) {
+            *word = u64::from_le_bytes(*bytes);
+        }
+        if s == [0; 4] { Self::spread(0) } else { Self::from_state(s) }
+    }
+
+    /// As Blackman and Vigna advise: the state that `SplitMix64` makes of 64 bits.
+    fn seed_from_u64(state: u64) -> Self {
+        Self::spread(state)
+    }
 }
 
 /// What [`radius_of`] makes the radius √(−2 ln(u + 2⁻⁵³)) of a normal pair of, u in [0, 1).

@@ -443,9 +443,21 @@ fn beyond_first<T: Scalar>(x_hat: &[T], y: T) -> T {
     }
 }
 
+crate::memory_struct! {
+    /// Memory of an observer with current timing.
+    #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+    #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+    pub struct CurrentState<T, Z: Memory> {
+        /// The law's own memory.
+        pub law: Z,
+        /// The time that the next correction is for, in s.
+        pub elapsed: T,
+    }
+}
+
 /// A continuous law under a discretisation: an observer with current timing.
 ///
-/// Memory: the law's, and the time that the next correction is for. `advance` predicts and adds to that
+/// Its memory holds the time that the next correction is for. `advance` predicts and adds to that
 /// time (where the scheme corrects [over gaps](Scheme::OVER_GAPS)) or sets it; `correct` uses it up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -475,7 +487,7 @@ where
     L: ContinuousLaw<T>,
     S: Scheme<T, L>,
 {
-    type State = (L::State, T);
+    type State = CurrentState<T, L::State>;
     type Measurement = T;
     type Input = L::Input;
     const TIMING: Timing = Timing::Current;
@@ -483,40 +495,41 @@ where
 
     #[inline(always)]
     fn initial(&self) -> Self::State {
-        (self.law.initial(), T::ZERO)
+        CurrentState { law: self.law.initial(), elapsed: T::ZERO }
     }
 
     #[inline(always)]
     fn correct(&self, z: &mut Self::State, y: &T, _: T) -> Status {
         let Self { law, scheme } = self;
-        let left = z.1.while_missing(*y);
+        let left = z.elapsed.while_missing(*y);
         // the time of this correction: none for a missing sample, which changes nothing
-        let next = law.admissible(scheme.correct(law, &z.0, *y, z.1 - left));
-        *z = (z.0.zip(&next, |_, new| new), left);
+        let next = law.admissible(scheme.correct(law, &z.law, *y, z.elapsed - left));
+        *z = CurrentState { law: z.law.zip(&next, |_, new| new), elapsed: left };
         Status::of(y)
     }
 
     #[inline(always)]
     fn advance(&self, z: &mut Self::State, _: &T, u: &L::Input, t: T, dt: T) -> Status {
         let Self { law, scheme } = self;
-        let next = law.admissible(scheme.predict(law, t, &z.0, u, dt));
-        *z = (z.0.zip(&next, |_, new| new), Self::elapsed(z.1, dt));
+        let next = law.admissible(scheme.predict(law, t, &z.law, u, dt));
+        let elapsed = Self::elapsed(z.elapsed, dt);
+        *z = CurrentState { law: z.law.zip(&next, |_, new| new), elapsed };
         Status::Predicted
     }
 
     #[inline(always)]
     fn held(&self, z: &Self::State, dt: T) -> Self::State {
-        (z.0, Self::elapsed(z.1, dt))
+        CurrentState { law: z.law, elapsed: Self::elapsed(z.elapsed, dt) }
     }
 
     #[inline(always)]
     fn speed(&self, z: &Self::State) -> T {
-        self.law.speed(&z.0)
+        self.law.speed(&z.law)
     }
 
     #[inline(always)]
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
-        self.law.estimate(&z.0)
+        self.law.estimate(&z.law)
     }
 
     #[inline(always)]

@@ -372,25 +372,42 @@ fn laguerre<T: Number>(trailing: &[(T, T)]) -> (T, T) {
 pub fn coefficients_from_poles<T: Scalar, const N: usize>(
     poles: [(T, T); N],
 ) -> Result<[T; N], DesignError> {
-    let zero = T::ZERO;
-    let mut product = [(zero, zero); N]; // trailing coefficients, complex
+    let mut product = [(T::ZERO, T::ZERO); N];
+    times_poles(&poles, &mut product)?;
+    Ok(product.map(|(re, _)| re))
+}
+
+/// The same, written into as many places as there are poles; at most 23.
+///
+/// # Errors
+/// As [`coefficients_from_poles`]; more poles; another number of places.
+pub fn write_coefficients<T: Scalar>(poles: &[(T, T)], out: &mut [T]) -> Result<(), DesignError> {
+    let (count, allowed) = (poles.len(), "there must be one for each coefficient, and at most 23");
+    let fits = count == out.len() && count <= MAX_DEGREE;
+    require("number of poles", T::from_f64(count as f64), fits, allowed)?;
+    let mut product = [(T::ZERO, T::ZERO); MAX_DEGREE];
+    times_poles(poles, &mut product)?;
+    for (slot, (re, _)) in out.iter_mut().zip(product) {
+        *slot = re;
+    }
+    Ok(())
+}
+
+/// Trailing coefficients, complex, of the polynomial of these poles.
+fn times_poles<T: Scalar>(poles: &[(T, T)], product: &mut [(T, T)]) -> Result<(), DesignError> {
     for (count, (re, im)) in poles.iter().enumerate() {
         finite("poles", *im)?;
         let allowed = "every pole must be finite and have a negative real part";
-        require("poles", *re, re.is_finite() && *re < zero, allowed)?;
+        require("poles", *re, re.is_finite() && *re < T::ZERO, allowed)?;
         let conjugate = |p: &&(T, T)| p.0 == *re && p.1 == *im;
         let mirrored = |p: &&(T, T)| p.0 == *re && p.1 == -*im;
         let (same, mirror) = (poles.iter().filter(conjugate), poles.iter().filter(mirrored));
         let paired = same.count() == mirror.count();
-        require(
-            "poles",
-            *im,
-            paired,
-            "a complex pole needs its complex conjugate among the poles",
-        )?;
-        times_root(&mut product, count, (*re, *im));
+        let allowed = "a complex pole needs its complex conjugate among the poles";
+        require("poles", *im, paired, allowed)?;
+        times_root(product, count, (*re, *im));
     }
-    Ok(product.map(|(re, _)| re))
+    Ok(())
 }
 
 /// Turn P₀ = 1 into P_m of the low-power recursion Pᵢ = s(s + αᵢ)Pᵢ₋₁ + β₁…βᵢ.
@@ -503,7 +520,9 @@ pub fn low_power_coefficients<T: Scalar, const N: usize>(
         return Err(DesignError { parameter: "polynomial", value: degree as f64, allowed });
     };
     let alpha_n = -whole.real_root();
-    low_power_from_inner(whole.without_linear(alpha_n), alpha_n)
+    let (mut alpha, mut beta) = ([T::ZERO; N], [T::ZERO; N]);
+    low_power_from_inner(whole.without_linear(alpha_n), alpha_n, &mut alpha, &mut beta)?;
+    Ok((alpha, beta))
 }
 
 /// α and β from 2N − 1 poles: the fastest real pole becomes −αₙ.
@@ -513,43 +532,67 @@ pub fn low_power_coefficients<T: Scalar, const N: usize>(
 pub fn low_power_coefficients_from_poles<T: Scalar, const N: usize, const R: usize>(
     poles: [(T, T); R],
 ) -> Result<([T; N], [T; N]), DesignError> {
-    let fits = N >= 1 && R == 2 * N - 1 && R <= MAX_DEGREE;
-    let allowed = "the low-power observer of order n needs 2n - 1 poles, n = 1 to 12";
-    require("poles", T::from_f64(R as f64), fits, allowed)?;
-    let trailing = coefficients_from_poles(poles)?;
-    let mut fastest = T::ZERO;
-    for (re, im) in poles {
-        if im == T::ZERO {
-            fastest = fastest.min(re);
-        }
-    }
-    let Some(whole) = Ascending::from_monic(&trailing) else {
-        return Err(DesignError { parameter: "poles", value: R as f64, allowed });
-    };
-    low_power_from_inner(whole.without_linear(-fastest), -fastest)
+    let (mut alpha, mut beta) = ([T::ZERO; N], [T::ZERO; N]);
+    write_low_power_coefficients(&poles, &mut alpha, &mut beta)?;
+    Ok((alpha, beta))
 }
 
-fn low_power_from_inner<T: Scalar, const N: usize>(
+/// The same, written into n places for α and at least n − 1 for β.
+///
+/// # Errors
+/// As [`coefficients_from_poles`]; another number of poles than 2n − 1; n outside 1 to 12.
+pub fn write_low_power_coefficients<T: Scalar>(
+    poles: &[(T, T)],
+    alpha: &mut [T],
+    beta: &mut [T],
+) -> Result<(), DesignError> {
+    let count = poles.len();
+    let fits = count + 1 == 2 * alpha.len() && count <= MAX_DEGREE;
+    let allowed = "the low-power observer of order n needs 2n - 1 poles, n = 1 to 12";
+    require("poles", T::from_f64(count as f64), fits, allowed)?;
+    let mut trailing = [T::ZERO; MAX_DEGREE];
+    let whole = match trailing.get_mut(..count) {
+        Some(trailing) => {
+            write_coefficients(poles, trailing)?;
+            Ascending::from_monic(trailing)
+        }
+        None => None,
+    };
+    let Some(whole) = whole else {
+        return Err(DesignError { parameter: "poles", value: count as f64, allowed });
+    };
+    let mut fastest = T::ZERO;
+    for (re, im) in poles {
+        if *im == T::ZERO {
+            fastest = fastest.min(*re);
+        }
+    }
+    low_power_from_inner(whole.without_linear(-fastest), -fastest, alpha, beta)
+}
+
+fn low_power_from_inner<T: Scalar>(
     mut p: Ascending<T>,
     alpha_n: T,
-) -> Result<([T; N], [T; N]), DesignError> {
-    let (mut alpha, mut beta) = ([T::ZERO; N], [T::ZERO; N]);
-    if let Some(last) = alpha.last_mut() {
-        *last = alpha_n;
-    }
-    let mut c = [T::ONE; N]; // c₀ = 1, c₁ … cₙ₋₁
-    for k in (1..N).rev() {
-        c[k] = p.c[0];
+    alpha: &mut [T],
+    beta: &mut [T],
+) -> Result<(), DesignError> {
+    let Some((last, inner)) = alpha.split_last_mut() else { return Ok(()) };
+    *last = alpha_n;
+    // βₖ = cₖ/cₖ₋₁: its place holds cₖ until cₖ₋₁ is known
+    let mut above: Option<&mut T> = None;
+    for (alpha, beta) in inner.iter_mut().zip(beta.iter_mut()).rev() {
+        let c = p.c[0];
         let odd = p.without_zero();
-        let a = -odd.real_root();
-        alpha[k - 1] = a;
-        p = odd.without_linear(a);
-    }
-    for k in 1..N {
-        beta[k - 1] = c[k] / c[k - 1];
+        *alpha = -odd.real_root();
+        p = odd.without_linear(*alpha);
+        if let Some(above) = above {
+            *above /= c;
+        }
+        *beta = c;
+        above = Some(beta);
     }
     for entry in alpha.iter().chain(beta.iter()) {
         finite("poles", *entry)?;
     }
-    Ok((alpha, beta))
+    Ok(())
 }

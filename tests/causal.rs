@@ -7,7 +7,9 @@ use hgo_rs::estimator::{Clock, Counts};
 use hgo_rs::integrate::{Integrator, WienerIncrement};
 use hgo_rs::memory::Memory;
 use hgo_rs::model::{SampledModel, StochasticIntegrator, StrictFeedback};
+use hgo_rs::observer::CurrentState;
 use hgo_rs::observer::{ContinuousLaw, Measurement, Rk4, Timing};
+use hgo_rs::observers::StandardState;
 use hgo_rs::prelude::*;
 use hgo_rs::simulate::{Probe, Sample};
 use nalgebra::{Matrix1, SVector, Vector1, Vector2, Vector3, Vector4};
@@ -99,7 +101,7 @@ fn halves_under_jitter_gaps_time_and_input_written_out() {
         observer.advance(&mut z, &y, &told, t, dt);
         filter.predict(3.0 * t + 2.0 * u - filter.x[0] * filter.x[1], dt);
         t += dt;
-        assert_eq!((estimator.time(), z.1), (t, filter.elapsed));
+        assert_eq!((estimator.time(), z.elapsed), (t, filter.elapsed));
     }
 }
 
@@ -155,9 +157,9 @@ fn a_correction_of_euler_is_for_the_last_period() {
         observer.correct(&mut z, &y, t);
     }
     let e = 0.7 - x[0];
-    close(z.0.0.x, x[0] + 0.03 * 2.0 * ELL * e);
-    close(z.0.0.y, x[1] + 0.03 * ELL * ELL * e);
-    assert_eq!(z.1, 0.0);
+    close(z.law.x_hat.x, x[0] + 0.03 * 2.0 * ELL * e);
+    close(z.law.x_hat.y, x[1] + 0.03 * ELL * ELL * e);
+    assert_eq!(z.elapsed, 0.0);
     let held = z;
     assert_eq!(observer.correct(&mut z, &0.1, t), Status::Updated); // twice: nothing more
     assert_eq!(z, held);
@@ -172,7 +174,7 @@ fn a_low_power_flow_is_told_time_and_input() {
     let law = law.unwrap();
     let observer = Current { law, scheme: Placed::new(&law, Placement::Exact).unwrap() };
     let (x, eta, t, u, dt) = ([0.2, -0.4, 0.9], [2.5, -1.7], 1.3, 0.7, 0.04);
-    let mut z = (Memory::read(&[x[0], x[1], x[2], eta[0], eta[1]]), 0.0);
+    let mut z = Memory::read(&[x[0], x[1], x[2], eta[0], eta[1], 0.0]);
     observer.predict(&mut z, &Vector1::new(u), t, dt);
     let phi = 3.0 * t + 2.0 * u - x[0] * x[1];
     let (half, sixth) = (dt * dt / 2.0, dt * dt * dt / 6.0);
@@ -362,7 +364,8 @@ fn a_stiff_loop_sees_the_input_that_is_applied() {
     let gain = ConstantGain::new(40.0).unwrap();
     let law = StandardObserver::<f64, _, _, 2, 1>::new([2.0, 1.0], gain, Pendulum).unwrap();
     let observer = Current { law, scheme: Placed::new(&law, Placement::Exact).unwrap() };
-    let start = ((Vector2::new(0.3, 0.0), ()), 0.0);
+    let law = StandardState { x_hat: Vector2::new(0.3, 0.0), r: () };
+    let start = CurrentState { law, elapsed: 0.0 };
     let mut estimator = Estimator::new(observer, 1.0).unwrap();
     estimator.restart(start);
     let mut stale = estimator;
@@ -429,13 +432,13 @@ fn a_model_without_a_value_holds_the_estimate_and_time_passes() {
     assert_eq!(estimator.predict(&one, 0.1), Status::Predicted);
     let held = *estimator.memory();
     assert_eq!(estimator.predict(&zero, 0.2), Status::ModelUndefined);
-    let (memory, elapsed) = *estimator.memory();
-    assert_eq!(memory, held.0);
+    let CurrentState { law: memory, elapsed } = *estimator.memory();
+    assert_eq!(memory, held.law);
     close(elapsed, 0.3);
     close(estimator.time(), 0.3);
     estimator.correct(&2.0);
     let z = (-ELL * 0.3).exp();
-    close(estimator.estimate()[0], held.0.0.x + (1.0 - z * z) * (2.0 - held.0.0.x));
+    close(estimator.estimate()[0], held.law.x_hat.x + (1.0 - z * z) * (2.0 - held.law.x_hat.x));
     let corrected = *estimator.memory();
     assert_eq!(estimator.correct(&-5.0), Status::Updated);
     assert_eq!(*estimator.memory(), corrected);
@@ -451,7 +454,7 @@ fn a_model_without_a_value_holds_the_estimate_and_time_passes() {
     assert_eq!(whole.step(&2.0, &zero, 0.1), Status::Updated); // the first call only corrects
     assert_eq!((*whole.memory(), whole.time()), (observer.initial(), 0.0));
     assert_eq!(whole.step(&2.0, &zero, 0.1), Status::ModelUndefined);
-    assert_eq!(*whole.memory(), (observer.initial().0, 0.1));
+    assert_eq!(*whole.memory(), CurrentState { elapsed: 0.1, ..observer.initial() });
 }
 
 /// Beyond the limit a sample is predicted over, once, and the time since the last one used counts.
@@ -469,9 +472,9 @@ fn a_sample_after_too_long_a_period_is_predicted_over() {
         assert_eq!(*estimator.memory(), predicted);
     }
     assert_eq!(estimator.predict(&u, 0.1), Status::Predicted);
-    close(estimator.memory().1, 0.2001);
+    close(estimator.memory().elapsed, 0.2001);
     assert_eq!(estimator.correct(&1.0), Status::Updated);
-    assert_eq!(estimator.memory().1, 0.0);
+    assert_eq!(estimator.memory().elapsed, 0.0);
     let counts = Counts { updated: 2, step_too_long: 2, ..Counts::default() };
     assert_eq!(estimator.counts(), counts);
 }
@@ -670,8 +673,16 @@ fn joint_integration_tells_time_and_input() {
     let start = Vector2::new(0.1, 0.2);
     let mut seen = Seen(Vec::new());
     let scheme = Integrator::Rk4;
-    let end = experiment.joint(&law, |u| *u, scheme, 0, start, (start, ()), &mut seen);
-    assert!((end.z.0 - end.x).amax() < 1e-12, "{} {}", end.z.0, end.x);
+    let end = experiment.joint(
+        &law,
+        |u| *u,
+        scheme,
+        0,
+        start,
+        StandardState { x_hat: start, r: () },
+        &mut seen,
+    );
+    assert!((end.z.x_hat - end.x).amax() < 1e-12, "{} {}", end.z.x_hat, end.x);
     let t = 2.0_f64;
     let exact =
         Vector2::new(0.1 + 0.2 * t + (1.0 - t.cos()) + 0.25 * t * t, 0.2 + t.sin() + 0.5 * t);

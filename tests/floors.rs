@@ -443,6 +443,15 @@ fn every_observer_and_plant_names_its_paper_and_equation() {
     assert!(laws >= 11, "{laws}");
 }
 
+/// A memory of a law is declared by `memory_struct!`, which names its parts and visits them in order.
+#[test]
+fn no_law_visits_its_memory_by_hand() {
+    for Source { module, code, .. } in sources() {
+        let by_hand = code.contains("Memory<T> for");
+        assert!(!by_hand || module == "memory", "src/{module}.rs implements Memory by hand");
+    }
+}
+
 /// Public types that borrow what they hold, or are a study's working memory, so that nothing could
 /// be read into them; whether they are written and logged all the same.
 const BORROWING: &[(&str, bool)] = &[

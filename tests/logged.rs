@@ -88,7 +88,7 @@ fn of_precision<T: Scalar + Format>(count: &mut u32) {
     logged::<(HardClip<T, 5>, SmoothSaturation<T, 5>, InputGain<T>)>(count);
     logged::<(Crackle<T>, SanfelicePraly<T>, Ship<T>, VanDerPol<T>)>(count);
     logged::<(FixedStep<T>, StochasticApproximation<T>)>(count);
-    logged::<(LowPowerState<T, 5>, ReducedOrderState<T, 3, 3, 2>)>(count);
+    logged::<(LowPowerState<T, T, 5>, ReducedOrderState<T, 3, 3, 2>)>(count);
     logged::<(Moments<T>, SettlingTime<T>, WienerIncrement<T>)>(count);
     logged::<(Sine<T>, Draw<T>, Noise<T>, SecondOrderSections<T, 2>)>(count);
     logged::<(Experiment<T, Lee, FixedStep<T>>, Finish<T, T>)>(count);

@@ -8,7 +8,7 @@ use hgo_rs::model::{Model, PhaseVariable, Plant, Unknown, last, no_input};
 use hgo_rs::noise::{Channel, Stream};
 use hgo_rs::observer::{ContinuousLaw, Discretisation, Discretised, Hold, RungeKutta};
 use hgo_rs::observers::{
-    HardClip, LowPowerObserver, NoSaturation, PeakingFreeObserver, StandardObserver,
+    HardClip, LowPowerObserver, NoSaturation, PeakingFreeObserver, StandardObserver, StandardState,
 };
 use hgo_rs::simulate::coupled_paths;
 use hgo_rs::{Observer, memory::Memory};
@@ -117,7 +117,8 @@ mod observers {
         let law = StandardObserver::new([3.0, 2.0], gain, Unknown).unwrap();
         let (y, t) = (1.7, 1.0_f64);
         let (slow, fast) = ((-t).exp(), (-2.0 * t).exp());
-        let exact = (Vector2::new(y * (1.0 - 2.0 * fast + slow), 2.0 * y * (slow - fast)), ());
+        let x_hat = Vector2::new(y * (1.0 - 2.0 * fast + slow), 2.0 * y * (slow - fast));
+        let exact = StandardState { x_hat, r: () };
         for (name, scheme, expected) in SCHEMES {
             let counts = if expected < 2.0 { [200, 400, 800] } else { [10, 20, 40] };
             let points = counts.map(|n| {
@@ -190,9 +191,9 @@ mod observers {
             for by_low_power in [false, true] {
                 let points = counts.map(|n| {
                     let x_hat = if by_low_power {
-                        after(low_power, scheme, low_power.initial(), f64::NAN, 2.0, n).0.x_hat.x
+                        after(low_power, scheme, low_power.initial(), f64::NAN, 2.0, n).x_hat.x
                     } else {
-                        after(standard, scheme, standard.initial(), f64::NAN, 2.0, n).0.x
+                        after(standard, scheme, standard.initial(), f64::NAN, 2.0, n).x_hat.x
                     };
                     (2.0 / f64::from(n), (x_hat - 2_f64.sin()).abs())
                 });
@@ -209,7 +210,8 @@ mod observers {
         let (a, w2, h) = (0.3, 4.0, 0.05);
         let law = StandardObserver::new([a, w2], ConstantGain::new(1.0).unwrap(), Unknown).unwrap();
         let determinant = |scheme| {
-            let image = |z: Vector2<f64>| after(law, scheme, (z, ()), 0.0, h, 1).0;
+            let start = |x_hat| StandardState { x_hat, r: () };
+            let image = |x_hat: Vector2<f64>| after(law, scheme, start(x_hat), 0.0, h, 1).x_hat;
             let (first, second) = (image(Vector2::x()), image(Vector2::y()));
             first.x * second.y - first.y * second.x
         };

@@ -138,9 +138,10 @@ fn every_type_returns<T: Scalar + Stored>() -> Result<(), DesignError> {
     }
     let ship = Ship::new(c(0.0), [c(0.0); 3])?;
     returns(&ReducedOrderObserver::new([0.1, 0.2, 0.3].map(c), c(0.07), ship)?);
-    returns(&LowPowerState::<T, 3> {
+    returns(&LowPowerState::<T, T, 3> {
         x_hat: SVector::from([0.1, 0.2, 0.3].map(c)),
-        eta: SVector::from([1.1, 1.2, 1.3].map(c)),
+        eta: SVector::from([1.1, 1.2, 1.3].map(c)).into(),
+        r: c(1.4),
     });
     returns(&ReducedOrderState::<T, 2, 3, 1> {
         z_hat: SVector::from([0.1, 0.2, 0.3].map(c)),

@@ -4,7 +4,7 @@
 //! oscillate. C copies of the observer, pushed apart by (23), sample its limit cycle; the mean of
 //! their gains is the nominal gain r̄ (24), and the modified observer (25) runs with r·r̄.
 
-use super::{StandardObserver, checked, driven, stagger_chain};
+use super::{StandardObserver, StandardState, checked, driven};
 use crate::Scalar;
 use crate::error::{DesignError, require};
 use crate::gain::{AdaptiveGain, GainLaw};
@@ -13,7 +13,19 @@ use crate::observer::ContinuousLaw;
 use nalgebra::SVector;
 
 /// Memory of one copy: x̂ and r.
-pub type CopyState<T, const N: usize> = (SVector<T, N>, T);
+pub type CopyState<T, const N: usize> = StandardState<T, T, N>;
+
+crate::memory_struct! {
+    /// Memory of a modified observer.
+    #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+    #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+    pub struct ModifiedState<T, C: Memory; const N: usize> {
+        /// x̂ and r of the observer that runs with r·r̄.
+        pub main: CopyState<T, N>,
+        /// x̂ and r of each copy.
+        pub copies: C,
+    }
+}
 
 /// C repelled copies, Sanfelice and Praly (23); the estimate is the first copy's.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,8 +67,8 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
     #[inline(always)]
     pub fn nominal_gain(&self, copies: &[CopyState<T, N>; C]) -> T {
         let mut sum = T::ZERO;
-        for (_, r) in copies {
-            sum += *r;
+        for copy in copies {
+            sum += copy.r;
         }
         sum / T::from_f64(C as f64)
     }
@@ -71,23 +83,23 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
     ) -> [CopyState<T, N>; C] {
         let b = self.copy.gain().b();
         // eᵢ/rᵢᵇ, the output errors in the scaled coordinates (28)
-        let powers: [T; C] = core::array::from_fn(|i| copies[i].1.powf(b));
+        let powers: [T; C] = core::array::from_fn(|i| copies[i].r.powf(b));
         let scaled: [T; C] = core::array::from_fn(|i| e[i] / powers[i]);
         core::array::from_fn(|i| {
-            let (mut x_rate, r_rate) = rate(&copies[i], &e[i]);
+            let mut rates = rate(&copies[i], &e[i]);
             let mut apart = T::ZERO;
             for (j, other) in scaled.iter().enumerate() {
                 if j != i {
                     apart += scaled[i] - *other;
                 }
             }
-            let r = copies[i].1;
+            let r = copies[i].r;
             let mut factor = powers[i] * apart;
-            for (rate, k_bar) in x_rate.iter_mut().zip(self.k_bar.iter()) {
+            for (rate, k_bar) in rates.x_hat.iter_mut().zip(self.k_bar.iter()) {
                 factor *= r; // r^{j+b}
                 *rate -= *k_bar * factor; // (23), with eᵢ = −(ŷᵢ − y)
             }
-            (x_rate, r_rate)
+            rates
         })
     }
 }
@@ -133,12 +145,12 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
     /// The fastest copy's.
     #[inline(always)]
     fn speed(&self, copies: &Self::State) -> T {
-        copies.iter().fold(T::ONE, |fastest, (_, r)| fastest.max(*r))
+        copies.iter().fold(T::ONE, |fastest, copy| fastest.max(copy.r))
     }
 
     #[inline(always)]
     fn estimate<'a>(&self, copies: &'a Self::State) -> &'a [T] {
-        copies.first().map_or(&[], |(x_hat, _)| x_hat.as_slice())
+        copies.first().map_or(&[], |copy| copy.x_hat.as_slice())
     }
 }
 
@@ -158,68 +170,93 @@ crate::error::through_constructor! {
     => Ok(Self { collection })
 }
 
+impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usize>
+    ModifiedObserver<T, Md, N, C, M>
+{
+    /// What its collection is made of.
+    ///
+    /// # Errors
+    /// As [`RepelledCollection::new`].
+    pub fn new(
+        k: [T; N],
+        k_bar: [T; N],
+        gain: AdaptiveGain<T>,
+        model: Md,
+    ) -> Result<Self, DesignError> {
+        Ok(Self { collection: RepelledCollection::new(k, k_bar, gain, model)? })
+    }
+}
+
 impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usize> ContinuousLaw<T>
     for ModifiedObserver<T, Md, N, C, M>
 {
-    type State = (CopyState<T, N>, [CopyState<T, N>; C]);
+    type State = ModifiedState<T, [CopyState<T, N>; C], N>;
     type Input = SVector<T, M>;
     type Innovation = (T, [T; C]);
     const ESTIMATED: usize = N;
 
     #[inline(always)]
     fn initial(&self) -> Self::State {
-        (self.collection.copy.initial(), self.collection.initial())
+        ModifiedState { main: self.collection.copy.initial(), copies: self.collection.initial() }
     }
 
     #[inline(always)]
-    fn innovation(&self, (main, copies): &Self::State, y: T) -> Self::Innovation {
-        (self.collection.copy.innovation(main, y), self.collection.innovation(copies, y))
+    fn innovation(&self, z: &Self::State, y: T) -> Self::Innovation {
+        (self.collection.copy.innovation(&z.main, y), self.collection.innovation(&z.copies, y))
     }
 
     #[inline(always)]
     fn rate(
         &self,
         t: T,
-        ((x_hat, r), copies): &Self::State,
+        z: &Self::State,
         (e, errors): &Self::Innovation,
         u: &Self::Input,
     ) -> Self::State {
-        let observer = &self.collection.copy;
-        let nominal = self.collection.nominal_gain(copies);
-        let x_rate = observer.rate_under(t, x_hat, *r * nominal, *e, u); // (25)
-        ((x_rate, observer.gain().rate::<N>(r, *e)), self.collection.rate(t, copies, errors, u))
+        let (observer, CopyState { x_hat, r }) = (&self.collection.copy, &z.main);
+        let nominal = self.collection.nominal_gain(&z.copies);
+        let main = CopyState {
+            x_hat: observer.rate_under(t, x_hat, *r * nominal, *e, u), // (25)
+            r: observer.gain().rate::<N>(r, *e),
+        };
+        ModifiedState { main, copies: self.collection.rate(t, &z.copies, errors, u) }
     }
 
     #[inline(always)]
-    fn injection(
-        &self,
-        ((_, r), copies): &Self::State,
-        (e, errors): &Self::Innovation,
-    ) -> Self::State {
-        let observer = &self.collection.copy;
-        let nominal = self.collection.nominal_gain(copies);
-        let main = (observer.injected(*r * nominal, *e), driven::<T, _, N>(observer.gain(), r, *e));
-        (main, self.collection.injection(copies, errors))
+    fn injection(&self, z: &Self::State, (e, errors): &Self::Innovation) -> Self::State {
+        let (observer, r) = (&self.collection.copy, z.main.r);
+        let nominal = self.collection.nominal_gain(&z.copies);
+        let main = CopyState {
+            x_hat: observer.injected(r * nominal, *e),
+            r: driven::<T, _, N>(observer.gain(), &r, *e),
+        };
+        ModifiedState { main, copies: self.collection.injection(&z.copies, errors) }
     }
 
     #[inline(always)]
     fn stagger(&self, old: &Self::State, new: Self::State, dt: T) -> Self::State {
-        let x_hat = stagger_chain(&old.0.0, new.0.0, dt);
-        ((x_hat, new.0.1), self.collection.stagger(&old.1, new.1, dt))
+        ModifiedState {
+            main: self.collection.copy.stagger(&old.main, new.main, dt),
+            copies: self.collection.stagger(&old.copies, new.copies, dt),
+        }
     }
 
     #[inline(always)]
-    fn admissible(&self, (main, copies): Self::State) -> Self::State {
-        (self.collection.copy.admissible(main), self.collection.admissible(copies))
+    fn admissible(&self, z: Self::State) -> Self::State {
+        ModifiedState {
+            main: self.collection.copy.admissible(z.main),
+            copies: self.collection.admissible(z.copies),
+        }
     }
 
     #[inline(always)]
-    fn speed(&self, ((_, r), copies): &Self::State) -> T {
-        (*r * self.collection.nominal_gain(copies)).max(self.collection.speed(copies))
+    fn speed(&self, z: &Self::State) -> T {
+        let main = z.main.r * self.collection.nominal_gain(&z.copies);
+        main.max(self.collection.speed(&z.copies))
     }
 
     #[inline(always)]
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
-        z.0.0.as_slice()
+        z.main.x_hat.as_slice()
     }
 }

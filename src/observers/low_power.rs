@@ -15,7 +15,7 @@ use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
 use crate::injection::{Injected, Placement, Poles, ahead, chain_gains};
-use crate::memory::Memory;
+use crate::memory::{AllButLast, Memory};
 use crate::model::PhaseVariable;
 use crate::observer::ContinuousLaw;
 use crate::polynomial::{low_power_inner_polynomial, low_power_steps, roots, roots_of, times_root};
@@ -23,57 +23,21 @@ use crate::saturation::{NoSaturation, Saturation};
 use crate::wide::{Number, Wide, exp_m1};
 use nalgebra::SVector;
 
-/// x̂ (N entries) and η (N − 1 entries; the N-th slot is never read or moved).
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct LowPowerState<T, const N: usize> {
-    /// Estimates of x₁ … xₙ.
-    pub x_hat: SVector<T, N>,
-    /// Estimates of x₂ … xₙ, auxiliary.
-    pub eta: SVector<T, N>,
-}
-
-crate::error::through_constructor! {
-    [T: Scalar, const N: usize]
-    LowPowerState<T, N>: z => { x_hat: SVector<T, N> = z.x_hat, eta: SVector<T, N> = z.eta }
-    => Ok(Self { x_hat, eta })
-}
-
-impl<T: Scalar, const N: usize> Memory<T> for LowPowerState<T, N> {
-    const LEN: usize = 2 * N - 1;
-    #[inline(always)]
-    fn zero() -> Self {
-        let zero = SVector::from_element(T::ZERO);
-        Self { x_hat: zero, eta: zero }
-    }
-    #[inline(always)]
-    fn zip(&self, other: &Self, f: impl Fn(T, T) -> T + Copy) -> Self {
-        Self {
-            x_hat: self.x_hat.zip_map(&other.x_hat, f),
-            eta: SVector::from_fn(
-                |i, _| {
-                    if i + 1 < N { f(self.eta[i], other.eta[i]) } else { T::ZERO }
-                },
-            ),
-        }
-    }
-    #[inline(always)]
-    fn visit(&self, f: &mut impl FnMut(T)) {
-        self.x_hat.visit(f);
-        for i in 0..N - 1 {
-            f(self.eta[i]);
-        }
-    }
-    #[inline(always)]
-    fn visit_mut(&mut self, f: &mut impl FnMut(&mut T)) {
-        self.x_hat.visit_mut(f);
-        for i in 0..N - 1 {
-            f(&mut self.eta[i]);
-        }
+crate::memory_struct! {
+    /// Memory of a low-power observer.
+    #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+    #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+    pub struct LowPowerState<T, R: Memory; const N: usize> {
+        /// Estimates of x₁ … xₙ.
+        pub x_hat: SVector<T, N>,
+        /// Estimates of x₂ … xₙ, auxiliary; the N-th slot is never read or moved.
+        pub eta: AllButLast<T, N>,
+        /// The gain law's memory: r where the gain moves, else nothing.
+        pub r: R,
     }
 }
 
-/// The structure of (5) and (11): N blocks, saturation S; memory (x̂, η, gain memory).
+/// The structure of (5) and (11): N blocks, saturation S.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LowPower<T, G, Md, S, const N: usize, const M: usize = 0> {
@@ -162,24 +126,24 @@ where
     Md: PhaseVariable<T, N, M>,
     S: Saturation<T>,
 {
-    type State = (LowPowerState<T, N>, G::Memory);
+    type State = LowPowerState<T, G::Memory, N>;
     type Input = SVector<T, M>;
     type Innovation = T;
     const ESTIMATED: usize = N;
 
     #[inline(always)]
     fn initial(&self) -> Self::State {
-        (LowPowerState::zero(), self.gain.initial())
+        LowPowerState { r: self.gain.initial(), ..LowPowerState::zero() }
     }
 
     #[inline(always)]
-    fn innovation(&self, (z, _): &Self::State, y: T) -> T {
+    fn innovation(&self, z: &Self::State, y: T) -> T {
         y.innovation(z.x_hat[0]) // (5b)
     }
 
     #[inline(always)]
-    fn rate(&self, t: T, (z, m): &Self::State, e1: &T, u: &Self::Input) -> Self::State {
-        let LowPowerState { x_hat, eta } = z;
+    fn rate(&self, t: T, z: &Self::State, e1: &T, u: &Self::Input) -> Self::State {
+        let LowPowerState { x_hat, eta, r: m } = z;
         let r = self.gain.moving(m);
         let r2 = r * r;
         let phi = self.model.phi(t, x_hat, u);
@@ -196,7 +160,7 @@ where
             let above = if i + 1 < N { eta[i] } else { phi };
             above + self.alpha[i] * r * e[i]
         });
-        let eta_rate = SVector::from_fn(|i, _| {
+        let eta_rate: SVector<T, N> = SVector::from_fn(|i, _| {
             if i + 1 == N {
                 T::ZERO
             } else {
@@ -204,24 +168,24 @@ where
                 above + self.beta[i] * r2 * e[i]
             }
         });
-        (LowPowerState { x_hat: x_rate, eta: eta_rate }, self.gain.rate::<N>(m, *e1))
+        LowPowerState { x_hat: x_rate, eta: eta_rate.into(), r: self.gain.rate::<N>(m, *e1) }
     }
 
     #[inline(always)]
-    fn injection(&self, (_, m): &Self::State, e1: &T) -> Self::State {
-        let r = self.gain.moving(m);
+    fn injection(&self, z: &Self::State, e1: &T) -> Self::State {
+        let r = self.gain.moving(&z.r);
         let first = |i: usize, injected: T| if i == 0 { injected } else { T::ZERO };
-        let z = LowPowerState {
+        let eta: SVector<T, N> =
+            SVector::from_fn(|i, _| first(i + usize::from(N < 2), self.beta[0] * (r * r) * *e1));
+        LowPowerState {
             x_hat: SVector::from_fn(|i, _| first(i, self.alpha[0] * r * *e1)),
-            eta: SVector::from_fn(|i, _| {
-                first(i + usize::from(N < 2), self.beta[0] * (r * r) * *e1)
-            }),
-        };
-        (z, driven::<T, G, N>(&self.gain, m, *e1))
+            eta: eta.into(),
+            r: driven::<T, G, N>(&self.gain, &z.r, *e1),
+        }
     }
 
     #[inline(always)]
-    fn stagger(&self, (old, _): &Self::State, (mut new, m): Self::State, dt: T) -> Self::State {
+    fn stagger(&self, old: &Self::State, mut new: Self::State, dt: T) -> Self::State {
         for i in (1..N - 1).rev() {
             let moved = self.saturation.apply(i, new.eta[i]) - self.saturation.apply(i, old.eta[i]);
             new.eta[i - 1] += dt * moved;
@@ -229,22 +193,22 @@ where
         for i in 0..N - 1 {
             new.x_hat[i] += dt * (new.eta[i] - old.eta[i]);
         }
-        (new, m)
+        new
     }
 
     #[inline(always)]
-    fn admissible(&self, (z, m): Self::State) -> Self::State {
-        (z, self.gain.admissible(m))
+    fn admissible(&self, z: Self::State) -> Self::State {
+        LowPowerState { r: self.gain.admissible(z.r), ..z }
     }
 
     #[inline(always)]
-    fn speed(&self, (_, m): &Self::State) -> T {
-        self.gain.moving(m)
+    fn speed(&self, z: &Self::State) -> T {
+        self.gain.moving(&z.r)
     }
 
     #[inline(always)]
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
-        z.0.x_hat.as_slice()
+        z.x_hat.as_slice()
     }
 }
 
@@ -443,8 +407,8 @@ where
     }
 
     #[inline(always)]
-    fn flow(&self, t: T, (z, m): &Self::State, u: &Self::Input, dt: T) -> Self::State {
-        let LowPowerState { x_hat, eta } = z;
+    fn flow(&self, t: T, z: &Self::State, u: &Self::Input, dt: T) -> Self::State {
+        let LowPowerState { x_hat, eta, r: m } = z;
         let phi = self.model.phi(t, x_hat, u);
         let above: SVector<T, N> =
             SVector::from_fn(|i, _| if i + 1 < N { self.saturation.apply(i, eta[i]) } else { phi });
@@ -453,12 +417,14 @@ where
             let own = if i + 1 < N { dt * (eta[i] - above[i]) } else { T::NEG_ZERO };
             x_hat[i] + moved[i] + own
         });
-        let eta = SVector::from_fn(|i, _| if i + 1 < N { eta[i] + moved[i + 1] } else { T::ZERO });
-        (LowPowerState { x_hat, eta }, m.plus(dt, &self.gain.rate::<N>(m, T::ZERO)))
+        let eta: SVector<T, N> =
+            SVector::from_fn(|i, _| if i + 1 < N { eta[i] + moved[i + 1] } else { T::ZERO });
+        let r = m.plus(dt, &self.gain.rate::<N>(m, T::ZERO));
+        LowPowerState { x_hat, eta: eta.into(), r }
     }
 
     #[inline(always)]
-    fn inject(&self, (z, m): &Self::State, e1: &T, k: &Self::Gains, dt: T) -> Self::State {
+    fn inject(&self, z: &Self::State, e1: &T, k: &Self::Gains, dt: T) -> Self::State {
         let ([placed, alone], mut new) = (k, *z);
         for i in 0..N {
             let e =
@@ -474,6 +440,7 @@ where
             new.x_hat[i] += placed.a[i] * within + alone.a[i] * beyond;
             new.eta[i] += placed.b[i] * within + alone.b[i] * beyond;
         }
-        (new, m.plus(dt, &driven::<T, G, N>(&self.gain, m, *e1)))
+        new.r = z.r.plus(dt, &driven::<T, G, N>(&self.gain, &z.r, *e1));
+        new
     }
 }

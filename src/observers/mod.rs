@@ -1,4 +1,7 @@
-//! Floor 2. The observers, one law a file, its paper and equations at the head.
+//! Floor 2. The observers: the one list of laws, and one law a file, its paper and equations at the head.
+//!
+//! A law is added by its file, which is named here, and by its row in [`for_each_law!`](crate::for_each_law).
+//! Whatever has to know all laws asks the list: [`LAWS`] at run time, the macro at compile time.
 
 mod collection;
 mod low_power;
@@ -7,23 +10,224 @@ mod reduced_order;
 mod sampled_data;
 mod standard;
 
-pub use collection::{CopyState, ModifiedObserver, RepelledCollection};
+pub use collection::{CopyState, ModifiedObserver, ModifiedState, RepelledCollection};
 pub use low_power::{BlockGains, LowPower, LowPowerObserver, LowPowerState};
 pub use peaking_free::PeakingFreeObserver;
 pub use reduced_order::{ReducedOrderObserver, ReducedOrderState};
 pub use sampled_data::SampledDataObserver;
-pub use standard::StandardObserver;
+pub use standard::{StandardObserver, StandardState};
 
 pub use crate::saturation::{HardClip, NoSaturation, Saturation, SmoothSaturation};
 
 use crate::Scalar;
 use crate::error::{DesignError, finite};
 use crate::gain::GainLaw;
+use crate::laws::{Design, Form, Gain, Law, Sizes, part};
 use crate::memory::Memory;
 use nalgebra::SVector;
 
 /// Orders that the package is built and tested for.
 pub const MAX_ORDER: usize = 12;
+
+/// The one list of laws: hand its rows to a macro.
+///
+/// `for_each_law!(callback)` becomes `callback! { rates { … } … recursions { … } … }`, and
+/// `for_each_law!(callback, tokens)` becomes `callback! { [tokens] rates { … } … }`. Laws that are given by
+/// a rate come first. A row says, in this order:
+///
+/// - `kind`, `title`: the word for the law in specs and files, and its name;
+/// - `law`: its type, of a scalar `T`, a gain law `G`, a model `Md`, a saturation `S`, an order `N`, a second
+///   size `K` and inputs `M`, which the callback gives a meaning;
+/// - `new`: what its constructor takes: lists of coefficients with their counts, then a gain law (`gain`, or
+///   `adaptive` where it takes no other), a `model`, a saturation (`saturation`, or `no_saturation`);
+/// - `orders`: those built at run time;
+/// - `size`: name and values of the second size, or nothing;
+/// - `design`: how many poles make the coefficients, and by which function; or nothing;
+/// - `form`: of the model; `placed`: whether `zoh` and `bilinear` are defined;
+/// - `memory`: its parts with their counts;
+/// - `source`: paper and equations.
+///
+/// Rows of recursions have neither constructor nor orders: what they are made of depends on their models.
+#[macro_export]
+macro_rules! for_each_law {
+    ($callback:ident $(, $($given:tt)*)?) => {
+        $callback! {
+            $([$($given)*])?
+            rates {
+                kind: "standard", title: "standard high-gain observer",
+                law: $crate::observers::StandardObserver<T, G, Md, N, M>,
+                new: [k(n)] [gain, model],
+                orders: [1 2 3 4 5 6 7 8 9 10 11 12], size: [],
+                design: [(n) $crate::observers::chain_from_poles],
+                form: Triangular, placed: true,
+                memory: [x_hat(n) r(moves)],
+                source: "Sanfelice and Praly (5)-(7); Astolfi et al. (2); Lee, Choi and Khalil (39)",
+            }
+            rates {
+                kind: "low-power", title: "low-power observer",
+                law: $crate::observers::LowPower<T, G, Md, $crate::observers::NoSaturation, N, M>,
+                new: [alpha(n) beta(n - 1)] [gain, model, no_saturation],
+                orders: [1 2 3 4 5 6 7 8 9 10 11 12], size: [],
+                design: [(2 n - 1) $crate::observers::blocks_from_poles],
+                form: Phase, placed: true,
+                memory: [x_hat(n) eta(n - 1) r(moves)],
+                source: "Astolfi, Marconi, Praly and Teel (5)",
+            }
+            rates {
+                kind: "peaking-free", title: "low-power peaking-free observer",
+                law: $crate::observers::LowPower<T, G, Md, S, N, M>,
+                new: [alpha(n) beta(n - 1)] [gain, model, saturation],
+                orders: [1 2 3 4 5 6 7 8 9 10 11 12], size: [],
+                design: [(2 n - 1) $crate::observers::blocks_from_poles],
+                form: Phase, placed: true,
+                memory: [x_hat(n) eta(n - 1) r(moves)],
+                source: "Astolfi, Marconi, Praly and Teel (11)",
+            }
+            rates {
+                kind: "collection", title: "collection of observers that repel each other",
+                law: $crate::observers::RepelledCollection<T, Md, N, K, M>,
+                new: [k(n) k_bar(n)] [adaptive, model],
+                orders: [2], size: [copies 2 3 4 5],
+                design: [],
+                form: Triangular, placed: false,
+                memory: [copies(m (n + 1))],
+                source: "Sanfelice and Praly (23), (24)",
+            }
+            rates {
+                kind: "modified", title: "observer with the nominal gain of a collection",
+                law: $crate::observers::ModifiedObserver<T, Md, N, K, M>,
+                new: [k(n) k_bar(n)] [adaptive, model],
+                orders: [2], size: [copies 2 3 4 5],
+                design: [],
+                form: Triangular, placed: false,
+                memory: [x_hat(n) r(1) copies(m (n + 1))],
+                source: "Sanfelice and Praly (25)",
+            }
+            recursions {
+                kind: "sampled-data", title: "sampled-data observer",
+                law: $crate::observers::SampledDataObserver<Md, N, M>,
+                new: [], form: Sampled,
+                memory: [x_hat(n)],
+                source: "Fu, Kang and Li (5)",
+            }
+            recursions {
+                kind: "reduced-order", title: "reduced-order observer for sampled data",
+                law: $crate::observers::ReducedOrderObserver<T, Md, K, N, M>,
+                new: [h_bar(n) epsilon(1)], form: StrictFeedback,
+                memory: [z_hat(n) y(outputs) u(inputs) elapsed(1) period(1)],
+                source: "Katayama (8), (22)",
+            }
+        }
+    };
+}
+
+/// What constructors take behind the coefficients, as the gain laws and the saturation of a [`Law`].
+macro_rules! taken {
+    (gain) => {
+        Gain::Any
+    };
+    (adaptive) => {
+        Gain::Adaptive
+    };
+    (saturation) => {
+        true
+    };
+    (no_saturation) => {
+        false
+    };
+    () => {
+        false
+    };
+}
+
+macro_rules! table {
+    (
+        $(rates {
+            kind: $kind:literal, title: $title:literal,
+            law: $law:ty,
+            new: [$($name:ident $count:tt)*] [$gain:ident, model $(, $saturation:ident)?],
+            orders: [$($order:literal)*], size: [$($size:ident $($value:literal)*)?],
+            design: [$($poles:tt $place:path)?],
+            form: $form:ident, placed: $placed:literal,
+            memory: [$($part:ident $len:tt)*],
+            source: $source:literal,
+        })*
+        $(recursions {
+            kind: $r_kind:literal, title: $r_title:literal,
+            law: $r_law:ty,
+            new: [$($r_name:ident $r_count:tt)*], form: $r_form:ident,
+            memory: [$($r_part:ident $r_len:tt)*],
+            source: $r_source:literal,
+        })*
+    ) => {
+        /// The laws, in the order of their list.
+        pub const LAWS: &[Law] = &[
+            $(Law {
+                kind: $kind,
+                title: $title,
+                coefficients: &[$(part!($name $count)),*],
+                size: table!(@first $((stringify!($size), &[$($value),*]))?),
+                orders: &[$($order),*],
+                design: table!(@first $(Design { poles: part!(poles $poles), place: $place })?),
+                gain: taken!($gain),
+                saturated: taken!($($saturation)?),
+                form: Form::$form,
+                continuous: true,
+                placed: $placed,
+                memory: &[$(part!($part $len)),*],
+                source: $source,
+            },)*
+            $(Law {
+                kind: $r_kind,
+                title: $r_title,
+                coefficients: &[$(part!($r_name $r_count)),*],
+                size: None,
+                orders: &[],
+                design: None,
+                gain: Gain::None,
+                saturated: false,
+                form: Form::$r_form,
+                continuous: false,
+                placed: false,
+                memory: &[$(part!($r_part $r_len)),*],
+                source: $r_source,
+            },)*
+        ];
+    };
+    (@first) => { None };
+    (@first $value:expr) => { Some($value) };
+}
+for_each_law!(table);
+
+/// Trailing coefficients of the polynomial of these poles: see [`Design::place`].
+///
+/// # Errors
+/// As [`crate::polynomial::coefficients_from_poles`].
+pub fn chain_from_poles(
+    _: &Sizes,
+    poles: &[(f64, f64)],
+    out: &mut [f64],
+) -> Result<(), DesignError> {
+    crate::polynomial::write_coefficients(poles, out)
+}
+
+/// α, then β of n blocks: see [`Design::place`].
+///
+/// # Errors
+/// As [`crate::polynomial::low_power_coefficients_from_poles`].
+pub fn blocks_from_poles(
+    sizes: &Sizes,
+    poles: &[(f64, f64)],
+    out: &mut [f64],
+) -> Result<(), DesignError> {
+    let mut beta = [0.0; MAX_ORDER];
+    let (alpha, trailing) = out.split_at_mut(sizes.n.min(out.len()));
+    crate::polynomial::write_low_power_coefficients(poles, alpha, &mut beta)?;
+    for (slot, value) in trailing.iter_mut().zip(beta) {
+        *slot = value;
+    }
+    Ok(())
+}
 
 /// Coefficients that are finite, for an order within 1 to [`MAX_ORDER`].
 fn checked<T: Scalar, const N: usize>(

@@ -13,32 +13,22 @@ use crate::model::StrictFeedback;
 use crate::observer::{Causal, Measurement, Observer, Status, Timing, absent};
 use nalgebra::SVector;
 
-/// ẑ, the last sample seen, and the step that the next one closes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct ReducedOrderState<T, const NX: usize, const NZ: usize, const M: usize> {
-    /// Estimate ẑ.
-    pub z_hat: SVector<T, NZ>,
-    /// Last sample y.
-    pub y: SVector<T, NX>,
-    /// Input held over the step that the next sample closes.
-    pub u: SVector<T, M>,
-    /// Time since that sample in s; −1 before the first one.
-    pub elapsed: T,
-    /// Length of the step that the next sample closes, in s.
-    pub period: T,
-}
-
-crate::error::through_constructor! {
-    [T: Scalar, const NX: usize, const NZ: usize, const M: usize]
-    ReducedOrderState<T, NX, NZ, M>: z => {
-        z_hat: SVector<T, NZ> = z.z_hat,
-        y: SVector<T, NX> = z.y,
-        u: SVector<T, M> = z.u,
-        elapsed: T = z.elapsed,
-        period: T = z.period,
+crate::memory_struct! {
+    /// ẑ, the last sample seen, and the step that the next one closes.
+    #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+    #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+    pub struct ReducedOrderState<T; const NX: usize, const NZ: usize, const M: usize> {
+        /// Estimate ẑ.
+        pub z_hat: SVector<T, NZ>,
+        /// Last sample y.
+        pub y: SVector<T, NX>,
+        /// Input held over the step that the next sample closes.
+        pub u: SVector<T, M>,
+        /// Time since that sample in s; −1 before the first one.
+        pub elapsed: T,
+        /// Length of the step that the next sample closes, in s.
+        pub period: T,
     }
-    => Ok(Self { z_hat, y, u, elapsed, period })
 }
 
 impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> ReducedOrderState<T, NX, NZ, M> {
@@ -54,48 +44,6 @@ impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> ReducedOrderSt
         } else {
             Status::ModelUndefined
         }
-    }
-}
-
-impl<T: Scalar, const NX: usize, const NZ: usize, const M: usize> Memory<T>
-    for ReducedOrderState<T, NX, NZ, M>
-{
-    const LEN: usize = NZ + NX + M + 2;
-    #[inline(always)]
-    fn zero() -> Self {
-        Self {
-            z_hat: SVector::from_element(T::ZERO),
-            y: SVector::from_element(T::ZERO),
-            u: SVector::from_element(T::ZERO),
-            elapsed: T::ZERO,
-            period: T::ZERO,
-        }
-    }
-    #[inline(always)]
-    fn zip(&self, other: &Self, f: impl Fn(T, T) -> T + Copy) -> Self {
-        Self {
-            z_hat: self.z_hat.zip_map(&other.z_hat, f),
-            y: self.y.zip_map(&other.y, f),
-            u: self.u.zip_map(&other.u, f),
-            elapsed: f(self.elapsed, other.elapsed),
-            period: f(self.period, other.period),
-        }
-    }
-    #[inline(always)]
-    fn visit(&self, f: &mut impl FnMut(T)) {
-        self.z_hat.visit(f);
-        self.y.visit(f);
-        self.u.visit(f);
-        f(self.elapsed);
-        f(self.period);
-    }
-    #[inline(always)]
-    fn visit_mut(&mut self, f: &mut impl FnMut(&mut T)) {
-        self.z_hat.visit_mut(f);
-        self.y.visit_mut(f);
-        self.u.visit_mut(f);
-        f(&mut self.elapsed);
-        f(&mut self.period);
     }
 }
 

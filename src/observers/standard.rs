@@ -18,7 +18,19 @@ use crate::model::Model;
 use crate::observer::ContinuousLaw;
 use nalgebra::SVector;
 
-/// Standard high-gain observer of order N with M known inputs; memory (x̂, gain memory).
+crate::memory_struct! {
+    /// Memory of a standard observer.
+    #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+    #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+    pub struct StandardState<T, R: Memory; const N: usize> {
+        /// Estimate x̂.
+        pub x_hat: SVector<T, N>,
+        /// The gain law's memory: r where the gain moves, else nothing.
+        pub r: R,
+    }
+}
+
+/// Standard high-gain observer of order N with M known inputs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StandardObserver<T, G, Md, const N: usize, const M: usize = 0> {
@@ -110,49 +122,55 @@ where
     G: GainLaw<T>,
     Md: Model<T, N, M>,
 {
-    type State = (SVector<T, N>, G::Memory);
+    type State = StandardState<T, G::Memory, N>;
     type Input = SVector<T, M>;
     type Innovation = T;
     const ESTIMATED: usize = N;
 
     #[inline(always)]
     fn initial(&self) -> Self::State {
-        (SVector::from_element(T::ZERO), self.gain.initial())
+        StandardState { x_hat: SVector::from_element(T::ZERO), r: self.gain.initial() }
     }
 
     #[inline(always)]
-    fn innovation(&self, (x_hat, _): &Self::State, y: T) -> T {
-        y.innovation(x_hat[0]) // (7)
+    fn innovation(&self, z: &Self::State, y: T) -> T {
+        y.innovation(z.x_hat[0]) // (7)
     }
 
     #[inline(always)]
-    fn rate(&self, t: T, (x_hat, m): &Self::State, e: &T, u: &Self::Input) -> Self::State {
-        (self.rate_under(t, x_hat, self.gain.moving(m), *e, u), self.gain.rate::<N>(m, *e))
+    fn rate(&self, t: T, z: &Self::State, e: &T, u: &Self::Input) -> Self::State {
+        StandardState {
+            x_hat: self.rate_under(t, &z.x_hat, self.gain.moving(&z.r), *e, u),
+            r: self.gain.rate::<N>(&z.r, *e),
+        }
     }
 
     #[inline(always)]
-    fn injection(&self, (_, m): &Self::State, e: &T) -> Self::State {
-        (self.injected(self.gain.moving(m), *e), driven::<T, G, N>(&self.gain, m, *e))
+    fn injection(&self, z: &Self::State, e: &T) -> Self::State {
+        StandardState {
+            x_hat: self.injected(self.gain.moving(&z.r), *e),
+            r: driven::<T, G, N>(&self.gain, &z.r, *e),
+        }
     }
 
     #[inline(always)]
     fn stagger(&self, old: &Self::State, new: Self::State, dt: T) -> Self::State {
-        (stagger_chain(&old.0, new.0, dt), new.1)
+        StandardState { x_hat: stagger_chain(&old.x_hat, new.x_hat, dt), ..new }
     }
 
     #[inline(always)]
-    fn admissible(&self, (x_hat, m): Self::State) -> Self::State {
-        (x_hat, self.gain.admissible(m))
+    fn admissible(&self, z: Self::State) -> Self::State {
+        StandardState { r: self.gain.admissible(z.r), ..z }
     }
 
     #[inline(always)]
-    fn speed(&self, (_, m): &Self::State) -> T {
-        self.gain.moving(m)
+    fn speed(&self, z: &Self::State) -> T {
+        self.gain.moving(&z.r)
     }
 
     #[inline(always)]
     fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
-        z.0.as_slice()
+        z.x_hat.as_slice()
     }
 }
 
@@ -177,14 +195,19 @@ where
     }
 
     #[inline(always)]
-    fn flow(&self, t: T, (x_hat, m): &Self::State, u: &Self::Input, dt: T) -> Self::State {
-        let rate = chain(x_hat) + self.model.f_hat(t, x_hat, u);
-        (ahead(x_hat, &rate, dt), m.plus(dt, &self.gain.rate::<N>(m, T::ZERO)))
+    fn flow(&self, t: T, z: &Self::State, u: &Self::Input, dt: T) -> Self::State {
+        let rate = chain(&z.x_hat) + self.model.f_hat(t, &z.x_hat, u);
+        StandardState {
+            x_hat: ahead(&z.x_hat, &rate, dt),
+            r: z.r.plus(dt, &self.gain.rate::<N>(&z.r, T::ZERO)),
+        }
     }
 
     #[inline(always)]
-    fn inject(&self, (x_hat, m): &Self::State, e: &T, k: &SVector<T, N>, dt: T) -> Self::State {
-        let corrected = SVector::from_fn(|i, _| x_hat[i] + k[i] * *e);
-        (corrected, m.plus(dt, &driven::<T, G, N>(&self.gain, m, *e)))
+    fn inject(&self, z: &Self::State, e: &T, k: &SVector<T, N>, dt: T) -> Self::State {
+        StandardState {
+            x_hat: SVector::from_fn(|i, _| z.x_hat[i] + k[i] * *e),
+            r: z.r.plus(dt, &driven::<T, G, N>(&self.gain, &z.r, *e)),
+        }
     }
 }

@@ -1,18 +1,20 @@
-//! Every observer of the crate, under every scheme that it takes, in a chosen precision.
+//! Every observer of the crate, under every scheme that it takes, in a chosen precision: the laws of the one
+//! list, and what the papers and the bounds of the orders add to them.
 
-use hgo_rs::gain::{AdaptiveGain, ConstantGain, DeadZoneGain};
+use hgo_rs::for_each_law;
+use hgo_rs::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
 use hgo_rs::injection::{Injected, Placed, Placement};
 use hgo_rs::integrate::Integrator;
+use hgo_rs::laws::{Design, Law, Sizes};
 use hgo_rs::memory::Memory;
-use hgo_rs::model::{InputGain, Unknown};
-use hgo_rs::models::{Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, VanDerPol};
+use hgo_rs::model::{Model, PhaseVariable, Unknown, last};
+use hgo_rs::models::{Correction, Crackle, Diffusion, SanfelicePraly, Ship, VanDerPol};
 use hgo_rs::observer::{
     ContinuousLaw, Current, Discretisation, Discretised, Euler, Hold, RungeKutta,
 };
 use hgo_rs::observers::{
-    HardClip, LowPowerObserver, ModifiedObserver, NoSaturation, PeakingFreeObserver,
-    ReducedOrderObserver, RepelledCollection, SampledDataObserver, SmoothSaturation,
-    StandardObserver,
+    HardClip, LAWS, LowPowerObserver, NoSaturation, PeakingFreeObserver, ReducedOrderObserver,
+    SampledDataObserver, Saturation, SmoothSaturation, StandardObserver,
 };
 use hgo_rs::polynomial::coefficients_from_poles;
 use hgo_rs::{DesignError, Observer, Scalar};
@@ -88,6 +90,7 @@ fn each_scheme<T, L>(
     for (scheme_name, scheme) in SCHEMES {
         visitor.visit(name, scheme_name, Discretised { law, scheme }, input);
     }
+    visitor.visit(name, "euler, current", Current { law, scheme: Euler }, input);
 }
 
 /// A law whose eigenvalues can be placed, under both timings.
@@ -106,7 +109,6 @@ where
     L::Gains: PartialEq + Debug + Stored + Logged,
 {
     each_scheme(visitor, name, law, input);
-    visitor.visit(name, "euler, current", Current { law, scheme: Euler }, input);
     let scheme = Placed::new(&law, Placement::Exact)?;
     let prepared = Discretised { law, scheme }.prepared(T::from_f64(1e-3));
     visitor.visit(name, "zoh", prepared, input);
@@ -119,37 +121,173 @@ fn fill<T: Scalar, const M: usize>(value: T) -> SVector<T, M> {
     SVector::from_element(value)
 }
 
+/// ẍ⋯ = u + sin t − sin x₁, of any order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Swing;
+
+impl<T: Scalar, const N: usize> PhaseVariable<T, N, 1> for Swing {
+    fn phi(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, 1>) -> T {
+        u.x + t.sin() - x_hat[0].sin()
+    }
+}
+
+impl<T: Scalar, const N: usize> Model<T, N, 1> for Swing {
+    fn f_hat(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, 1>) -> SVector<T, N> {
+        last(self.phi(t, x_hat, u))
+    }
+}
+
+/// What constructors of the list take.
+struct Given<T, G, const N: usize> {
+    gain: G,
+    adaptive: AdaptiveGain<T>,
+    model: Swing,
+    saturation: HardClip<T, N>,
+    no_saturation: NoSaturation,
+}
+
+/// Coefficients of a law of the list, for poles between −1 and −2.
+struct Numbers {
+    law: &'static Law,
+    sizes: Sizes,
+    values: [f64; 24],
+}
+
+impl Numbers {
+    fn new(kind: &str, n: usize, m: usize) -> Result<Self, DesignError> {
+        let law = Law::find(LAWS, kind).unwrap();
+        let sizes = Sizes { n, m, ..Sizes::default() };
+        let mut values = [0.0; 24];
+        if let Some(Design { poles, place }) = law.design {
+            let (count, mut given) = ((poles.len)(&sizes), [(0.0, 0.0); 24]);
+            for (i, pole) in given.iter_mut().enumerate() {
+                pole.0 = -1.0 - i as f64 / count as f64;
+            }
+            let coefficients = law.coefficients.iter().map(|part| (part.len)(&sizes)).sum();
+            place(&sizes, &given[..count], &mut values[..coefficients])?;
+        } else {
+            values[..4].copy_from_slice(&[2.0, 2.0, 0.0558, 0.0317]); // k, k_bar: Sanfelice and Praly
+        }
+        Ok(Self { law, sizes, values })
+    }
+
+    /// One list, with zeros behind it.
+    fn list<T: Scalar, const L: usize>(&self, name: &str) -> [T; L] {
+        let mut first = 0;
+        for part in self.law.coefficients {
+            let count = (part.len)(&self.sizes);
+            if part.name == name {
+                let value = |i| if i < count { self.values[first + i] } else { 0.0 };
+                return core::array::from_fn(|i| T::from_f64(value(i)));
+            }
+            first += count;
+        }
+        panic!("{name} is no list of {}", self.law.kind)
+    }
+}
+
+/// A function that shows the laws of the list, of order 2 and, where that is built, 5.
+macro_rules! list {
+    (
+        $(rates {
+            kind: $kind:literal, title: $title:literal,
+            law: $law:ty,
+            new: [$($name:ident $count:tt)*] [$($taken:ident),*],
+            orders: $orders:tt, size: [$($size:ident $first:literal $($others:literal)*)?],
+            design: $design:tt,
+            form: $form:ident, placed: $placed:ident,
+            memory: $memory:tt,
+            source: $source:literal,
+        })*
+        $(recursions { $($rest:tt)* })*
+    ) => {
+        fn visit_list<T>(visitor: &mut impl Visitor<T>) -> Result<(), DesignError>
+        where
+            T: Scalar + Stored + Logged,
+        {
+            let c = T::from_f64;
+            let adaptive = AdaptiveGain::new(c(10.0), c(0.0025), c(0.183))?;
+            $({
+                fn build<T, G, Md, S, const N: usize, const K: usize, const M: usize>(
+                    given: Given<T, G, N>,
+                ) -> Result<$law, DesignError>
+                where
+                    T: Scalar,
+                    G: GainLaw<T>,
+                    Md: PhaseVariable<T, N, M> + Model<T, N, M> + From<Swing>,
+                    S: Saturation<T> + From<HardClip<T, N>>,
+                {
+                    let numbers = Numbers::new($kind, N, K)?;
+                    <$law>::new($(numbers.list(stringify!($name)),)* $(given.$taken.into()),*)
+                }
+                const K: usize = list!(@size $($first)?);
+                list!(@orders $orders $kind, $placed, visitor, adaptive, K);
+            })*
+            Ok(())
+        }
+    };
+    (@size) => { 0 };
+    (@size $first:literal) => { $first };
+    (@orders [2] $($rest:tt)*) => {
+        list!(@moving $($rest)*);
+    };
+    (@orders $orders:tt $($rest:tt)*) => {
+        list!(@constant 2 $($rest)*);
+        list!(@constant 5 $($rest)*);
+        list!(@moving $($rest)*);
+    };
+    (@constant $n:literal $kind:literal, $($rest:tt)*) => {
+        let gain = ConstantGain::new(T::from_f64(4.0))?;
+        list!(@gain $n, gain, concat!($kind, ", n = ", $n), $($rest)*);
+    };
+    (@moving $kind:literal, $placed:ident, $visitor:ident, $adaptive:ident, $k:ident) => {
+        list!(@gain 2, $adaptive, concat!($kind, ", adaptive"), $placed, $visitor, $adaptive, $k);
+    };
+    (
+        @gain $n:literal, $gain:expr, $name:expr,
+        $placed:ident, $visitor:ident, $adaptive:ident, $k:ident
+    ) => {
+        let given = Given {
+            gain: $gain,
+            adaptive: $adaptive,
+            model: Swing,
+            saturation: HardClip::new([T::from_f64(3.0); $n])?,
+            no_saturation: NoSaturation,
+        };
+        let law = build::<T, _, Swing, HardClip<T, $n>, $n, $k, 1>(given)?;
+        list!(@placed $placed, $visitor, $name, law);
+    };
+    (@placed true, $visitor:ident, $name:expr, $law:ident) => {
+        each_placement($visitor, $name, $law, fill::<T, 1>)?;
+    };
+    (@placed false, $visitor:ident, $name:expr, $law:ident) => {
+        each_scheme($visitor, $name, $law, fill::<T, 1>);
+    };
+}
+for_each_law!(list);
+
 /// Construct every observer and show it to the visitor.
 pub fn visit_all<T>(visitor: &mut impl Visitor<T>) -> Result<(), DesignError>
 where
     T: Scalar + Stored + Logged,
 {
+    visit_list(visitor)?;
     let c = T::from_f64;
     let ell = |value: f64| ConstantGain::new(c(value));
-    let adaptive = AdaptiveGain::new(c(10.0), c(0.0025), c(0.183))?;
     let dead_zone = DeadZoneGain::new(c(10.0), c(0.0025), c(0.183))?;
-    let two = [c(2.0), c(2.0)];
     let linear = SanfelicePraly::new(c(1.9), c(0.1))?;
     let crackle = Crackle::new(c(3.0))?;
-    let five = [7.5, 22.1875, 32.343_75, 23.218_75, 6.5625].map(c);
     let (alpha, beta) = (ALPHA.map(c), BETA.map(c));
     let levels = [c(3.0); 5];
     let twelve = coefficients_from_poles([(c(-1.0), c(0.0)); 12])?;
 
     let standard = StandardObserver::<T, _, _, 1>::new([c(1.0)], ell(20.0)?, Unknown)?;
     each_scheme(visitor, "standard, n = 1", standard, fill::<T, 0>);
-    let standard = StandardObserver::<T, _, _, 2>::new(two, ell(20.0)?, Lee)?;
-    each_placement(visitor, "standard, n = 2", standard, fill::<T, 0>)?;
-    let standard = StandardObserver::<T, _, _, 5>::new(five, ell(4.0)?, crackle)?;
-    each_placement(visitor, "standard, n = 5", standard, fill::<T, 0>)?;
     let standard = StandardObserver::<T, _, _, 12>::new(twelve, ell(2.0)?, Unknown)?;
     each_scheme(visitor, "standard, n = 12", standard, fill::<T, 0>);
-    let driven = InputGain { b0: c(3.0) };
-    let standard = StandardObserver::<T, _, _, 2, 1>::new(two, ell(20.0)?, driven)?;
-    each_scheme(visitor, "standard with an input", standard, fill::<T, 1>);
-    let standard = StandardObserver::<T, _, _, 2>::new(two, adaptive, linear)?;
-    each_placement(visitor, "adaptive", standard, fill::<T, 0>)?;
-    let standard = StandardObserver::<T, _, _, 2>::new(two, dead_zone, linear)?;
+    let standard = StandardObserver::<T, _, _, 2>::new([c(2.0); 2], dead_zone, linear)?;
     each_scheme(visitor, "dead zone", standard, fill::<T, 0>);
 
     let low_power =
@@ -157,29 +295,11 @@ where
     each_scheme(visitor, "low-power, n = 1", low_power, fill::<T, 0>);
     let low_power =
         LowPowerObserver::<T, _, _, 5>::new(alpha, beta, ell(7.0)?, crackle, NoSaturation)?;
-    each_placement(visitor, "low-power, n = 5", low_power, fill::<T, 0>)?;
-    let low_power = LowPowerObserver::<T, _, _, 2>::new(
-        [c(2.0), c(2.0)],
-        [c(2.0), c(0.0)],
-        adaptive,
-        Unknown,
-        NoSaturation,
-    )?;
-    each_placement(visitor, "low-power, adaptive", low_power, fill::<T, 0>)?;
-    let hard = HardClip::new(levels)?;
-    let peaking_free =
-        PeakingFreeObserver::<T, _, _, _, 5>::new(alpha, beta, ell(7.0)?, crackle, hard)?;
-    each_placement(visitor, "peaking-free, hard clip", peaking_free, fill::<T, 0>)?;
+    each_placement(visitor, "low-power, crackle", low_power, fill::<T, 0>)?;
     let smooth = SmoothSaturation::new(levels)?;
     let peaking_free =
         PeakingFreeObserver::<T, _, _, _, 5>::new(alpha, beta, ell(7.0)?, crackle, smooth)?;
     each_scheme(visitor, "peaking-free, smooth", peaking_free, fill::<T, 0>);
-
-    let k_bar = [c(0.0558), c(0.0317)];
-    let collection = RepelledCollection::<T, _, 2, 3>::new(two, k_bar, adaptive, linear)?;
-    each_scheme(visitor, "collection of 3", collection, fill::<T, 0>);
-    let modified = ModifiedObserver { collection };
-    each_scheme(visitor, "modified", modified, fill::<T, 0>);
 
     let model = VanDerPol::new(c(0.8), c(0.5), Diffusion::Additive, Correction::Derived)?;
     let sampled = SampledDataObserver::<_, 2> { model };

@@ -10,7 +10,7 @@ use hgo_rs::noise::{Draw, Noise, Sine};
 use hgo_rs::observer::{ContinuousLaw, Discretisation, Discretised, Hold, Measurement, RungeKutta};
 use hgo_rs::observers::{
     HardClip, LowPowerObserver, NoSaturation, PeakingFreeObserver, SmoothSaturation,
-    StandardObserver,
+    StandardObserver, StandardState,
 };
 use hgo_rs::polynomial::{coefficients_from_poles, low_power_coefficients_from_poles};
 use hgo_rs::schedule::FixedStep;
@@ -197,7 +197,7 @@ fn sinusoidal_noise() {
         (4.4894, 5000.0, [0.0281, 0.3465, 2.1064, 6.3071, 7.4393]),
     ];
     for (amplitude, omega, expected) in table {
-        let ours = errors(&law, (ones, ()), amplitude, omega, 4.901);
+        let ours = errors(&law, StandardState { x_hat: ones, r: () }, amplitude, omega, 4.901);
         for i in 0..5 {
             close("table 4", ours[i], expected[i], 2e-3);
         }

@@ -10,7 +10,7 @@ use hgo_rs::model::Unknown;
 use hgo_rs::models::Lee;
 use hgo_rs::noise::{Draw, Noise};
 use hgo_rs::observer::{Discretised, Euler};
-use hgo_rs::observers::StandardObserver;
+use hgo_rs::observers::{StandardObserver, StandardState};
 use hgo_rs::schedule::{FixedStep, Schedule, StochasticApproximation};
 use hgo_rs::simulate::Experiment;
 use nalgebra::{SMatrix, Vector2};
@@ -204,7 +204,7 @@ fn largest_stable_period_is_epsilon() {
     let error_after = |period: f64| {
         let clock = Clock::Fixed(FixedStep::new(period).unwrap());
         let run = experiment(Lee, PlantScheme::Held, clock, 4_000);
-        let start = (Vector2::new(1.0, 0.0), ());
+        let start = StandardState { x_hat: Vector2::new(1.0, 0.0), r: () };
         run.sampled(
             &observer(),
             |u| *u,
@@ -215,6 +215,6 @@ fn largest_stable_period_is_epsilon() {
         )
     };
     let below = error_after(0.99 * EPSILON);
-    assert!(below.diverged_at.is_none() && below.z.0.amax() < 1e-6, "{below:?}");
+    assert!(below.diverged_at.is_none() && below.z.x_hat.amax() < 1e-6, "{below:?}");
     assert!(error_after(1.01 * EPSILON).diverged_at.is_some());
 }

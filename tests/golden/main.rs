@@ -19,7 +19,7 @@ use hgo_rs::model::{Plant, Unknown, no_input};
 use hgo_rs::models::{Lee, SanfelicePraly};
 use hgo_rs::noise::{Draw, Noise, Sine};
 use hgo_rs::observer::{ContinuousLaw, Discretised, Measurement, StaggeredEuler};
-use hgo_rs::observers::StandardObserver;
+use hgo_rs::observers::{StandardObserver, StandardState};
 use hgo_rs::schedule::{FixedStep, Schedule};
 use hgo_rs::simulate::{Experiment, Probe, RunMetrics, Sample};
 use nalgebra::Vector2;
@@ -161,14 +161,14 @@ fn staggered_step_written_out() {
     let law = StandardObserver::new([2.0, 2.0], gain, model).unwrap();
     let observer = Discretised { law, scheme: StaggeredEuler };
     let (x1, x2, r, y, dt) = (0.3, -0.2, 1.4_f64, 0.5, 0.01);
-    let mut z = (Vector2::new(x1, x2), r);
+    let mut z = StandardState { x_hat: Vector2::new(x1, x2), r };
     observer.step(&mut z, &y, &no_input(), 0.0, dt);
     let e = y - x1;
     let new2 = x2 + dt * 2.0 * r * r * e;
     let new1 = x1 + dt * (new2 + 1.9 * x1 + 2.0 * r * e);
     let rate = 10.0 * ((e * e - 0.0025) * r.powf(1.0 - 2.0 * 0.183) + 0.0025 / r.powi(4));
-    close("x1", z.0.x, new1, 1e-14);
-    close("x2", z.0.y, new2, 1e-14);
-    close("r", z.1, r + dt * rate, 1e-14);
+    close("x1", z.x_hat.x, new1, 1e-14);
+    close("x2", z.x_hat.y, new2, 1e-14);
+    close("r", z.r, r + dt * rate, 1e-14);
     assert_eq!(gain.rate::<2>(&r, e).to_bits(), gain.rate::<2>(&r, -e).to_bits());
 }

@@ -6,7 +6,9 @@ use hgo_rs::integrate::{Integrator, PlantScheme};
 use hgo_rs::models::SanfelicePraly;
 use hgo_rs::noise::{Draw, Noise};
 use hgo_rs::observer::{ContinuousLaw, Discretisation, Discretised, Hold, RungeKutta};
-use hgo_rs::observers::{ModifiedObserver, RepelledCollection, StandardObserver};
+use hgo_rs::observers::{
+    CopyState, ModifiedObserver, ModifiedState, RepelledCollection, StandardObserver, StandardState,
+};
 use hgo_rs::schedule::FixedStep;
 use hgo_rs::simulate::Experiment;
 use nalgebra::{SVector, Vector2};
@@ -58,7 +60,7 @@ fn limit_cycle(scheme: Discretisation, dt: f64, p1: f64, p2: f64, settle: f64) -
     let nu1 = 2.22;
     let observer = Discretised { law: adaptive(nu1, p1, p2), scheme };
     let near = 0.04 * (p2 / 0.0025_f64).sqrt();
-    let z0 = (equilibrium(nu1) + Vector2::new(near, NU2), 1.1);
+    let z0 = StandardState { x_hat: equilibrium(nu1) + Vector2::new(near, NU2), r: 1.1 };
     let run = at_equilibrium(dt, nu1, steps(settle + 100.0, dt));
     let mut crossings = Vec::new();
     let mut before = 0.0;
@@ -144,7 +146,7 @@ fn identity_of_the_adaptive_law() {
         ends[1] = z[2];
         n += 1;
     };
-    let z0 = (Vector2::new(1.0, 0.0), 1.0);
+    let z0 = StandardState { x_hat: Vector2::new(1.0, 0.0), r: 1.0 };
     run.sampled(&observer, |u| *u, 0, equilibrium(1.9), z0, &mut Watch(watch));
     let whole = steps as f64;
     let gained = ends[1].powf(2.0 * B) - ends[0].powf(2.0 * B);
@@ -168,14 +170,14 @@ fn dead_zone_gain_without_noise() {
         let law = StandardObserver::new(K, gain, plant(nu1)).unwrap();
         let observer = Discretised { law, scheme: MEASUREMENT_HELD };
         let run = at_equilibrium(1e-3, nu1, 60_000);
-        let z0 = (Vector2::new(1.0, 0.0), 1.0);
+        let z0 = StandardState { x_hat: Vector2::new(1.0, 0.0), r: 1.0 };
         let mut metrics = Metrics::new(&[(50_000, 60_001)], 3, 3);
         let end = run.sampled(&observer, |u| *u, 0, equilibrium(nu1), z0, &mut metrics);
-        printed("r at the end", end.z.1, r_end, 2);
+        printed("r at the end", end.z.r, r_end, 2);
         // the oscillation of Tables 2 and 3's dead-zone rows is a solver error of the authors:
         // the errors settle at (0, ν₂)
         assert!(metrics.signal(0, 0).max() < 1e-6);
-        assert!((end.z.0.y - NU2).abs() < 1e-6, "{}", end.z.0.y);
+        assert!((end.z.x_hat.y - NU2).abs() < 1e-6, "{}", end.z.x_hat.y);
     }
 }
 
@@ -184,9 +186,10 @@ fn collection(p1: f64) -> RepelledCollection<f64, SanfelicePraly<f64>, 2, 3> {
     RepelledCollection::new(K, k_bar(), gain, plant(2.22)).unwrap()
 }
 
-fn spread_copies() -> [(Vector2<f64>, f64); 3] {
+fn spread_copies() -> [CopyState<f64, 2>; 3] {
     let x = equilibrium(2.22);
-    [0.05, -0.03, 0.02].map(|e1| (x + Vector2::new(e1, NU2 + 0.5 * e1), 1.1 + e1))
+    [0.05, -0.03, 0.02]
+        .map(|e1| StandardState { x_hat: x + Vector2::new(e1, NU2 + 0.5 * e1), r: 1.1 + e1 })
 }
 
 /// n_obs = 3 copies, μ = 0.026: mean nominal gain, and copies a third of a period apart.
@@ -234,7 +237,7 @@ fn repelled_copies_splay() {
 #[test]
 fn largest_surviving_step() {
     let x = equilibrium(2.22);
-    let start = (x + Vector2::new(1.05, 0.0), 1.0);
+    let start = StandardState { x_hat: x + Vector2::new(1.05, 0.0), r: 1.0 };
     let nothing = || Watch(|_, _: &[f64], _: &[f64]| {});
     let original = |scheme, p1, dt: f64| {
         let observer = Discretised { law: adaptive(2.22, p1, 0.0025), scheme };
@@ -244,8 +247,8 @@ fn largest_surviving_step() {
     let modified = |scheme, p1, dt: f64| {
         let observer = Discretised { law: ModifiedObserver { collection: collection(p1) }, scheme };
         let run = at_equilibrium(dt, 2.22, steps(60.0, dt));
-        let apart = |by: f64| (start.0 - Vector2::new(by, 0.0), 1.0);
-        let z0 = (start, [0.0, 0.01, 0.02].map(apart));
+        let apart = |by: f64| StandardState { x_hat: start.x_hat - Vector2::new(by, 0.0), r: 1.0 };
+        let z0 = ModifiedState { main: start, copies: [0.0, 0.01, 0.02].map(apart) };
         run.sampled(&observer, |u| *u, 0, x, z0, &mut nothing()).diverged_at.is_none()
     };
     // scheme, p1, original: survives, not; modified: survives, not
@@ -291,13 +294,13 @@ where
 #[test]
 #[cfg_attr(debug_assertions, ignore = "9 million steps: run with --release")]
 fn tables_1_and_4_with_noise() {
-    let start = (Vector2::new(1.0, 0.0), 1.0);
+    let start = StandardState { x_hat: Vector2::new(1.0, 0.0), r: 1.0 };
     let dead_zone = |nu1| {
         let gain = DeadZoneGain::new(10.0, 0.0025, B).unwrap();
         StandardObserver::new(K, gain, plant(nu1)).unwrap()
     };
     let modified = ModifiedObserver { collection: collection(10.0) };
-    let z0 = (start, spread_copies());
+    let z0 = ModifiedState { main: start, copies: spread_copies() };
     // mean e1, std e1, mean e2, std e2; tolerance of the two std
     let rows = [
         (with_noise(dead_zone(1.9), 1.9, start, 3, 16), [-2.0e-2, 3.98e-3, 0.138, 1.39e-2], 0.03),

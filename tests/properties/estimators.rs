@@ -7,7 +7,7 @@ use hgo_rs::gain::{AdaptiveGain, ConstantGain};
 use hgo_rs::memory::Memory;
 use hgo_rs::model::{Unknown, no_input};
 use hgo_rs::observer::{Discretised, Euler, Measurement};
-use hgo_rs::observers::StandardObserver;
+use hgo_rs::observers::{StandardObserver, StandardState};
 use hgo_rs::polynomial::euler_limit;
 use hgo_rs::{Estimator, Observer, Scalar, Status, Timing};
 use nalgebra::Vector2;
@@ -114,7 +114,7 @@ fn a_late_sample_is_predicted_over_and_reported() {
     let observer = Discretised { law: law.unwrap(), scheme: Euler };
     let dt_max = euler_limit(&K) / ell;
     let mut estimator = Estimator::new(observer, dt_max).unwrap();
-    estimator.restart((Vector2::new(1.0, 2.0), ()));
+    estimator.restart(StandardState { x_hat: Vector2::new(1.0, 2.0), r: () });
     assert_eq!(estimator.step(&5.0, &no_input(), 1.001 * dt_max), Status::StepTooLong);
     let (x, dt) = (estimator.estimate(), 1.001 * dt_max);
     assert_eq!(x, [1.0 + dt * 2.0, 2.0]); // the chain alone: x1 moves with x2
@@ -134,9 +134,9 @@ fn a_gain_that_grew_shortens_the_limit() {
     let observer = Discretised { law, scheme: Euler };
     let mut estimator = Estimator::new(observer, 0.1).unwrap();
     assert_eq!(estimator.step(&0.0, &no_input(), 0.099), Status::Updated);
-    estimator.restart((Vector2::new(0.0, 0.0), 5.0));
+    estimator.restart(StandardState { x_hat: Vector2::new(0.0, 0.0), r: 5.0 });
     assert_eq!(estimator.step(&0.0, &no_input(), 0.021), Status::StepTooLong);
-    estimator.restart((Vector2::new(0.0, 0.0), 5.0));
+    estimator.restart(StandardState { x_hat: Vector2::new(0.0, 0.0), r: 5.0 });
     assert_eq!(estimator.step(&0.0, &no_input(), 0.019), Status::Updated);
 }
 
@@ -145,9 +145,9 @@ fn divergence_is_reported_and_a_restart_ends_it() {
     let law = StandardObserver::<f64, _, _, 2>::new(K, ConstantGain::new(1.0).unwrap(), Unknown);
     let observer = Discretised { law: law.unwrap(), scheme: Euler };
     let mut estimator = Estimator::new(observer, 1.0).unwrap();
-    estimator.restart((Vector2::new(1e300, 1e300), ()));
+    estimator.restart(StandardState { x_hat: Vector2::new(1e300, 1e300), r: () });
     assert_eq!(estimator.step(&0.0, &no_input(), 0.9), Status::Updated);
-    estimator.restart((Vector2::new(0.0, f64::NAN), ()));
+    estimator.restart(StandardState { x_hat: Vector2::new(0.0, f64::NAN), r: () });
     assert_eq!(estimator.step(&0.0, &no_input(), 0.9), Status::Diverged);
     assert_eq!(estimator.step(&0.0, &no_input(), 0.9), Status::Diverged);
     estimator.restart(observer.initial());

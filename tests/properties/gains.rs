@@ -6,7 +6,7 @@ use hgo_rs::Observer;
 use hgo_rs::gain::{AdaptiveGain, DeadZoneGain, GainLaw};
 use hgo_rs::model::{Unknown, no_input};
 use hgo_rs::observer::Discretised;
-use hgo_rs::observers::StandardObserver;
+use hgo_rs::observers::{StandardObserver, StandardState};
 use hgo_rs::schedule::{Schedule, StochasticApproximation};
 use hgo_rs::simulate::DIVERGED;
 use nalgebra::Vector2;
@@ -19,11 +19,11 @@ where
 {
     let law = StandardObserver::<f64, _, _, 2>::new([2.0, 2.0], gain, Unknown).unwrap();
     let observer = Discretised { law, scheme };
-    let mut z = (Vector2::zeros(), start);
+    let mut z = StandardState { x_hat: Vector2::zeros(), r: start };
     let mut trace = Vec::new();
     for y in samples {
         observer.step(&mut z, y, &no_input(), 0.0, dt);
-        trace.push(z.1);
+        trace.push(z.r);
     }
     trace
 }

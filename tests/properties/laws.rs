@@ -1,14 +1,17 @@
 //! The laws written out, in both precisions, and where one is a case of another.
 
 use crate::catalogue::{SCHEMES, Visitor, visit_all};
-use hgo_rs::gain::{AdaptiveGain, ConstantGain};
+use hgo_rs::for_each_law;
+use hgo_rs::gain::{AdaptiveGain, ConstantGain, GainLaw};
+use hgo_rs::laws::{Form, Gain, Law, Sizes};
 use hgo_rs::memory::Memory;
-use hgo_rs::model::{InputGain, StrictFeedback, Unknown, no_input};
+use hgo_rs::model::{InputGain, Model, PhaseVariable, StrictFeedback, Unknown, no_input};
 use hgo_rs::models::{SanfelicePraly, Ship};
-use hgo_rs::observer::{Discretised, Euler, Measurement, StaggeredEuler};
+use hgo_rs::observer::{ContinuousLaw, Discretised, Euler, Measurement, StaggeredEuler};
 use hgo_rs::observers::{
-    HardClip, LowPowerObserver, ModifiedObserver, NoSaturation, PeakingFreeObserver,
-    RepelledCollection, StandardObserver,
+    CopyState, HardClip, LAWS, LowPowerObserver, ModifiedObserver, ModifiedState, NoSaturation,
+    PeakingFreeObserver, ReducedOrderState, RepelledCollection, Saturation, StandardObserver,
+    StandardState,
 };
 use hgo_rs::{Observer, Scalar};
 use nalgebra::{SMatrix, SVector, Vector1, Vector2, Vector3};
@@ -64,7 +67,7 @@ fn identical_copies_are_the_plain_observer() {
     let collection =
         RepelledCollection::<f64, _, 2, 3>::new([2.0, 2.0], [0.06, 0.03], gain, model).unwrap();
     for (name, scheme) in SCHEMES {
-        let start = (Vector2::new(0.4, -0.1), 1.3);
+        let start = StandardState { x_hat: Vector2::new(0.4, -0.1), r: 1.3 };
         let (mut one, mut three) = (start, [start; 3]);
         for k in 0..200_u16 {
             let y = (0.02 * f64::from(k)).sin();
@@ -83,37 +86,37 @@ fn collection_and_modified_observer_written_out() {
     let model = SanfelicePraly::new(nu1, 0.1).unwrap();
     let collection = RepelledCollection::<f64, _, 2, 3>::new(k, k_bar, gain, model).unwrap();
     let observer = Discretised { law: ModifiedObserver { collection }, scheme: Euler };
-    let main = (Vector2::new(0.2, 0.3), 1.1);
+    let main = StandardState { x_hat: Vector2::new(0.2, 0.3), r: 1.1 };
     let copies = [(0.1, -0.2, 1.2), (-0.3, 0.1, 1.5), (0.4, 0.0, 1.9)]
-        .map(|(a, c, r)| (Vector2::new(a, c), r));
+        .map(|(a, c, r)| StandardState { x_hat: Vector2::new(a, c), r });
     let (y, dt) = (0.25, 1e-3);
-    let mut z = (main, copies);
+    let mut z = ModifiedState { main, copies };
     observer.step(&mut z, &y, &no_input(), 0.0, dt);
 
     let adapted = |r: f64, error: f64| {
         r + dt * p1 * ((error * error - p2) * r.powf(1.0 - 2.0 * b) + p2 / r.powi(4))
     };
-    for (i, (x, r)) in copies.iter().enumerate() {
+    for (i, CopyState { x_hat: x, r }) in copies.iter().enumerate() {
         let error = x.x - y;
         let mut repulsion = 0.0;
-        for (j, (other, other_r)) in copies.iter().enumerate() {
+        for (j, CopyState { x_hat: other, r: other_r }) in copies.iter().enumerate() {
             if j != i {
                 repulsion += error / r.powf(b) - (other.x - y) / other_r.powf(b);
             }
         }
         let rate1 = x.y + nu1 * x.x - k[0] * r * error + k_bar[0] * r.powf(1.0 + b) * repulsion;
         let rate2 = -k[1] * r * r * error + k_bar[1] * r.powf(2.0 + b) * repulsion;
-        let (ours, ours_r) = z.1[i];
+        let CopyState { x_hat: ours, r: ours_r } = z.copies[i];
         assert!((ours - (x + Vector2::new(rate1, rate2) * dt)).amax() < 1e-15, "copy {i}");
         assert!((ours_r - adapted(*r, error)).abs() < 1e-15, "copy {i}");
     }
-    let ((x, r), error) = (main, main.0.x - y);
+    let (CopyState { x_hat: x, r }, error) = (main, main.x_hat.x - y);
     let nominal = (1.2 + 1.5 + 1.9) / 3.0;
     let product = r * nominal;
     let rate1 = x.y + nu1 * x.x - k[0] * product * error;
     let rate2 = -k[1] * product * product * error;
-    assert!((z.0.0 - (x + Vector2::new(rate1, rate2) * dt)).amax() < 1e-15);
-    assert!((z.0.1 - adapted(r, error)).abs() < 1e-15);
+    assert!((z.main.x_hat - (x + Vector2::new(rate1, rate2) * dt)).amax() < 1e-15);
+    assert!((z.main.r - adapted(r, error)).abs() < 1e-15);
     assert!((collection.nominal_gain(&copies) - nominal).abs() < 1e-15);
 }
 
@@ -125,13 +128,13 @@ fn staggered_chain_written_out() {
     let gain = ConstantGain::new(ell).unwrap();
     let law = StandardObserver::<f64, _, _, 3>::new(k, gain, Unknown).unwrap();
     let x = Vector3::new(0.2, -0.7, 1.1);
-    let mut z = (x, ());
+    let mut z = StandardState { x_hat: x, r: () };
     let e = y - x.x;
     Discretised { law, scheme: StaggeredEuler }.step(&mut z, &y, &no_input(), 0.0, dt);
     let x3 = x.z + dt * k[2] * ell.powi(3) * e;
     let x2 = x.y + dt * (x3 + k[1] * ell.powi(2) * e);
     let x1 = x.x + dt * (x2 + k[0] * ell * e);
-    assert!((z.0 - Vector3::new(x1, x2, x3)).amax() < 1e-14, "{}", z.0);
+    assert!((z.x_hat - Vector3::new(x1, x2, x3)).amax() < 1e-14, "{}", z.x_hat);
 }
 
 /// (5) and (11) of the low-power and peaking-free laws written out for n = 3, by forward Euler and
@@ -226,4 +229,52 @@ fn velocity_is_explained_by_least_squares() {
         let residual = v - g * z;
         assert!(g.tr_mul(&residual).amax() < 1e-14 && residual.amax() > 0.01, "{residual}");
     }
+}
+
+/// What the list says of a law's memory is what its type has.
+#[test]
+fn the_list_counts_the_entries_of_each_memory() {
+    fn law<T: Scalar, L: ContinuousLaw<T>>(kind: &str, n: usize, m: usize, moves: bool) {
+        let said = Law::find(LAWS, kind).unwrap();
+        let sizes = Sizes { n, m, moves, inputs: 1, ..Sizes::default() };
+        assert_eq!((said.memory_len(&sizes), n), (L::State::LEN, L::ESTIMATED), "{kind}");
+        assert!(said.continuous && said.form != Form::Sampled, "{kind}");
+    }
+    macro_rules! count {
+        (
+            $(rates {
+                kind: $kind:literal, title: $title:literal,
+                law: $law:ty,
+                $($rest:tt)*
+            })*
+            $(recursions {
+                kind: $recursion:literal, title: $name:literal,
+                law: $sampled:ty,
+                $($more:tt)*
+            })*
+        ) => {
+            $({
+                fn both<T: Scalar, G, Md, S, const N: usize, const K: usize, const M: usize>(
+                    moves: bool,
+                ) where
+                    G: GainLaw<T>,
+                    Md: PhaseVariable<T, N, M> + Model<T, N, M>,
+                    S: Saturation<T>,
+                {
+                    law::<T, $law>($kind, N, K, moves);
+                }
+                both::<f64, AdaptiveGain<f64>, InputGain<f64>, NoSaturation, 2, 3, 1>(true);
+                if Law::find(LAWS, $kind).unwrap().gain == Gain::Any {
+                    both::<f32, ConstantGain<f32>, InputGain<f32>, NoSaturation, 5, 3, 1>(false);
+                }
+            })*
+            let kinds = [$($kind,)* $($recursion),*];
+            assert!(kinds.iter().eq(LAWS.iter().map(|law| &law.kind)), "{kinds:?}");
+        };
+    }
+    for_each_law!(count);
+    let sizes = Sizes { n: 3, outputs: 4, inputs: 2, ..Sizes::default() };
+    let len = |kind| Law::find(LAWS, kind).unwrap().memory_len(&sizes);
+    assert_eq!(len("sampled-data"), 3);
+    assert_eq!(len("reduced-order"), ReducedOrderState::<f64, 4, 3, 2>::LEN);
 }

@@ -9,7 +9,7 @@ use hgo_rs::model::Unknown;
 use hgo_rs::models::{Lee, SanfelicePraly};
 use hgo_rs::noise::{Channel, Draw, Noise, Sine, Stream};
 use hgo_rs::observer::{Discretised, Euler, Measurement};
-use hgo_rs::observers::StandardObserver;
+use hgo_rs::observers::{StandardObserver, StandardState};
 use hgo_rs::schedule::{FixedStep, StochasticApproximation};
 use hgo_rs::simulate::{DIVERGED, Experiment, Probe, RunMetrics, Sample};
 use nalgebra::Vector2;
@@ -65,7 +65,8 @@ fn observer() -> Discretised<StandardObserver<f64, AdaptiveGain<f64>, SanfeliceP
 fn streaming_metrics_are_those_of_the_stored_run() {
     let sines = [Sine { amplitude: 0.02, omega: 9.0, phase: 0.4 }];
     let run = experiment(&sines);
-    let (x0, z0) = (Vector2::new(1.0, 0.5), (Vector2::new(0.0, 0.0), 1.0));
+    let (x0, z0) =
+        (Vector2::new(1.0, 0.5), StandardState { x_hat: Vector2::new(0.0, 0.0), r: 1.0 });
     let mut stored = Recorder::default();
     run.sampled(&observer(), |u| *u, 7, x0, z0, &mut stored);
     let windows = [Window { from: 0, to: 901 }, Window { from: 500, to: 700 }];
@@ -124,7 +125,8 @@ fn streaming_metrics_are_those_of_the_stored_run() {
 fn measurements_are_output_plus_noise() {
     let sines = [Sine { amplitude: 0.02, omega: 9.0, phase: 0.4 }];
     let run = experiment(&sines);
-    let (x0, z0) = (Vector2::new(1.0, 0.5), (Vector2::new(0.0, 0.0), 1.0));
+    let (x0, z0) =
+        (Vector2::new(1.0, 0.5), StandardState { x_hat: Vector2::new(0.0, 0.0), r: 1.0 });
     let (mut noisy, mut other) = (Recorder::default(), Recorder::default());
     run.sampled(&observer(), |u| *u, 7, x0, z0, &mut noisy);
     run.sampled(&observer(), |u| *u, 8, x0, z0, &mut other);
@@ -183,12 +185,12 @@ fn a_diverging_run_stops() {
         seed: 0,
     };
     let mut largest = 0.0;
-    let start = (Vector2::new(1.0, 0.0), ());
+    let start = StandardState { x_hat: Vector2::new(1.0, 0.0), r: () };
     let probe = &mut Largest(&mut largest);
     let end = run.sampled(&observer, |u| *u, 0, Vector2::zeros(), start, probe);
     let stopped = end.diverged_at.unwrap();
     assert!((3..50).contains(&stopped), "{stopped}");
-    assert!(largest <= DIVERGED && end.z.0.amax() > DIVERGED);
+    assert!(largest <= DIVERGED && end.z.x_hat.amax() > DIVERGED);
     let nan = Vector2::new(f64::NAN, 0.0);
     let probe = &mut Largest(&mut largest);
     let end = run.sampled(&observer, |u| *u, 0, nan, start, probe);

@@ -183,7 +183,7 @@ fn gains_are<const N: usize, const C: usize>((alpha, beta, cases): Precise<N, C>
     for (dt, a, b) in cases {
         let gains = law.gains(Placement::Exact, &poles, &law.initial(), dt);
         let mut z = law.initial();
-        z.0.eta.fill(1.0); // e_i = eta_(i-1)
+        z.eta.fill(1.0); // e_i = eta_(i-1)
         let moved = law.inject(&z, &1.0, &gains, dt);
         let compare = |name: &str, found: &[f64], wanted: &[f64]| {
             for (i, (found, wanted)) in found.iter().zip(wanted).enumerate() {
@@ -191,11 +191,11 @@ fn gains_are<const N: usize, const C: usize>((alpha, beta, cases): Precise<N, C>
                 assert!(near, "n = {N}, T = {dt}, {name}_{}: {found}, {wanted}", i + 1);
             }
         };
-        compare("a", moved.0.x_hat.as_slice(), &a);
-        z.0.eta.fill(0.0);
-        z.0.x_hat.fill(-1.0); // e_i = -x_hat_i
+        compare("a", moved.x_hat.as_slice(), &a);
+        z.eta.fill(0.0);
+        z.x_hat.fill(-1.0); // e_i = -x_hat_i
         let moved = law.inject(&z, &1.0, &gains, dt);
-        compare("b", &moved.0.eta.as_slice()[..N - 1], &b[..N - 1]);
+        compare("b", &moved.eta.as_slice()[..N - 1], &b[..N - 1]);
     }
 }
 
@@ -219,8 +219,8 @@ fn bounded<const N: usize>(
         let scheme = Placed::new(&law, Placement::Exact)?;
         let observer = Discretised { law, scheme }.prepared(dt);
         let mut z = observer.initial();
-        z.0.x_hat.fill(1e6);
-        z.0.eta.fill(-1e7);
+        z.x_hat.fill(1e6);
+        z.eta.fill(-1e7);
         let steps = 200.0 + 100.0 / c.min(1.0);
         let mut k = 0.0;
         while k < steps {
@@ -229,7 +229,7 @@ fn bounded<const N: usize>(
         }
         // in units of the levels, 2/dt^i
         let far = if c > returns { 1e3 * (1.0 + dt.powf(1.0 - N as f64)) } else { 1e-3 };
-        assert!(z.0.within(far), "n = {N}, c = {c}: {z:?}");
+        assert!(z.within(far), "n = {N}, c = {c}: {z:?}");
     }
     Ok(())
 }

@@ -7,7 +7,7 @@ use hgo_rs::memory::Memory;
 use hgo_rs::model::{StrictFeedback, Unknown, no_input};
 use hgo_rs::models::{SanfelicePraly, Ship};
 use hgo_rs::observer::{Discretisation, Discretised, Measurement};
-use hgo_rs::observers::{ReducedOrderObserver, StandardObserver};
+use hgo_rs::observers::{ReducedOrderObserver, StandardObserver, StandardState};
 use hgo_rs::{Observer, Scalar, Status};
 use nalgebra::{Vector2, Vector3};
 use proptest::prelude::*;
@@ -78,7 +78,7 @@ proptest! {
         for scheme in [Discretisation::Euler, Discretisation::StaggeredEuler] {
             let observer = Discretised { law, scheme };
             for y in MISSING {
-                let mut missing = (Vector2::new(x1, x2), r);
+                let mut missing = StandardState { x_hat: Vector2::new(x1, x2), r };
                 let mut own = missing;
                 observer.step(&mut missing, &y, &no_input(), 0.0, dt);
                 observer.step(&mut own, &x1, &no_input(), 0.0, dt);
@@ -89,11 +89,11 @@ proptest! {
         let gain = ConstantGain::new(50.0).unwrap();
         let law = StandardObserver::new([2.0, 2.0], gain, Unknown).unwrap();
         for (name, scheme) in &SCHEMES[1..] {
-            let mut z = (Vector2::new(x1, x2), ());
+            let mut z = StandardState { x_hat: Vector2::new(x1, x2), r: () };
             Discretised { law, scheme: *scheme }
                 .step(&mut z, &f64::NAN, &no_input(), 0.0, dt);
-            prop_assert!((z.0.x - (x1 + dt * x2)).abs() < 1e-14, "{}", name);
-            prop_assert_eq!(z.0.y, x2);
+            prop_assert!((z.x_hat.x - (x1 + dt * x2)).abs() < 1e-14, "{}", name);
+            prop_assert_eq!(z.x_hat.y, x2);
         }
     }
 }

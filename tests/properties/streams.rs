@@ -1,8 +1,9 @@
-//! Random streams against independent generators and their distributions.
+//! Random streams against independent generators and their distributions, and as a generator of `rand`.
 
 use super::config;
 use hgo_rs::noise::{Channel, Draw, Noise, SecondOrderSections, Sine, Stream};
 use proptest::prelude::*;
+use rand_distr::{Distribution, Exp1, StandardNormal, Triangular};
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use rand_xoshiro::{SplitMix64, Xoshiro256PlusPlus};
 
@@ -34,6 +35,29 @@ proptest! {
             let mut theirs = Xoshiro256PlusPlus::seed_from_u64(base);
             for _ in 0..20 {
                 prop_assert_eq!(ours.next_u64(), theirs.next_u64());
+            }
+        }
+    }
+
+    /// Words, half words and bytes through the traits of `rand`, from any seed; 0 throughout is no state.
+    #[test]
+    fn a_stream_is_a_generator_of_rand(
+        seed in prop_oneof![Just([0; 32]), prop::array::uniform32(any::<u8>())],
+        small in any::<u64>(),
+        len in 0_usize..70,
+    ) {
+        prop_assert_eq!(Stream::from_seed([0; 32]), Stream::seed_from_u64(0));
+        for (mut ours, mut theirs) in [
+            (Stream::from_seed(seed), Xoshiro256PlusPlus::from_seed(seed)),
+            (Stream::seed_from_u64(small), Xoshiro256PlusPlus::seed_from_u64(small)),
+        ] {
+            let (mut a, mut b) = ([0; 70], [0; 70]);
+            for _ in 0..20 {
+                prop_assert_eq!(Rng::next_u64(&mut ours), theirs.next_u64());
+                prop_assert_eq!(ours.next_u32(), theirs.next_u32());
+                ours.fill_bytes(&mut a[..len]);
+                theirs.fill_bytes(&mut b[..len]);
+                prop_assert_eq!(a, b);
             }
         }
     }
@@ -102,6 +126,19 @@ fn moments_of_the_distributions() {
         let [product, ..] = moments(|| first.normal() * second.normal());
         assert!(product.abs() < bound, "run {run}, {channel:?}: {product}");
     }
+}
+
+/// Laws of `rand_distr` draw from a stream: moments E x, E x², … E x⁸ of theirs.
+#[test]
+fn moments_of_the_laws_of_rand_distr() {
+    let mut stream = Stream::new(12, 0, Channel::Measurement);
+    let normal = [0.0, 1.0, 0.0, 3.0, 0.0, 15.0, 0.0, 105.0];
+    matches(moments(|| StandardNormal.sample(&mut stream)), normal);
+    let exponential = [1.0, 2.0, 6.0, 24.0, 120.0, 720.0, 5040.0, 40320.0]; // k!
+    matches(moments(|| Exp1.sample(&mut stream)), exponential);
+    let triangular = Triangular::new(-1.0, 1.0, 0.0).unwrap(); // 2/((k + 1)(k + 2)), k even
+    let even = [0.0, 1.0 / 6.0, 0.0, 1.0 / 15.0, 0.0, 1.0 / 28.0, 0.0, 1.0 / 45.0];
+    matches(moments(|| triangular.sample(&mut stream)), even);
 }
 
 /// A stream whose first output is `word`, the rest of its state from `source`.

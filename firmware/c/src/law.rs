@@ -2,7 +2,7 @@
 
 use hgo_rs::error::{DesignError, require};
 use hgo_rs::nalgebra::SVector;
-use hgo_rs::observer::{Causal, ContinuousLaw, Timing};
+use hgo_rs::observer::{Causal, ContinuousLaw, CurrentState, Timing};
 use hgo_rs::observers::LowPower;
 use hgo_rs::polynomial::{euler_current_limit, euler_limit, low_power_polynomial};
 use hgo_rs::prelude::*;
@@ -102,7 +102,7 @@ where
     T: Scalar,
     L: ContinuousLaw<T, Input = SVector<T, 1>>,
 {
-    type State = (L::State, T);
+    type State = CurrentState<T, L::State>;
     type Measurement = T;
     type Input = SVector<T, 1>;
     const TIMING: Timing = if CAUSAL { Timing::Current } else { Timing::Predictor };
@@ -127,13 +127,13 @@ where
             return self.0.advance(z, y, phi, t, dt);
         }
         let Current { law, scheme } = self.0;
-        z.1 = T::ZERO; // the sample was used for the period: no correction is left
-        Discretised { law, scheme }.advance(&mut z.0, y, phi, t, dt)
+        z.elapsed = T::ZERO; // the sample was used for the period: no correction is left
+        Discretised { law, scheme }.advance(&mut z.law, y, phi, t, dt)
     }
 
     #[inline(always)]
     fn held(&self, z: &Self::State, dt: T) -> Self::State {
-        if CAUSAL { self.0.held(z, dt) } else { (z.0, T::ZERO) }
+        if CAUSAL { self.0.held(z, dt) } else { CurrentState { elapsed: T::ZERO, ..*z } }
     }
 
     #[inline(always)]
@@ -160,7 +160,7 @@ where
 }
 
 /// What a C state's estimator remembers: the law's memory, and the time that a correction is for.
-pub type Remembered<T, L> = (<L as ContinuousLaw<T>>::State, T);
+pub type Remembered<T, L> = CurrentState<T, <L as ContinuousLaw<T>>::State>;
 
 /// A law that C can configure.
 pub trait Law<T: Scalar>: ContinuousLaw<T, Input = SVector<T, 1>> {

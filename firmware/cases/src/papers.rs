@@ -6,7 +6,7 @@ use hgo_rs::models::{
     Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, ShipState, VanDerPol,
 };
 use hgo_rs::nalgebra::{SVector, Vector2, Vector3};
-use hgo_rs::observers::LowPowerState;
+use hgo_rs::observers::{CopyState, ModifiedState, StandardState};
 use hgo_rs::prelude::*;
 
 /// A case: its name and order, observer and plant, and the three functions of [`Case`].
@@ -51,14 +51,14 @@ type Standard<T, G, Md, const N: usize> = Discretised<StandardObserver<T, G, Md,
 
 // --- Lee, Choi and Khalil: plant (38), noise uniform on [-0.5, 0.5], (42)-(47) ----------------
 
-fn lee<T: Scalar>() -> Scenario<T, Lee, (Vector2<T>, ())> {
+fn lee<T: Scalar>() -> Scenario<T, Lee, StandardState<T, (), 2>> {
     let c = T::from_f64;
     Scenario {
         plant: Lee,
         scheme: PlantScheme::Deterministic(Integrator::Euler),
         draw: Draw::Uniform { low: c(-0.5), high: c(0.5) },
         x0: Vector2::new(c(10.0), c(10.0)),
-        z0: (Vector2::new(c(0.0), c(0.0)), ()),
+        z0: Memory::zero(),
     }
 }
 
@@ -105,10 +105,6 @@ fn crackle<T: Scalar, Z>(z0: Z) -> Result<Scenario<T, Crackle<T>, Z>, DesignErro
 const ALPHA: [f64; 5] = [3.0, 3.0, 3.0, 3.0, 2.0];
 const BETA: [f64; 5] = [8.5714, 3.2122, 1.4267, 0.5347, 0.0];
 
-fn low_power_start<T: Scalar>() -> (LowPowerState<T, 5>, ()) {
-    (LowPowerState::zero(), ())
-}
-
 case! {
     /// Standard, n = 3, as a differentiator of the measured state: poles at -1.
     Standard3 = "standard", 3;
@@ -116,7 +112,7 @@ case! {
         let law = StandardObserver::new([3.0, 3.0, 1.0].map(&number), ConstantGain::new(number(7.0))?, Unknown)?;
         Ok(Discretised { law, scheme: Euler })
     };
-    plant: Crackle<T> = || crackle((Vector3::from_element(T::ZERO), ()));
+    plant: Crackle<T> = || crackle(Memory::zero());
     schedule: |I| fixed(1e-3);
 }
 
@@ -128,7 +124,7 @@ case! {
         let (gain, model) = (ConstantGain::new(number(4.17))?, Crackle::new(number(3.0))?);
         Ok(Discretised { law: StandardObserver::new(k, gain, model)?, scheme: Euler })
     };
-    plant: Crackle<T> = || crackle((SVector::from_element(T::ZERO), ()));
+    plant: Crackle<T> = || crackle(Memory::zero());
     schedule: |I| fixed(1e-3);
 }
 
@@ -140,7 +136,7 @@ case! {
         let (alpha, beta) = (ALPHA.map(&number), BETA.map(&number));
         Ok(Discretised { law: LowPowerObserver::new(alpha, beta, gain, model, NoSaturation)?, scheme: Euler })
     };
-    plant: Crackle<T> = || crackle(low_power_start());
+    plant: Crackle<T> = || crackle(Memory::zero());
     schedule: |I| fixed(1e-3);
 }
 
@@ -153,7 +149,7 @@ case! {
         let clip = HardClip::new([3.0; 5].map(&number))?;
         Ok(Discretised { law: PeakingFreeObserver::new(alpha, beta, gain, model, clip)?, scheme: Euler })
     };
-    plant: Crackle<T> = || crackle(low_power_start());
+    plant: Crackle<T> = || crackle(Memory::zero());
     schedule: |I| fixed(1e-3);
 }
 
@@ -172,8 +168,8 @@ fn at_rest<T: Scalar, Z>(z0: Z) -> Result<Scenario<T, SanfelicePraly<T>, Z>, Des
     })
 }
 
-fn copy<T: Scalar>(x1: f64) -> (Vector2<T>, T) {
-    (Vector2::new(T::from_f64(x1), T::ZERO), T::ONE)
+fn copy<T: Scalar>(x1: f64) -> CopyState<T, 2> {
+    CopyState { x_hat: Vector2::new(T::from_f64(x1), T::ZERO), r: T::ONE }
 }
 
 fn adaptive<T: Scalar>(c: impl Fn(f64) -> T) -> Result<AdaptiveGain<T>, DesignError> {
@@ -227,7 +223,7 @@ case! {
     observer: Discretised<ModifiedObserver<T, SanfelicePraly<T>, 2, 3>, Euler> = |number| {
         Ok(Discretised { law: ModifiedObserver { collection: collection(number)? }, scheme: Euler })
     };
-    plant: SanfelicePraly<T> = || at_rest((copy(1.0), [1.0, 0.5, 0.0].map(copy)));
+    plant: SanfelicePraly<T> = || at_rest(ModifiedState { main: copy(1.0), copies: [1.0, 0.5, 0.0].map(copy) });
     schedule: |I| fixed(9e-3);
 }
 
