@@ -198,7 +198,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("matplotlib is not installed: no chart")
     print("wrote " + ", ".join(str(options.out / name) for name in written))
     if options.implementation is not None:
-        print(f"left out by --implementation: all but {', '.join(options.implementation)}")
+        print(f"left out by --implementation: all but {'; '.join(options.implementation)}")
     failures = [text for done in everything for text in done.failures]
     for text in failures:
         print(f"FAILED {text}", file=sys.stderr)

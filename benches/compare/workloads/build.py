@@ -68,7 +68,8 @@ def built(source: Path = ROOT) -> Built:
         [wheel] = clone.glob("target/wheels/*.whl")
         with zipfile.ZipFile(wheel) as archive:
             files = archive.infolist()
-        module = sum(one.file_size for one in files if "_core." in one.filename)
+        compiled = (".so", ".pyd")
+        module = sum(one.file_size for one in files if one.filename.endswith(compiled))
         return Built(ns, wheel.stat().st_size, module)
 
 
