@@ -33,6 +33,11 @@ typedef uint64_t word_at __attribute__((vector_size(8 * RUNS), aligned(8), may_a
 
 #define LOAD(p) (*(const real_at *)(p))
 #define STORE(p, x) (*(real_at *)(p) = (x))
+
+/* Row i of an array (n, runs), at block q of the runs from `run` on. What a run starts from is read
+   from such an array: of starts that it knows GCC sees that they are alike, and moves one block for
+   all. */
+#define AT(array, i) ((array) + (i) * runs + run + RUNS * q)
 #define INLINE static inline __attribute__((always_inline))
 
 INLINE real all(double x) { return x - (real){0}; }
@@ -75,9 +80,9 @@ INLINE real number(word n) {
 /* The generator xoshiro256++ of Blackman and Vigna, one stream a run. */
 typedef struct { word s[4]; } stream;
 
-INLINE stream stream_of(const uint64_t *words, int64_t runs, int64_t run) {
+INLINE stream stream_of(const uint64_t *words, int64_t runs) { /* the first of (4, runs) */
   stream g;
-  for (int j = 0; j < 4; j++) g.s[j] = *(const word_at *)(words + j * runs + run);
+  for (int j = 0; j < 4; j++) g.s[j] = *(const word_at *)(words + j * runs);
   return g;
 }
 INLINE word turned(word x, int by) { return (x << by) | (x >> (64 - by)); }

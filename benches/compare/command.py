@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from compare import instructions, summary
+from compare import instructions, processor, summary
 from compare.harness import OURS, Checked, LeftOut, Size, Workload
 from compare.instructions import Counts
 from compare.performance import Performance, publish
 from compare.summary import Measured, Row
 from compare.worker import Worker, WorkerError, cores, serve
 
-ROUNDS = {False: 7, True: 5}
-"""Samples of each implementation, full and quick; the medians are reported."""
+ROUNDS = {False: 30, True: 5}
+"""Samples of each implementation, full and quick; the smallest are reported."""
+TIMING = (
+    "the smallest of {} samples, of processor time on one thread and by the clock on the wall on"
+    f" several; *noisy*: not a quarter of them came within {summary.NOISY:.0%} of it"
+)
+"""How that is said on the page."""
+
+ALL = "all"
+"""Every workload that is not optional."""
 
 
 def measure(
@@ -26,8 +35,8 @@ def measure(
 ) -> Measured:
     """Check, warm up and time a workload; samples are taken in turn, so that all share the weather.
 
-    On one processor; on all; and, ours alone, on all by as many processes of one thread each, which
-    the system may place as it places the threads of one.
+    On one processor, by its time; on all, by the clock on the wall; and, ours alone, on all by as
+    many processes of one thread each, which the system may place as it places the threads of one.
     """
     done = Measured(workload)
     with ExitStack() as stack:
@@ -46,6 +55,7 @@ def measure(
         for worker in workers:
             checked = Checked(**worker.ask("check", only))
             done.missing |= checked.missing
+            done.told |= checked.told
             done.fail(checked.failed, worker.threads)
             for name in checked.distances:
                 if name in checked.failed:
@@ -108,10 +118,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from compare.workloads import WORKLOADS
 
     names = list(dict.fromkeys(workload.name for workload in WORKLOADS))
+    optional = [workload.name for workload in WORKLOADS if workload.optional]
     parser = argparse.ArgumentParser(prog="benches/compare", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out"), help="folder (default: out)")
     parser.add_argument(
-        "--workload", nargs="+", choices=names, metavar="NAME", help=", ".join(names)
+        "--workload",
+        nargs="+",
+        choices=(ALL, *names),
+        metavar="NAME",
+        help=f"{', '.join(names)}; {ALL} (default): all but {', '.join(optional)}",
+    )
+    parser.add_argument(
+        "--instructions",
+        choices=("avx2", "avx512"),
+        help="hold ours, C, Numba and JAX to an instruction set of x86 processors (default: what"
+        f" {processor.FORCE} says, or all that this one has)",
     )
     parser.add_argument(
         "--implementation", nargs="+", metavar="NAME", help="time these alone, and say so"
@@ -140,12 +161,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if name not in known:
             parser.error(f"--implementation {name!r}: choose from {', '.join(sorted(known))}")
 
+    if options.instructions is not None:
+        if not processor.has(options.instructions):
+            parser.error(f"--instructions {options.instructions}: not known to be there")
+        os.environ[processor.FORCE] = options.instructions
+    asked = options.workload or [ALL]
+
     options.out.mkdir(parents=True, exist_ok=True)
     machine = summary.Machine.this()
     print(f"{machine}\n")
     everything = []
     for workload in WORKLOADS:
-        if options.workload is not None and workload.name not in options.workload:
+        if workload.name not in asked and (workload.optional or ALL not in asked):
             continue
         try:
             done = measure(workload, cores(), quick=options.quick, only=options.implementation)
@@ -153,10 +180,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             done = Measured(workload, failures=[f"{workload.key}: {error}"])
         print(summary.table(done, machine.cores), end="\n\n", flush=True)
         everything.append(done)
-    whole = options.workload is None and options.implementation is None and not options.quick
-    Performance(machine, everything, counted() if whole else None).write(
-        options.out / "performance.json"
-    )
+    whole = ALL in asked and options.implementation is None and not options.quick
+    Performance(
+        machine, TIMING.format(ROUNDS[options.quick]), everything, counted() if whole else None
+    ).write(options.out / "performance.json")
     rows: list[Row] = [row for done in everything for row in done.rows]
     listed = json.dumps([asdict(row) for row in rows], indent=1)
     (options.out / "bench.json").write_text(f"{listed}\n", encoding="utf-8")
@@ -171,7 +198,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("matplotlib is not installed: no chart")
     print("wrote " + ", ".join(str(options.out / name) for name in written))
     if options.implementation is not None:
-        print(f"left out by --implementation: all but {', '.join(options.implementation)}")
+        print(f"left out by --implementation: all but {'; '.join(options.implementation)}")
     failures = [text for done in everything for text in done.failures]
     for text in failures:
         print(f"FAILED {text}", file=sys.stderr)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import shutil
 import subprocess
@@ -10,25 +11,29 @@ import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 
-from compare.harness import Call, NotInstalled, Size
+from compare import processor
+from compare.harness import Call, NotInstalled, Size, processor_time
 
 HERE = Path(__file__).resolve().parent
 FLAGS = (
-    *("-std=gnu11", "-O3", "-march=native", "-fopenmp-simd"),
+    *("-std=gnu11", "-O3", "-fopenmp-simd"),
     *("-fno-math-errno", "-fno-trapping-math", "-Wno-psabi"),
 )
 ROUNDED = "-ffp-contract=off"
 """No product and sum in one rounding, which GCC makes where the processor can. With it two
 processors give two results: the package, whose bits are the same everywhere, cannot."""
 _extra: ContextVar[tuple[str, ...]] = ContextVar("extra", default=())
-COLUMNS = 32
-"""A kernel takes whole multiples of so many runs: up to four blocks of the widest registers."""
+COLUMNS = 64
+"""A kernel takes whole multiples of so many runs: up to eight blocks of the widest registers."""
+TRIALS = 20
+"""Calls of each kernel from which the fastest is chosen, in turn."""
 PIECES = 8
 """Pieces of the work for each thread, so that none waits long for one that is held up."""
 
@@ -69,11 +74,16 @@ def library(
     become macros."""
     given = {"BLOCKS": blocks, **constants}
     macros = "".join(f"#define {name} {literal(value)}\n" for name, value in given.items())
+    flags = *FLAGS, *processor.march(), *_extra.get(), "-shared", "-fPIC", f"-I{HERE}"
+    return _loaded(f'{macros}#include "columns.h"\n{source}', (compiler(), *flags))
+
+
+@cache
+def _loaded(text: str, compile_: tuple[str, ...]) -> ctypes.CDLL:
     with tempfile.TemporaryDirectory() as folder:
         file, built = Path(folder, "kernel.c"), Path(folder, "kernel.so")
-        file.write_text(f'{macros}#include "columns.h"\n{source}', encoding="utf-8")
-        flags = [*FLAGS, *_extra.get(), "-shared", "-fPIC", f"-I{HERE}"]
-        command = [compiler(), *flags, str(file), "-o", str(built)]
+        file.write_text(text, encoding="utf-8")
+        command = [*compile_, str(file), "-o", str(built)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             raise RuntimeError(f"{' '.join(command)}\n{done.stderr}")
@@ -121,3 +131,28 @@ def call(
         return result
 
     return together
+
+
+def fastest(calls: Sequence[Call]) -> Call:
+    """That of several ways to do the same which takes the least time here."""
+    least = [math.inf] * len(calls)
+    for _ in range(TRIALS):
+        least = [min(ns, processor_time(one, 1)) for ns, one in zip(least, calls, strict=True)]
+    return calls[least.index(min(least))]
+
+
+def study(
+    source: str,
+    name: str,
+    blocks: Sequence[int],
+    runs: int,
+    threads: int,
+    *arguments: int | NDArray[Any],
+    result: NDArray[Any],
+    **constants: float | int | Sequence[float],
+) -> Call:
+    """`call` of the function ``name`` of a source, with that number of ``blocks`` in turn with
+    which it is fastest here: it hangs on the registers and on the delays of the processor."""
+    kernels = [getattr(library(source, number, **constants), name) for number in blocks]
+    calls = [call(kernel, runs, threads, *arguments, result=result) for kernel in kernels]
+    return fastest(calls)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import importlib
 import math
-import os
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -22,8 +20,6 @@ SEED = 1
 TWIN = "NumPy"
 """The implementation that the others are compared with: the package's NumPy reference."""
 OURS = "ours"
-FORCE = "HGO_INSTRUCTION_SET"
-"""The variable that holds the core to an instruction set; read at every call."""
 STANDARD_ERRORS = 4.0
 """Allowed between the means of implementations that draw numbers of their own."""
 
@@ -58,6 +54,17 @@ class Size:
     steps: int
 
 
+def around(centre: Sequence[float], spread: Sequence[float], runs: int) -> Array:
+    """Starts that differ from run to run, (runs, n): up to ``spread`` away from ``centre``.
+
+    Every implementation is handed these numbers when it runs. Starts that a compiler knows let it
+    move what is alike in all runs once for many of them, which no study that varies them can.
+    """
+    away = np.asarray(spread, dtype=np.float64)
+    drawn = np.random.default_rng(SEED).uniform(-away, away, (runs, len(centre)))
+    return np.asarray(np.asarray(centre, dtype=np.float64) + drawn)
+
+
 def in_seconds(window: tuple[int, int], dt: float) -> tuple[float, float]:
     """A window of steps in seconds."""
     return window[0] * dt, window[1] * dt
@@ -70,6 +77,7 @@ class Implementation:
     ``prepare(size, threads)`` returns the call that is timed, with everything compiled or loaded.
     ``share``: the part of the steps that is timed, for the slow.  ``parallel``: it can use threads.
     ``independent``: it draws random numbers of its own, so that it agrees in the mean alone.
+    ``bits``: the implementation whose result it has to have, bit for bit.
     """
 
     name: str
@@ -77,6 +85,7 @@ class Implementation:
     share: float = 1.0
     parallel: bool = True
     independent: bool = False
+    bits: str | None = None
 
 
 def as_given(result: Any) -> Array:
@@ -84,37 +93,20 @@ def as_given(result: Any) -> Array:
     return np.asarray(result, dtype=np.float64)
 
 
-def wall(call: Call, calls: int) -> float:
-    """Nanoseconds a call."""
+def processor_time(call: Call, calls: int) -> float:
+    """Nanoseconds that a call keeps processors busy, of all threads of this process."""
+    start = time.process_time_ns()
+    for _ in range(calls):
+        call()
+    return (time.process_time_ns() - start) / calls
+
+
+def wall_time(call: Call, calls: int) -> float:
+    """Nanoseconds until a call returns."""
     start = time.perf_counter_ns()
     for _ in range(calls):
         call()
     return (time.perf_counter_ns() - start) / calls
-
-
-def forced(prepare: Callable[[Size, int], Call], instructions: str) -> Callable[[Size, int], Call]:
-    """Ours, held to an instruction set of x86 processors."""
-
-    def held(size: Size, threads: int) -> Call:
-        info = Path("/proc/cpuinfo")
-        if not info.exists() or f" {instructions} " not in info.read_text(encoding="utf-8"):
-            raise LeftOut(f"{instructions} is not known to be there")
-        call = prepare(size, threads)
-
-        def within() -> Any:
-            before = os.environ.get(FORCE)
-            os.environ[FORCE] = instructions
-            try:
-                return call()
-            finally:
-                if before is None:
-                    del os.environ[FORCE]
-                else:
-                    os.environ[FORCE] = before
-
-        return within
-
-    return held
 
 
 @dataclass(frozen=True)
@@ -123,7 +115,9 @@ class Workload:
 
     ``statistics`` of a result, (runs, quantities), are what has to agree to ``tolerance``, relative
     to each quantity's largest value; they are taken outside the timed call.  ``case`` tells
-    workloads of one name apart.  ``clock`` gives the nanoseconds of a call.
+    workloads of one name apart.  ``clock`` gives the nanoseconds of a call where the harness cannot
+    take them.  ``tell`` says something of a result, beside its time.  ``optional``: it is done only
+    when it is asked for by name.
     """
 
     name: str
@@ -136,7 +130,9 @@ class Workload:
     tolerance: float = 1e-9
     parallel: bool = True
     statistics: Callable[[Any], Array] = as_given
-    clock: Callable[[Call, int], float] = wall
+    clock: Callable[[Call, int], float] | None = None
+    tell: Callable[[Any], str] | None = None
+    optional: bool = False
 
     @property
     def key(self) -> str:
@@ -165,6 +161,14 @@ def standard_errors(ours: Array, theirs: Array) -> float:
     return float(np.max(apart)) if np.isfinite(apart).all() else math.inf
 
 
+def differing(ours: Array, theirs: Array) -> int:
+    """How many numbers differ in a bit; all of them for another shape."""
+    if ours.shape != theirs.shape:
+        return max(ours.size, theirs.size)
+    a, b = (np.ascontiguousarray(one, dtype=np.float64).view(np.uint64) for one in (ours, theirs))
+    return int(np.count_nonzero(a != b))
+
+
 @dataclass(frozen=True)
 class Checked:
     """What became of each implementation before the timing, by name."""
@@ -172,16 +176,24 @@ class Checked:
     distances: dict[str, float]
     missing: dict[str, str]
     failed: dict[str, str]
+    told: dict[str, str] = field(default_factory=dict)
 
 
 class Bench:
-    """A workload in this process, on a number of threads."""
+    """A workload in this process, on a number of threads.
 
-    def __init__(self, workload: Workload, threads: int, *, quick: bool) -> None:
+    ``wall``: its samples are of the time that passes, not of the processor's.
+    """
+
+    def __init__(
+        self, workload: Workload, threads: int, *, quick: bool, wall: bool = False
+    ) -> None:
         self.workload, self.threads, self.quick = workload, threads, quick
-        self.seconds = 0.01 if quick else 0.2  # a sample lasts at least as long
+        self.seconds = 0.01 if quick else 0.05  # a sample lasts at least as long
+        self.clock = workload.clock or (wall_time if wall else processor_time)
         self._ready: dict[str, tuple[Call, int]] = {}
         self._first: dict[Size, tuple[str, Array]] = {}
+        self._of_all: dict[tuple[str, Size], Array] = {}
 
     def implementations(self) -> list[Implementation]:
         """Those that can use the threads."""
@@ -195,8 +207,10 @@ class Bench:
             if only is not None and one.name not in only:
                 continue
             try:
-                call = one.prepare(self.workload.check, self.threads)
-                results[one.name] = self.workload.statistics(call())
+                result = one.prepare(self.workload.check, self.threads)()
+                results[one.name] = self.workload.statistics(result)
+                if self.workload.tell is not None:
+                    done.told[one.name] = self.workload.tell(result)
             except LeftOut as error:
                 done.missing[one.name] = str(error)
             except Exception as error:
@@ -205,6 +219,7 @@ class Bench:
             against = TWIN if TWIN in results else next(iter(results))
             try:
                 done.distances[name] = self.agree(name, result, against, results[against])
+                self.same_bits(name, result, results)
             except Disagreement as error:
                 done.failed[name] = str(error)
         return done
@@ -227,21 +242,38 @@ class Bench:
             )
         return apart
 
+    def same_bits(self, name: str, result: Array, results: Mapping[str, Array]) -> None:
+        """Compare with the result of which this one has to have the bits, where that is there."""
+        other = self.implementation(name).bits
+        if other is None or other not in results:
+            return
+        count = differing(result, results[other])
+        if count:
+            raise Disagreement(
+                f"{self.workload.key}: {name} must have the bits of {other}; "
+                f"{count} of {result.size} numbers have others"
+            )
+
+    def implementation(self, name: str) -> Implementation:
+        """The one of that name."""
+        return next(i for i in self.workload.implementations if i.name == name)
+
     def warm(self, name: str) -> Size:
         """Prepare the timed work, do it, compare, and find how many calls a sample takes."""
-        one = next(i for i in self.implementations() if i.name == name)
+        one = self.implementation(name)
         size = self.workload.size(one, quick=self.quick)
         call = one.prepare(size, self.threads)
         result = self.workload.statistics(call())
         other, theirs = self._first.setdefault(size, (name, result))
         self.agree(name, result, other, theirs)
-        once = self.workload.clock(call, 1) * 1e-9
+        self._of_all[name, size] = result
+        self.same_bits(name, result, {n: r for (n, s), r in self._of_all.items() if s == size})
+        once = max(self.clock(call, 1) * 1e-9, 1e-6)
         self._ready[name] = call, max(1, math.ceil(self.seconds / once))
         return size
 
     def sample(self, name: str) -> float:
         """Nanoseconds a run and step."""
         call, calls = self._ready[name]
-        one = next(i for i in self.implementations() if i.name == name)
-        size = self.workload.size(one, quick=self.quick)
-        return self.workload.clock(call, calls) / (size.runs * size.steps)
+        size = self.workload.size(self.implementation(name), quick=self.quick)
+        return self.clock(call, calls) / (size.runs * size.steps)

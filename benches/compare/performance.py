@@ -14,9 +14,10 @@ from compare.summary import Machine, Measured
 
 @dataclass(frozen=True)
 class Performance:
-    """The machine, the workloads, and the instructions where they could be counted."""
+    """The machine, how was timed, the workloads, the instructions where they could be counted."""
 
     machine: Machine
+    timing: str
     measured: Sequence[Measured]
     counts: Counts | None
 
@@ -24,6 +25,7 @@ class Performance:
         """As JSON."""
         stored = {
             "machine": asdict(self.machine),
+            "timing": self.timing,
             "workloads": [done.stored() for done in self.measured],
             "instructions": None if self.counts is None else asdict(self.counts),
         }
@@ -37,6 +39,7 @@ class Performance:
         counts = stored["instructions"]
         return cls(
             Machine(**stored["machine"]),
+            stored["timing"],
             [Measured.of(done) for done in stored["workloads"]],
             None if counts is None else Counts.of(counts),
         )
@@ -52,30 +55,39 @@ page, its [chart](performance.png) and its [data](performance.json) are made by 
 
 ## How to read it
 
-Times are per run and step: the duration of a call, divided by the runs and by the steps of each;
-for a record, per sample. A call is the whole of what a user waits for once all is compiled or
-loaded: arguments, the study, the result's arrays. Each time is the median of samples taken in turn
-with those of all other implementations. *Ours is faster by* is an implementation's time over ours,
-on one thread: below 1, it is the faster one.
+Times are per run and step: that of a call, divided by the runs and by the steps of each; for a
+record, per sample. A call is the whole of what a user waits for once all is compiled or loaded:
+arguments, the study, the result's arrays. Samples of all implementations are taken in turn; how
+they are timed stands with the machine. On one thread two columns compare: *of C, rounded* is an
+implementation's time over that of *C, rounded* for the same instruction set; *ours is faster by* is
+its time over ours: below 1, it is the faster one.
 
-Every implementation draws the same random numbers, and its results are compared with those of the
-package's NumPy reference before it is timed and again at the size that is timed. (*Numba, plain*
-draws Numba's own; its means agree within standard errors.)
+Every implementation draws the same random numbers and starts from the same states, and its results
+are compared with those of the package's NumPy reference before it is timed and again at the size
+that is timed. (*Numba, plain* draws Numba's own; its means agree within standard errors.) All that
+are named *ours* must have the same bits, but for an own model whose equations are rounded in
+another order, as in `katayama-ship`.
 
 | implementation | what it is |
 | --- | --- |
-| ours | `simulate`, `run` or `step` of the package; *AVX2*: held to that instruction set |
+| ours | `simulate`, `run` or `step` of the package with its own systems |
+| ours, own model | the same equations as a user writes them: `hgo.Plant`, `hgo.Model` |
+| ours, interpreter; ours, llvm | held to one engine; *ours* takes the one that it finds fit |
+| ..., AVX2 | held to that instruction set, C compiled for it |
 | C | the limit: one kernel for one experiment; *rounded*: see below |
 | Numba | one compiled loop a run, `fastmath`, no allocation, `prange` over the runs |
 | JAX | `lax.scan` over the steps, `vmap` over the runs, `jit`, double precision |
 | NumPy | the reference `hgo_rs.reference`: arrays over the runs, a Python loop over the steps |
 
 A C kernel has its experiment's constants compiled in and is written in vectors as wide as the
-processor's registers, several blocks of runs interleaved so that no chain of operations is waited
-for; compiled with `-O3 -march=native`. It says what the work costs this processor. There the
-compiler makes a·b + c one operation with one rounding wherever the processor can, so that another
-processor gives other bits. *C, rounded* is the same kernel with every operation rounded, as the
-package computes: the limit of what gives the same bits everywhere.
+registers of the instruction set, several blocks of runs interleaved so that no chain of operations
+is waited for, as many as are fastest here; compiled with `-O3` for the processor. It says what the
+work costs this processor. What a run starts from is read from arrays, in C as in all others, and
+differs from run to run: a compiler that knows that all start alike moves once for many runs what no
+run's noise reaches. (*One start* is such a study; the kernels do not know it.) In *C* the compiler
+makes a·b + c one operation with one rounding wherever the processor can, so that another processor
+gives other bits. *C, rounded* is the same kernel with every operation rounded, as the package
+computes: the limit of what gives the same bits everywhere.
 
 """
 
@@ -84,12 +96,14 @@ REPEAT = """\
 
 ```sh
 make bench                                                 # measures -> out/performance.json
+python benches/compare --workload all build                # with a cold build, which takes minutes
 python benches/compare --page docs/performance.md --from out/performance.json
 ```
 
-`--workload` and `--implementation` take a part. JAX is timed where it is installed; the C compiler
-is `cc`, or `CC`. Times hold for the machine named, and for what else it does; instructions do not
-depend on either.
+`--workload` and `--implementation` take a part; `--instructions avx2` holds ours, C, Numba and JAX
+to an instruction set. The extra `bench` installs what is compared with, and what is missing is
+named under each table; the C compiler is `cc`, or `CC`. Times hold for the machine named, and for
+what else it does; instructions do not depend on either.
 
 """
 
@@ -107,14 +121,14 @@ and writes the table.
 
 def page(found: Performance) -> str:
     """The whole page."""
-    out = [HEAD, f"## Measured\n\nOn {found.machine}.\n\n"]
+    out = [HEAD, f"## Measured\n\nOn {found.machine}. Each time is {found.timing}.\n\n"]
     threads = found.machine.cores
     for done in found.measured:
         every = f"{threads} threads" if done.workload.parallel and threads > 1 else ""
         out.append(f"### {done.workload.key}\n\n")
-        out.append(f"{done.workload.title}; {summary.size(done)}.\n\n")
-        out.append(f"| implementation | 1 thread | {every} | ours is faster by |\n")
-        out.append("| --- | ---: | ---: | ---: |\n")
+        out.append(f"{summary.titled(done)}.\n\n")
+        out.append(f"| implementation | 1 thread | {every} | of C, rounded | ours is faster by |\n")
+        out.append("| --- | ---: | ---: | ---: | ---: |\n")
         out += ["| " + " | ".join(line) + " |\n" for line in summary.lines(done, threads)]
         out.append("\n")
         notes = summary.notes(done)

@@ -80,18 +80,18 @@ def numba_draws(own: bool) -> tuple[Any, Any, Any]:
     return start, uniform, normal
 
 
-def numba_study(one: Any, words: Words, threads: int) -> Call:
-    """The call of ``one(words, run)``, a number, for every run; gives (runs, 1)."""
+def numba_study(one: Any, words: Words, starts: Array, threads: int) -> Call:
+    """The call of ``one(words, run, start)``, a number, for every run; gives (runs, 1)."""
     numba, runs = need("numba"), words.shape[1]
 
     @numba.njit(parallel=threads > 1)
-    def study(words: Words) -> Array:
+    def study(words: Words, starts: Array) -> Array:
         numbers = np.empty((runs, 1))
         for run in numba.prange(runs):
-            numbers[run, 0] = one(words, run)
+            numbers[run, 0] = one(words, run, starts[run])
         return numbers
 
-    return lambda: study(words)
+    return lambda: study(words, starts)
 
 
 def jax_draws() -> tuple[Any, Any]:
@@ -122,15 +122,16 @@ def jax_draws() -> tuple[Any, Any]:
     return uniform, normal
 
 
-def jax_study(run: Any, columns: NDArray[Any], threads: int) -> Call:
-    """The call of ``run(column)`` for every run, a column each of (n, runs).
+def jax_study(run: Any, threads: int, *given: NDArray[Any]) -> Call:
+    """The call of ``run(column, ...)`` for every run, a column each of arrays (n, runs).
 
-    The runs are spread over as many devices as there are threads.
+    The runs are spread over as many devices as there are threads. `vmap` moves once for all runs
+    what depends on no column: what a run starts from has to come in one.
     """
     jax, place = need("jax"), None
     if threads > 1:
         mesh = jax.sharding.Mesh(np.array(jax.devices()[:threads]), ("runs",))
         place = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec(None, "runs"))
     study = jax.jit(jax.vmap(run, in_axes=1))
-    given = jax.device_put(np.ascontiguousarray(columns), place)
-    return lambda: study(given).block_until_ready()
+    placed = [jax.device_put(np.ascontiguousarray(columns), place) for columns in given]
+    return lambda: study(*placed).block_until_ready()

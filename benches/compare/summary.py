@@ -8,25 +8,29 @@ import re
 import shutil
 import statistics
 import subprocess
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from compare import processor
 from compare.harness import OURS, Size, Workload
 from compare.worker import cores
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-NOISY = 0.25
-"""Spread of the middle half of the samples, relative, from which on the table says so."""
+NOISY = 0.1
+"""Noisy is an implementation of which not a quarter of the samples come so near the smallest."""
+LIMIT = "C, rounded"
+"""What times are given in parts of; with the same instruction set where one is named."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A line of bench.json: the median over the samples [ns per run and step]."""
+    """A line of bench.json: the smallest of the samples [ns per run and step]."""
 
     workload: str
     implementation: str
@@ -38,23 +42,23 @@ class Row:
 
 @dataclass
 class Measured:
-    """A workload: rows, what was not there and why, what failed, what was noisy."""
+    """A workload: rows, what was not there and why, what was told, what failed, what was noisy."""
 
     workload: Workload
     rows: list[Row] = field(default_factory=list)
     missing: dict[str, str] = field(default_factory=dict)
+    told: dict[str, str] = field(default_factory=dict)
     failures: list[str] = field(default_factory=list)
     noisy: list[str] = field(default_factory=list)
     ns: dict[tuple[str, int], float] = field(default_factory=dict)
 
     def add(self, name: str, threads: int, values: Sequence[float], size: Size) -> None:
         """Take the samples of an implementation."""
-        value = statistics.median(values)
+        value = min(values)
         self._take(
             Row(self.workload.name, name + self._case, threads, value, size.runs, size.steps)
         )
-        low, _, high = statistics.quantiles(values, n=4)
-        if (high - low) / value > NOISY:
+        if statistics.quantiles(values, n=4)[0] > (1.0 + NOISY) * value:
             self.noisy.append(name if threads == 1 else f"{name} on {threads} threads")
 
     @property
@@ -72,6 +76,7 @@ class Measured:
             "key": self.workload.key,
             "rows": [asdict(row) for row in self.rows],
             "missing": self.missing,
+            "told": self.told,
             "failures": self.failures,
             "noisy": self.noisy,
         }
@@ -82,8 +87,8 @@ class Measured:
         from compare.workloads import WORKLOADS
 
         done = cls(next(one for one in WORKLOADS if one.key == stored["key"]))
-        done.missing, done.failures = dict(stored["missing"]), list(stored["failures"])
-        done.noisy = list(stored["noisy"])
+        done.missing, done.told = dict(stored["missing"]), dict(stored["told"])
+        done.failures, done.noisy = list(stored["failures"]), list(stored["noisy"])
         for row in stored["rows"]:
             done._take(Row(**row))
         return done
@@ -101,6 +106,13 @@ class Measured:
         """How many times faster ours is on one thread."""
         ours = self.ns.get((OURS, 1))
         return None if ours is None else self.ns[name, 1] / ours
+
+    def of_limit(self, name: str) -> float | None:
+        """Its time over that of `LIMIT` for the same instruction set, on one thread."""
+        held = next((h for h in processor.NAMES.values() if name.endswith(f", {h}")), None)
+        limit = LIMIT if held is None else f"{LIMIT}, {held}"
+        known = name != limit and (limit, 1) in self.ns
+        return self.ns[name, 1] / self.ns[limit, 1] if known else None
 
     def together(self) -> tuple[int, float, float] | None:
         """Number of processes, what they reach together, and that over what all cores reach."""
@@ -122,23 +134,19 @@ class Machine:
     @classmethod
     def this(cls) -> Machine:
         """This one."""
-        processor, flags = platform.processor() or platform.machine(), ""
-        info = Path("/proc/cpuinfo")
+        name, info = platform.processor() or platform.machine(), Path("/proc/cpuinfo")
         if info.exists():
             text = info.read_text(encoding="utf-8")
             model = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
-            found = re.search(r"^flags\s*:\s*(.+)$", text, re.MULTILINE)
-            processor = model.group(1) if model else processor
-            flags = found.group(1) if found else ""
-        widest = next((n for n in ("avx512f", "avx2", "sse2") if n in flags.split()), "")
-        names = {"avx512f": "AVX-512", "avx2": "AVX2", "sse2": "SSE2", "": platform.machine()}
+            name = model.group(1) if model else name
         parts = [f"Python {platform.python_version()}"]
-        for package in ("numpy", "numba", "jax", "scipy", "filterpy"):
+        for package in ("numpy", "llvmlite", "numba", "jax", "scipy", "filterpy"):
             try:
                 parts.append(f"{package} {metadata.version(package)}")
             except metadata.PackageNotFoundError:
                 parts.append(f"{package} not installed")
-        return cls(processor, len(cores()), names[widest], ", ".join([*parts, _compiler()]))
+        parts.append(_compiler())
+        return cls(name, len(cores()), processor.described(), ", ".join(parts))
 
     def __str__(self) -> str:
         return f"{self.processor}, {self.cores} cores, {self.instructions}; {self.versions}"
@@ -160,25 +168,24 @@ def short(ns: float) -> str:
     return f"{ns * 1e-9:.3g} s"
 
 
-def lines(done: Measured, threads: int) -> list[tuple[str, str, str, str]]:
-    """Implementation, one thread, all, factor: what the tables show."""
+def lines(done: Measured, threads: int) -> list[tuple[str, ...]]:
+    """Implementation, one thread, all, over the limit, factor: what the tables show."""
     shown = []
     for name in done.names():
-        factor, many = done.factor(name), done.ns.get((name, threads)) if threads > 1 else None
-        shown.append(
-            (
-                name,
-                short(done.ns[name, 1]),
-                "" if many is None else short(many),
-                "" if factor is None or name == OURS else f"{factor:.3g}",
-            )
-        )
+        many = done.ns.get((name, threads)) if threads > 1 else None
+        factor = None if name == OURS else done.factor(name)
+        ratios = ("" if r is None else f"{r:.3g}" for r in (done.of_limit(name), factor))
+        time = short(done.ns[name, 1])
+        shown.append((name, time, "" if many is None else short(many), *ratios))
     return shown
 
 
 def notes(done: Measured) -> list[str]:
     """What a reader has to know beside the numbers."""
-    said = [f"{name}: {reason}" for name, reason in done.missing.items()]
+    said = [f"{name}: {text}" for name, text in done.told.items()]
+    for reason in dict.fromkeys(done.missing.values()):
+        without = [name for name, why in done.missing.items() if why == reason]
+        said.append(f"{'; '.join(without)}: {reason}")
     together = done.together()
     if together is not None:
         count, value, ratio = together
@@ -187,26 +194,25 @@ def notes(done: Measured) -> list[str]:
             f"process reach {ratio:.2f} of that rate"
         )
     if done.noisy:
-        names = "; ".join(done.noisy)
-        said.append(
-            f"noisy, the middle half of the samples spreads over {NOISY:.0%} or more: {names}"
-        )
+        said.append(f"noisy: {'; '.join(done.noisy)}")
     return said + [f"FAILED {text}" for text in done.failures]
 
 
-def size(done: Measured) -> str:
-    """Runs and steps of ours, or of the first."""
+def titled(done: Measured) -> str:
+    """What the workload is, with the runs and steps of ours, or of the first."""
     row = next((row for row in done.rows if row.implementation.split(",")[0] == OURS), None)
     row = row or next(iter(done.rows), None)
-    return "" if row is None else f"{row.runs} runs x {row.steps} steps"
+    title = done.workload.title
+    several = row is not None and row.runs * row.steps > 1
+    return f"{title}; {row.runs} runs x {row.steps} steps" if row and several else title
 
 
 def table(done: Measured, threads: int) -> str:
     """A workload as text."""
     every = f"{threads} threads" if done.workload.parallel and threads > 1 else ""
-    head = f"{done.workload.key}: {done.workload.title} ({size(done)})"
-    out = [head, f"  {'':<16}{'1 thread':>12}{every:>12}{'ours is faster by':>20}"]
-    out += [f"  {a:<16}{b:>12}{c:>12}{d:>20}" for a, b, c, d in lines(done, threads)]
+    out = [f"{done.workload.key}: {titled(done)}"]
+    out.append(f"  {'':<22}{'1 thread':>12}{every:>12}{f'of {LIMIT}':>16}{'ours is faster by':>20}")
+    out += [f"  {a:<22}{b:>12}{c:>12}{d:>16}{e:>20}" for a, b, c, d, e in lines(done, threads)]
     return "\n".join(out + [f"  {note}" for note in notes(done)])
 
 
@@ -215,17 +221,18 @@ def markdown(everything: Sequence[Measured], machine: Machine, left_out: object 
     out = [
         "# Side by side",
         "",
-        f"Measured on {machine}. Medians, warm, time per run and step.",
+        f"Measured on {machine}. Smallest of the samples, warm, time per run and step.",
         "",
-        f"| workload | implementation | 1 thread | {machine.cores} threads | ours is faster by |",
-        "| --- | --- | ---: | ---: | ---: |",
+        f"| workload | implementation | 1 thread | {machine.cores} threads | of {LIMIT} |"
+        " ours is faster by |",
+        "| --- | --- | ---: | ---: | ---: | ---: |",
     ]
     for done in everything:
         shown = lines(done, machine.cores)
-        out += [f"| {done.workload.key} | {a} | {b} | {c} | {d} |" for a, b, c, d in shown]
+        out += ["| " + " | ".join((done.workload.key, *line)) + " |" for line in shown]
     out.append("")
     for done in everything:
-        out += [f"- {done.workload.key}: {done.workload.title} ({size(done)})"]
+        out += [f"- {done.workload.key}: {titled(done)}"]
         out += [f"  - {note}" for note in notes(done)]
     if left_out is not None:
         out += ["", f"Asked for were these implementations alone: {left_out}."]
@@ -266,7 +273,8 @@ def _panel(ax: Axes, done: Measured, threads: int) -> None:
         ours, limit = name.startswith(OURS), name.split(",")[0] == "C"
         colour = COLOURS["vermillion" if ours else "black" if limit else "blue"]
         if one is None:
-            ax.text(smallest, place, done.missing[name], color=COLOURS["grey"], va="center")
+            said = textwrap.shorten(done.missing[name], 44, placeholder=" ...")
+            ax.text(smallest, place, said, color=COLOURS["grey"], va="center")
             continue
         if many is not None and threads > 1:
             ax.plot([many, one], [place, place], color=colour, linewidth=1.0)

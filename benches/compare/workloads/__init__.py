@@ -5,6 +5,7 @@ from __future__ import annotations
 from compare.harness import Workload
 from compare.workloads import (
     astolfi_vertices,
+    build,
     fu_mc,
     import_time,
     katayama_ship,
@@ -15,7 +16,7 @@ from compare.workloads import (
 )
 
 WORKLOADS: tuple[Workload, ...] = (
-    lee_mc.WORKLOAD,
+    *lee_mc.WORKLOADS,
     fu_mc.WORKLOAD,
     astolfi_vertices.WORKLOAD,
     sanfelice_praly_mc.WORKLOAD,
@@ -23,4 +24,5 @@ WORKLOADS: tuple[Workload, ...] = (
     *record_1e6.WORKLOADS,
     online_step.WORKLOAD,
     import_time.WORKLOAD,
+    build.WORKLOAD,
 )

@@ -2,6 +2,9 @@
 
 RMS of z - z_hat, three velocities, of runs that start around the paper's state, from `BEGIN` on.
 A step: the controller, one RK4 step of the ship's six states, the observer's step.
+
+The ships' starts were read all along; the observers', 0 in the paper, are read too now. Constant
+ones let no compiler share more than a difference in the first step.
 """
 
 from __future__ import annotations
@@ -13,19 +16,19 @@ import numpy as np
 
 from compare import compiled, streams
 from compare.harness import (
-    OURS,
-    SEED,
     TWIN,
     Array,
     Call,
     Implementation,
+    LeftOut,
     Size,
     Workload,
-    forced,
+    around,
     in_seconds,
     need,
 )
-from hgo_rs import ReducedOrderObserver, Ship, reference, simulate
+from compare.studies import columns
+from hgo_rs import HgoError, Model, ReducedOrderObserver, Ship, reference, simulate
 from hgo_rs.reference.models import Ship as Constants
 from hgo_rs.scenarios import katayama as paper
 
@@ -40,11 +43,35 @@ BEGIN = paper.RMS_FROM / paper.T_END  # of the steps
 K = 0.3 / (H + 0.3)
 
 
+SPREAD = (0.5, 0.5, 0.5, 0.05, 0.05, 0.05, 0.05, 0.05, 0.05)  # [m, rad; m/s, rad/s] of x, z, z_hat
+
+
+def own_model() -> Model:
+    """What the observer knows of the ship, as a user writes it."""
+    s, c1, c2 = "(z2 - 1.18*z3)", "(M22*z2 + M23*z3)", "(-M11*z1)"
+    f1 = f"(-{c1}*z3 + D11*z1)"
+    f2 = f"(-{c2}*z3 + D22*z2 + D23*z3)"
+    f3 = f"({c1}*z1 + {c2}*z2 + D32*z2 + D33*z3)"
+    l21 = f"(0.102*z1*z1 - 0.0232*{s}*{s})"
+    l22 = f"(-0.0232*(z1*z1 + {s}*{s})*atan({s}/z1))"
+    l31 = f"(0.287*z1*z1 + 0.307*{s}*{s})"
+    return Model(
+        states=["x1", "x2", "x3", "z1", "z2", "z3"],
+        inputs=["u1", "u2"],
+        parameters={**MATRICES, "DET": DET},
+        f1=["0", "0", "0"],
+        g=[["cos(x3)", "-sin(x3)", "0"], ["sin(x3)", "cos(x3)", "0"], ["0", "0", "1"]],
+        f2=[
+            f"-1/M11*{f1} + u1",
+            f"M23/DET*{f3} - M33/DET*{f2} + {l21}*u2 + {l22}",
+            f"M23/DET*{f2} - M22/DET*{f3} + {l31}*u2 - 13.23*{l22}",
+        ],
+    )
+
+
 def starts(runs: int) -> Array:
-    """States around the paper's, (runs, 6): up to 0.5 m and rad, and 0.05 m/s and rad/s, away."""
-    spread = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
-    around = np.random.default_rng(SEED).uniform(-spread, spread, (runs, 6))
-    return np.array([*paper.POSITION, *paper.VELOCITY]) + around
+    """x, z, z_hat of each run, (runs, 9), around the paper's."""
+    return around((*paper.POSITION, *paper.VELOCITY, 0.0, 0.0, 0.0), SPREAD, runs)
 
 
 def window(size: Size) -> tuple[int, int]:
@@ -52,30 +79,44 @@ def window(size: Size) -> tuple[int, int]:
     return round(BEGIN * size.steps), size.steps
 
 
-def ours(size: Size, threads: int) -> Call:
-    observer = ReducedOrderObserver(h_bar=paper.H_BAR, epsilon=EPSILON)
+def ours(size: Size, threads: int, own: bool = False, **engine: Any) -> Call:
+    """With ``own`` the observer's model alone: no plant of a user's has the controller."""
+    model = own_model() if own else None
+    observer = ReducedOrderObserver(h_bar=paper.H_BAR, epsilon=EPSILON, model=model)
     begun, seconds = starts(size.runs), in_seconds(window(size), H)
+    memory = np.tile(observer.initial_memory(), (size.runs, 1))
+    memory[:, :3] = begun[:, 6:]
 
-    def call() -> Array:
+    def study(steps: int) -> Array:
         return simulate(
             Ship(),
             observer,
-            x0=begun,
+            x0=begun[:, :6],
+            memory0=memory,
             dt=H,
-            steps=size.steps,
+            steps=steps,
             plant_method="rk4",
             runs=size.runs,
             windows=[seconds],
             metrics=["rms"],
+            **engine,
         ).rms[:, 0]
 
-    return call
+    if own:
+        try:
+            study(size.steps)
+        except HgoError as error:
+            raise LeftOut(f"`simulate` refuses it: {error}") from None
+    return lambda: study(size.steps)
 
 
 def twin(size: Size, threads: int) -> Call:
     seconds = in_seconds(window(size), H)
     spec = paper.spec(H, EPSILON, t_end=H * size.steps, every=0, windows=[seconds])
-    spec |= {"x0": starts(size.runs), "runs": size.runs}
+    begun = starts(size.runs)
+    memory = np.tile(np.asarray(spec["memory0"]), (size.runs, 1))
+    memory[:, :3] = begun[:, 6:]
+    spec |= {"x0": begun[:, :6], "memory0": memory, "runs": size.runs}
     return lambda: reference.simulate(spec)["rms"][:, 0]
 
 
@@ -133,7 +174,8 @@ def in_numba(size: Size, threads: int) -> Call:
     @jit
     def one(start: Array, rms: Array) -> None:
         x, z = (start[0], start[1], start[2]), (start[3], start[4], start[5])
-        last, v1, v2, z_hat, squares = x, 0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        z_hat = (start[6], start[7], start[8])
+        last, v1, v2, squares = x, 0.0, 0.0, (0.0, 0.0, 0.0)
         for k in range(end):
             if k > 0:
                 sine, cosine = math.sin(last[2]), math.cos(last[2])
@@ -231,13 +273,12 @@ def in_jax(size: Size, threads: int) -> Call:
             moved = plus(plus(s, H / 6.0, plus(a, 1.0, d)), H / 3.0, plus(b, 1.0, c))
             return (moved, s[:3], u, z_hat, squares), None
 
-        zero = (0.0, 0.0, 0.0)
-        first = tuple(start)
-        initial = (first, first[:3], (0.0, 0.0), zero, zero)
+        s = tuple(start)
+        initial = (s[:6], s[:3], (0.0, 0.0), s[6:], (0.0, 0.0, 0.0))
         squares = jax.lax.scan(step, initial, numpy.arange(end))[0][-1]
         return numpy.sqrt(numpy.stack(squares) / (end - begin))
 
-    return streams.jax_study(run, starts(size.runs).T, threads)
+    return streams.jax_study(run, threads, starts(size.runs).T)
 
 
 SOURCE = """
@@ -264,6 +305,7 @@ INLINE void coefficients(const block z[3], block d[3], block lambda[3]) {
     lambda[2][q] = 0.287 * zz + 0.307 * ss;
   }
 }
+/* f2 = d + q(z, u): what the observer knows. */
 INLINE void known(const block z[3], const input *u, block f[3]) {
   block lambda[3];
   coefficients(z, f, lambda);
@@ -305,6 +347,7 @@ INLINE void plus(const ship *a, double h, const ship *b, ship *sum) {
     EACH sum->x[i][q] = a->x[i][q] + h * b->x[i][q], sum->z[i][q] = a->z[i][q] + h * b->z[i][q];
 }
 
+/* RMS of z - z_hat over [begin, end), (3, runs), of runs that start at x, z, z_hat, (9, runs). */
 void katayama(int64_t first, int64_t last, int64_t runs, const double *starts, int64_t begin,
               int64_t end, double *rms) {
   static const double h[3] = {H1, H2, H3};
@@ -313,9 +356,8 @@ void katayama(int64_t first, int64_t last, int64_t runs, const double *starts, i
     block before[3], z_hat[3], squares[3];
     input u;
     for (int i = 0; i < 3; i++) EACH {
-      int64_t place = i * runs + run + RUNS * q;
-      s.x[i][q] = LOAD(starts + place), s.z[i][q] = LOAD(starts + 3 * runs + place);
-      z_hat[i][q] = squares[i][q] = all(0.0);
+      s.x[i][q] = LOAD(AT(starts, i)), s.z[i][q] = LOAD(AT(starts, 3 + i));
+      z_hat[i][q] = LOAD(AT(starts, 6 + i)), squares[i][q] = all(0.0);
     }
     for (int64_t n = 0; n < end; n++) {
       if (n > 0) {
@@ -344,7 +386,7 @@ void katayama(int64_t first, int64_t last, int64_t runs, const double *starts, i
       drift(&trial, &u, &k), plus(&sum, H / 6.0, &k, &s);
     }
     for (int i = 0; i < 3; i++)
-      EACH STORE(rms + i * runs + run + RUNS * q, root(squares[i][q] / (double)(end - begin)));
+      EACH STORE(AT(rms, i), root(squares[i][q] / (double)(end - begin)));
   }
 }
 """
@@ -352,9 +394,11 @@ void katayama(int64_t first, int64_t last, int64_t runs, const double *starts, i
 
 def in_c(size: Size, threads: int) -> Call:
     constants = {"H": H, "K": K, "H1": H1, "H2": H2, "H3": H3, "DET": DET, **MATRICES}
-    kernel = compiled.library(SOURCE, blocks=2, **constants).katayama
     begun, rms = np.ascontiguousarray(starts(size.runs).T), np.empty((3, size.runs))
-    call = compiled.call(kernel, size.runs, threads, begun, *window(size), result=rms)
+    given = begun, *window(size)
+    call = compiled.study(
+        SOURCE, "katayama", (2, 4), size.runs, threads, *given, result=rms, **constants
+    )
     return lambda: call().T
 
 
@@ -362,10 +406,7 @@ WORKLOAD = Workload(
     "katayama-ship",
     "RMS of z - ẑ, ship by RK4, reduced-order observer",
     (
-        Implementation(OURS, ours),
-        Implementation("ours, AVX2", forced(ours, "avx2"), parallel=False),
-        Implementation("C", in_c),
-        Implementation("C, rounded", compiled.rounded(in_c), parallel=False),
+        *columns(ours, in_c, own_bits=False),
         Implementation("Numba", in_numba),
         Implementation("JAX", in_jax, share=0.25),
         Implementation(TWIN, twin, share=0.05, parallel=False),

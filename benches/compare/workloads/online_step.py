@@ -7,6 +7,7 @@ steady gain is the observer's, so that it gives the same estimates.
 from __future__ import annotations
 
 import ctypes
+from functools import partial
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from compare.harness import (
     Workload,
     need,
 )
-from hgo_rs import StandardObserver, reference
+from hgo_rs import Model, StandardObserver, reference
 
 T, ELL = 1e-3, 50.0
 OBSERVER = StandardObserver(2, ELL, method="euler", timing="predictor")
@@ -37,8 +38,10 @@ def samples(size: Size) -> list[float]:
     return values
 
 
-def ours(size: Size, threads: int) -> Call:
-    ys, observer = samples(size), StandardObserver(2, ELL, method="euler", timing="predictor")
+def ours(size: Size, threads: int, own: bool = False) -> Call:
+    model = Model(states=["x1", "x2"], phi="0") if own else None
+    ys = samples(size)
+    observer = StandardObserver(2, ELL, model=model, method="euler", timing="predictor")
 
     def call() -> Array:
         observer.reset()
@@ -69,6 +72,7 @@ def ours_in_place(size: Size, threads: int) -> Call:
 def in_c(size: Size, threads: int) -> Call:
     """Called through ctypes."""
     source = """
+    /* One step by Euler. */
     void step(double *x, double y) {
       double e = y - x[0];
       x[0] += T * (x[1] + K1 * e), x[1] += T * K2 * e;
@@ -179,7 +183,8 @@ WORKLOAD = Workload(
     "one step from Python, standard n = 2",
     (
         Implementation(OURS, ours),
-        Implementation("ours, out=", ours_in_place),
+        Implementation("ours, own model", partial(ours, own=True), bits=OURS),
+        Implementation("ours, out=", ours_in_place, bits=OURS),
         Implementation("C, ctypes", in_c),
         Implementation("Numba", in_numba),
         Implementation("Python, floats", in_python),

@@ -1,13 +1,17 @@
 """record-1e6: an observer over a record of a million samples, in one call.
 
-Two cases: the standard observer, n = 2, and the low-power observer, n = 5, both by Euler, without a
-model. All estimates of all samples are the result, and all are compared. A step is a sample.
+Three cases: the standard observer, n = 2, and the low-power observer, n = 5, both by Euler, without
+a model (an own one says phi = 0); and the standard observer of Lee's plant, n = 2, its injection
+placed (zoh), over a record whose periods differ. All estimates of all samples are the result, and
+all are compared. A step is a sample.
+
+There is one run, so that no kernel has anything to share; the start is read all the same.
 """
 
 from __future__ import annotations
 
 import ctypes
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -25,35 +29,68 @@ from compare.harness import (
     Workload,
     need,
 )
-from hgo_rs import LowPowerObserver, StandardObserver, reference
+from hgo_rs import Lee, LowPowerObserver, Model, StandardObserver, reference
 from hgo_rs.observers import Observer
 
 T, ELL = 1e-3, 50.0
-STANDARD, LOW_POWER = (
-    StandardObserver(2, ELL, method="euler", timing="predictor"),
-    LowPowerObserver(5, ELL, method="euler", timing="predictor"),
-)
+
+
+def unknown(n: int) -> Model:
+    """A chain of integrators of which no more is known."""
+    return Model(states=[f"x{i}" for i in range(1, n + 1)], phi="0")
+
+
+def standard(model: Model | None = None) -> Observer:
+    return StandardObserver(2, ELL, model=model, method="euler", timing="predictor")
+
+
+def low_power(model: Model | None = None) -> Observer:
+    return LowPowerObserver(5, ELL, model=model, method="euler", timing="predictor")
+
+
+def placed(model: Model | Lee) -> Observer:
+    return StandardObserver(2, ELL, model=model, method="zoh")
+
+
+LEE = Model(states=["x1", "x2"], phi="-x1/(1 + x1*x1) - x2")
+STANDARD, LOW_POWER = standard(), low_power()
 K1, K2 = (k * ELL**i for i, k in enumerate(STANDARD.spec["k"], 1))
 A1, A2, A3, A4, A5 = (alpha * ELL for alpha in LOW_POWER.spec["alpha"])
 B1, B2, B3, B4 = (beta * ELL * ELL for beta in LOW_POWER.spec["beta"])
 
 
 @cache
-def record(samples: int) -> Array:
+def times(samples: int, jitter: bool) -> Array:
+    """When the samples were taken [s]: every T, or after 0.5 to 1.5 T."""
+    if not jitter:
+        return np.asarray(T * np.arange(samples), dtype=np.float64)
+    periods = T * np.random.default_rng(SEED + 1).uniform(0.5, 1.5, samples)
+    return np.asarray(np.cumsum(periods), dtype=np.float64)
+
+
+@cache
+def record(samples: int, jitter: bool = False) -> Array:
     """A noisy position."""
     noise = np.random.default_rng(SEED).standard_normal(samples)
-    return np.sin(2.0 * T * np.arange(samples)) + 1e-3 * noise
+    y: Array = np.sin(2.0 * times(samples, jitter)) + 1e-3 * noise
+    return y
 
 
-def ours(observer: Observer, size: Size) -> Call:
-    y = record(size.steps)
-    return lambda: observer.run(T, y).x_hat
+def start(observer: Observer) -> Array:
+    """The memory before the first sample: not 0."""
+    return observer.initial_memory(0.1 * np.arange(1, observer.n + 1))
 
 
-def twin(observer: Observer, size: Size) -> Call:
-    y, start, n = record(size.steps), observer.initial_memory(), observer.n
-    t, law = T * np.arange(size.steps), reference.Observer(observer.spec)
-    return lambda: law.run(t, y, None, start)["memory"][:, :n]
+def ours(observer: Observer, jitter: bool, size: Size, threads: int) -> Call:
+    y, begun = record(size.steps, jitter), start(observer)
+    clock = times(size.steps, True) if jitter else T
+    return lambda: observer.run(clock, y, memory0=begun).x_hat
+
+
+def twin(observer: Observer, jitter: bool, size: Size, threads: int) -> Call:
+    y, begun, n = record(size.steps, jitter), start(observer), observer.n
+    t, law = times(size.steps, jitter), reference.Observer(observer.spec)
+    return lambda: law.run(t, y, None, begun)["memory"][:, :n]
 
 
 # --- standard, n = 2 --------------------------------------------------------------------------
@@ -64,25 +101,32 @@ def standard_lfilter(size: Size, threads: int) -> Call:
     signal = need("scipy.signal")
     step = np.array([[1.0 - T * K1, T], [-T * K2, 1.0]])
     numerators, denominator = signal.ss2tf(step, [[T * K1], [T * K2]], np.eye(2), np.zeros((2, 1)))
-    y = record(size.steps)
-    return lambda: np.column_stack([signal.lfilter(top, denominator, y) for top in numerators])
+    y, x0 = record(size.steps), start(STANDARD)
+    # the delays of each filter with which its first two values are those that x0 gives for y = 0
+    delays = [[a, b + denominator[1] * a] for a, b in zip(x0, step @ x0, strict=True)]
+    return lambda: np.column_stack(
+        [
+            signal.lfilter(top, denominator, y, zi=delay)[0]
+            for top, delay in zip(numerators, delays, strict=True)
+        ]
+    )
 
 
 def standard_numba(size: Size, threads: int) -> Call:
     numba = need("numba")
 
     @numba.njit(fastmath=True, error_model="numpy")
-    def run(y: Array) -> Array:
+    def run(y: Array, x0: Array) -> Array:
         x_hat = np.empty((len(y), 2))
-        x1, x2 = 0.0, 0.0
+        x1, x2 = x0
         for k in range(len(y)):
             x_hat[k, 0], x_hat[k, 1] = x1, x2
             e = y[k] - x1
             x1, x2 = x1 + T * (x2 + K1 * e), x2 + T * (K2 * e)
         return x_hat
 
-    y = record(size.steps)
-    return lambda: run(y)
+    y, x0 = record(size.steps), start(STANDARD)
+    return lambda: run(y, x0)
 
 
 def standard_jax(size: Size, threads: int) -> Call:
@@ -93,15 +137,16 @@ def standard_jax(size: Size, threads: int) -> Call:
         e = y - x[0]
         return (x[0] + T * (x[1] + K1 * e), x[1] + T * (K2 * e)), x
 
-    run = jax.jit(lambda y: jax.numpy.stack(jax.lax.scan(step, (0.0, 0.0), y)[1], axis=1))
-    y = jax.device_put(record(size.steps))
-    return lambda: run(y).block_until_ready()
+    run = jax.jit(lambda y, x: jax.numpy.stack(jax.lax.scan(step, tuple(x), y)[1], axis=1))
+    y, x0 = jax.device_put(record(size.steps)), jax.device_put(start(STANDARD))
+    return lambda: run(y, x0).block_until_ready()
 
 
-# In the C kernels what the next sample waits for comes last in each sum.
+# What the next sample waits for comes last in each sum.
 STANDARD_C = """
-void run(int64_t samples, const double *y, double *x_hat) {
-  double x1 = 0.0, x2 = 0.0;
+/* All x_hat, (samples, 2), by Euler, from x0 on. */
+void run(int64_t samples, const double *y, const double *x0, double *x_hat) {
+  double x1 = x0[0], x2 = x0[1];
   for (int64_t k = 0; k < samples; k++) {
     x_hat[2 * k] = x1, x_hat[2 * k + 1] = x2;
     double e = y[k] - x1;
@@ -118,9 +163,9 @@ def low_power_numba(size: Size, threads: int) -> Call:
     numba = need("numba")
 
     @numba.njit(fastmath=True, error_model="numpy")
-    def run(y: Array) -> Array:
+    def run(y: Array, begun: Array) -> Array:
         x_hat = np.empty((len(y), 5))
-        x1, x2, x3, x4, x5, n1, n2, n3, n4 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        x1, x2, x3, x4, x5, n1, n2, n3, n4 = begun
         for k in range(len(y)):
             x_hat[k, 0], x_hat[k, 1], x_hat[k, 2], x_hat[k, 3], x_hat[k, 4] = x1, x2, x3, x4, x5
             e1, e2, e3, e4, e5 = y[k] - x1, n1 - x2, n2 - x3, n3 - x4, n4 - x5
@@ -130,8 +175,8 @@ def low_power_numba(size: Size, threads: int) -> Call:
             n4 += T * (B4 * e4)
         return x_hat
 
-    y = record(size.steps)
-    return lambda: run(y)
+    y, begun = record(size.steps), start(LOW_POWER)
+    return lambda: run(y, begun)
 
 
 def low_power_jax(size: Size, threads: int) -> Call:
@@ -145,9 +190,9 @@ def low_power_jax(size: Size, threads: int) -> Call:
         x_new = x + T * (numpy.append(eta, 0.0) + alpha * e)
         return (x_new, eta + T * (numpy.append(eta[1:], 0.0) + beta * e[:4])), x
 
-    run = jax.jit(lambda y: jax.lax.scan(step, (numpy.zeros(5), numpy.zeros(4)), y)[1])
-    y = jax.device_put(record(size.steps))
-    return lambda: run(y).block_until_ready()
+    run = jax.jit(lambda y, begun: jax.lax.scan(step, (begun[:5], begun[5:]), y)[1])
+    y, begun = jax.device_put(record(size.steps)), jax.device_put(start(LOW_POWER))
+    return lambda: run(y, begun).block_until_ready()
 
 
 def low_power_lfilter(size: Size, threads: int) -> Call:
@@ -158,16 +203,24 @@ LOW_POWER_C = """
 #if defined __GNUC__ && !defined __clang__
 #pragma GCC optimize("no-tree-slp-vectorize") /* pairs of these sums cost more than they save */
 #endif
+#if FORM == 0 /* the next sample waits for a product and a sum */
 #define X(x, a, from, n) x = (T * a * (from) + T * (n)) + (1.0 - T * a) * x
 #define ETA(n, b, e, next) n += T * b * (e) + T * (next)
-void run(int64_t samples, const double *y, double *x_hat) {
-  double x1 = 0, x2 = 0, x3 = 0, x4 = 0, x5 = 0, n1 = 0, n2 = 0, n3 = 0, n4 = 0;
+#else /* it waits longer, there are fewer operations */
+#define X(x, a, from, n) x = (x + T * (n)) + T * a * ((from) - x)
+#define ETA(n, b, e, next) n = (n + T * (next)) + T * b * (e)
+#endif
+#define NOTHING -0.0 /* which changes no sum */
+/* All x_hat, (samples, 5), by Euler, from x_hat, eta = z0 on. */
+void run(int64_t samples, const double *y, const double *z0, double *x_hat) {
+  double x1 = z0[0], x2 = z0[1], x3 = z0[2], x4 = z0[3], x5 = z0[4];
+  double n1 = z0[5], n2 = z0[6], n3 = z0[7], n4 = z0[8];
   for (int64_t k = 0; k < samples; k++, x_hat += 5) {
     x_hat[0] = x1, x_hat[1] = x2, x_hat[2] = x3, x_hat[3] = x4, x_hat[4] = x5;
     double e1 = y[k] - x1, e2 = n1 - x2, e3 = n2 - x3, e4 = n3 - x4;
     X(x1, A1, y[k], n1), X(x2, A2, n1, n2), X(x3, A3, n2, n3), X(x4, A4, n3, n4);
-    X(x5, A5, n4, 0.0);
-    ETA(n1, B1, e1, n2), ETA(n2, B2, e2, n3), ETA(n3, B3, e3, n4), ETA(n4, B4, e4, 0.0);
+    X(x5, A5, n4, NOTHING);
+    ETA(n1, B1, e1, n2), ETA(n2, B2, e2, n3), ETA(n3, B3, e3, n4), ETA(n4, B4, e4, NOTHING);
   }
 }
 """
@@ -175,26 +228,34 @@ LOW_POWER_GAINS = {f"A{i}": a for i, a in enumerate((A1, A2, A3, A4, A5), 1)}
 LOW_POWER_GAINS |= {f"B{i}": b for i, b in enumerate((B1, B2, B3, B4), 1)}
 
 
-def in_c(source: str, n: int, size: Size, **constants: float) -> Call:
-    run, y = compiled.library(source, 1, T=T, **constants).run, record(size.steps)
+def in_c(
+    source: str, observer: Observer, constants: dict[str, float], size: Size, threads: int
+) -> Call:
+    """The faster form of the kernel."""
+    y, begun = record(size.steps), start(observer)
 
-    def call() -> Array:
-        x_hat = np.empty((len(y), n))
-        run(ctypes.c_int64(len(y)), compiled.value(y), compiled.value(x_hat))
+    def run(kernel: Any) -> Array:
+        x_hat = np.empty((len(y), observer.n))
+        kernel(ctypes.c_int64(len(y)), *map(compiled.value, (y, begun, x_hat)))
         return x_hat
 
-    return call
+    forms = range(2 if "FORM" in source else 1)
+    kernels = [compiled.library(source, 1, T=T, FORM=form, **constants).run for form in forms]
+    return compiled.fastest([partial(run, kernel) for kernel in kernels])
 
 
-def case(name: str, observer: Observer, *others: Implementation) -> Workload:
+def case(
+    name: str, observer: Observer, own: Observer, *others: Implementation, jitter: bool = False
+) -> Workload:
     """The record through one observer."""
     return Workload(
         "record-1e6",
         "a record of 1e6 samples in one call",
         (
-            Implementation(OURS, lambda size, _: ours(observer, size)),
+            Implementation(OURS, partial(ours, observer, jitter)),
+            Implementation("ours, own model", partial(ours, own, jitter), bits=OURS),
             *others,
-            Implementation(TWIN, lambda size, _: twin(observer, size), share=0.01),
+            Implementation(TWIN, partial(twin, observer, jitter), share=0.01),
         ),
         full=Size(1, 1_000_000),
         quick=Size(1, 20_000),
@@ -204,11 +265,20 @@ def case(name: str, observer: Observer, *others: Implementation) -> Workload:
     )
 
 
+def kernels(
+    source: str, observer: Observer, constants: dict[str, float]
+) -> tuple[Implementation, ...]:
+    """The kernel in C as the processor computes it best, and with every operation rounded."""
+    kernel = partial(in_c, source, observer, constants)
+    return Implementation("C", kernel), Implementation("C, rounded", compiled.rounded(kernel))
+
+
 WORKLOADS = (
     case(
         "standard n = 2",
         STANDARD,
-        Implementation("C", lambda size, _: in_c(STANDARD_C, 2, size, K1=K1, K2=K2)),
+        standard(unknown(2)),
+        *kernels(STANDARD_C, STANDARD, {"K1": K1, "K2": K2}),
         Implementation("Numba", standard_numba),
         Implementation("lfilter", standard_lfilter),
         Implementation("JAX", standard_jax, share=0.2),
@@ -216,9 +286,11 @@ WORKLOADS = (
     case(
         "low-power n = 5",
         LOW_POWER,
-        Implementation("C", lambda size, _: in_c(LOW_POWER_C, 5, size, **LOW_POWER_GAINS)),
+        low_power(unknown(5)),
+        *kernels(LOW_POWER_C, LOW_POWER, LOW_POWER_GAINS),
         Implementation("Numba", low_power_numba),
         Implementation("lfilter", low_power_lfilter),
         Implementation("JAX", low_power_jax, share=0.1),
     ),
+    case("zoh, periods that differ", placed(Lee()), placed(LEE), jitter=True),
 )
