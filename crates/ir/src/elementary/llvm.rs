@@ -161,8 +161,8 @@ pub fn function_ir(function: &Function, lanes: usize) -> String {
             for (index, one) in several.iter().enumerate() {
                 let part = format!("{} {}", of(function.kind(*one)), value(*one));
                 let _ =
-                    writeln!(out, "  %s{index} = insertvalue {result} {whole}, {part}, {index}");
-                whole = format!("%s{index}");
+                    writeln!(out, "  %made{index} = insertvalue {result} {whole}, {part}, {index}");
+                whole = format!("%made{index}");
             }
             whole
         }
