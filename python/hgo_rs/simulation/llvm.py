@@ -1,7 +1,7 @@
 """Studies compiled by LLVM: the tables of a study as a function for vectors of runs.
 
-The core prints a study as LLVM IR; llvmlite (extra `fast`) compiles it for this processor. A kernel is
-checked against the interpreter, bit for bit, before its results count.
+The core prints a study as LLVM IR; llvmlite (extra `fast`) compiles it for this processor. A kernel
+is checked against the interpreter, bit for bit, before its results count.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from hgo_rs.errors import HgoError, check, check_choice
 __all__ = ["ENGINES", "check_engine", "kernel_for"]
 
 ENGINES = ("auto", "interpreter", "llvm")
-"""What moves a study: `auto` takes llvm where it is there and the study is worth its compilation."""
+"""What moves a study: `auto` takes llvm where it is there and the study is worth compiling."""
 
 _WORTH = 3e9
 """Operations of a study from which on `auto` compiles it: some 0.3 s of the interpreter."""
@@ -29,8 +29,11 @@ _LARGEST = 20_000
 _KEPT = 64
 """Kernels that are kept."""
 
-_WIDTHS = {"avx512": (8, "+avx512f,+avx512bw,+avx512cd,+avx512dq,+avx512vl,-prefer-256-bit"),
-           "avx2": (4, "+avx2,-avx512f"), "baseline": (2, "-avx,-avx2,-avx512f")}
+_WIDTHS = {
+    "avx512": (8, "+avx512f,+avx512bw,+avx512cd,+avx512dq,+avx512vl,-prefer-256-bit"),
+    "avx2": (4, "+avx2,-avx512f"),
+    "baseline": (2, "-avx,-avx2,-avx512f"),
+}
 """Runs in a vector, and what is asked of the processor, by instruction set."""
 
 
@@ -146,7 +149,7 @@ def _version() -> str:
 
 
 def _instructions() -> str:
-    """The instruction set of kernels: the widest that is there, or the one that the environment asks for."""
+    """The instruction set of kernels: the widest that is there, or the one that is asked for."""
     asked = os.environ.get("HGO_INSTRUCTION_SET")
     if asked in _WIDTHS:
         return asked

@@ -85,7 +85,9 @@ class StudyResult:
         steps = self.experiments[case].spec["steps"]
         every = check_integer(every, "every", least=1 + steps // _FRAMES)
         spec = self.experiments[case].piece(run, 1) | {"every": every}
-        return result_of(execute(spec, self.backend, self.engine), replace(self.experiments[case], spec=spec))
+        return result_of(
+            execute(spec, self.backend, self.engine), replace(self.experiments[case], spec=spec)
+        )
 
     @property
     def complete(self) -> bool:
