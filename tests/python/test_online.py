@@ -368,8 +368,8 @@ def test_a_memory_that_is_not_finite_is_never_given():
         observer.run(0.2, np.zeros(241), x_hat0=[1.0], allow_unstable=True, until=48.2)
 
 
-def test_a_model_without_a_value_is_told_after_a_divergence_too():
+def test_an_own_model_that_explodes_overflows_as_a_built_in_one_does():
     model = Model(states=["x"], phi="x*x")  # x' = x^2 + ..., explodes
     observer = StandardObserver(1, 1.0, model=model, method="euler", timing="predictor")
-    with pytest.raises(HgoError, match="no value at sample"):
+    with pytest.raises(HgoError, match="overflowed at sample 10 "):
         observer.run(1.0, np.full(60, np.nan), x_hat0=[3.0], allow_unstable=True)

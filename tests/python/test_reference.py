@@ -1812,7 +1812,7 @@ def test_a_study_of_an_own_reduced_order_observer() -> None:
         ({"memory0": [0.0, 0.0, 0.5]}, "memory0"),
         ({"memory0": [0.0, 0.0]}, "memory0"),
         ({"plant": {"kind": "pendulum"}}, "plant.kind"),
-        ({"plant": CRACKLE}, "observer.n"),
+        ({"plant": CRACKLE}, "x0"),
         ({"plant_method": "taylor-1.5"}, "plant_method"),
         ({"plant_method": "rk5"}, "plant_method"),
         ({"noise": {"kind": "uniform", "low": 1.0, "high": 0.0}}, "noise.high"),

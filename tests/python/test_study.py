@@ -477,7 +477,7 @@ def test_another_version_is_refused(tmp_path, monkeypatch):
     pytest.importorskip("pyarrow")
     path = tmp_path / "study.parquet"
     study(lee, **SAVED, save=path)
-    monkeypatch.setattr(hgo_rs, "__version__", "9.9.9")
+    monkeypatch.setattr("hgo_rs.simulation.studies.saved.__version__", "9.9.9")
     with pytest.raises(HgoError, match=r"hgo_rs is '.*' there and '9.9.9' here"):
         study(lee, **SAVED, save=path)
 

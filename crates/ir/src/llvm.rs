@@ -15,6 +15,9 @@ use std::fmt::Write as _;
 /// Numbers of an [`Instant`](crate::study::Instant).
 const ROW: usize = size_of::<Instant>() / size_of::<f64>();
 
+/// Sums of squares that bounds are watched by, so that none waits for the other.
+pub const SUMS: usize = 2;
+
 /// A kernel's parameters, in order.
 const PARAMETERS: [&str; 9] = [
     "columns", "shared", "measurement", "process", "rows", "recorded", "shown", "worst", "distances",
@@ -288,13 +291,6 @@ impl Printer {
 
     // --- random numbers --------------------------------------------------------------------------
 
-    fn word(&self, value: u64) -> String {
-        if self.lanes == 1 {
-            return value.to_string();
-        }
-        format!("<{}>", vec![format!("i64 {value}"); self.lanes].join(", "))
-    }
-
     /// A call of a function of the core for vectors; its results.
     fn call_each(&mut self, name: &'static str, values: &[(Kind, &Value)], results: &[Kind]) -> Vec<Value> {
         let lanes = self.lanes;
@@ -338,7 +334,21 @@ impl Printer {
         for (word, next) in state.iter_mut().zip(made) {
             *word = next;
         }
-        self.call_each("fraction", &[(Bits, &bits)], &[Float]).swap_remove(0)
+        if self.lanes < 8 {
+            return self.call_each("fraction", &[(Bits, &bits)], &[Float]).swap_remove(0);
+        }
+        // AVX-512 converts whole numbers: the same fraction, exactly
+        let (of, from) = (self.of(Float, false), self.of(Bits, false));
+        let by = format!("<{}>", vec!["i64 11"; self.lanes].join(", "));
+        let Value::Each(words) = bits else { return bits };
+        let whole = words.iter().map(|word| {
+            let (high, whole) = (self.name(), self.name());
+            self.line(format!("  {high} = lshr {from} {word}, {by}"));
+            self.line(format!("  {whole} = uitofp {from} {high} to {of}"));
+            whole
+        });
+        let whole = Value::Each(whole.collect());
+        self.binary("fmul", &whole, &Self::constant(2.0_f64.powi(-53)))
     }
 
     /// A standard normal pair.
@@ -352,24 +362,10 @@ impl Printer {
         [0, 1].map(|i| pair.get(i).cloned().unwrap_or(Self::constant(0.0)))
     }
 
-    /// The largest bits of magnitudes so far: those of NaN are larger than those of any number.
-    fn larger(&mut self, worst: &Value, value: &Value) -> Value {
-        let (of, from) = (self.of(Kind::Bits, false), self.of(Kind::Float, false));
-        let (mask, lanes) = (self.word(i64::MAX as u64), self.lanes);
-        let Value::Each(worst) = worst else { return worst.clone() };
-        let results = (0..self.copies).map(|copy| {
-            let name = self.vector(value, copy);
-            let (bits, size, result) = (self.name(), self.name(), self.name());
-            self.line(format!("  {bits} = bitcast {from} {name} to {of}"));
-            self.line(format!("  {size} = and {of} {bits}, {mask}"));
-            let suffix = if lanes == 1 { "i64".into() } else { format!("v{lanes}i64") };
-            let so_far = &worst[copy];
-            self.line(format!(
-                "  {result} = call {of} @llvm.smax.{suffix}({of} {so_far}, {of} {size})"
-            ));
-            result
-        });
-        Value::Each(results.collect())
+    /// A sum of squares so far, and a square more: not below the square of the largest magnitude, and not
+    /// a number once one was none. (Rounded once, which costs less; nothing else is made of it.)
+    fn bounded(&mut self, sum: &Value, value: &Value) -> Value {
+        self.intrinsic("fma", &[value, value, sum])
     }
 }
 
@@ -417,12 +413,11 @@ impl Study {
                 if lanes == 1 { kind.to_owned() } else { format!("<{lanes} x {kind}>") }
             };
             let vector = if lanes == 1 { String::new() } else { format!("v{lanes}") };
-            let (float, bits) = (of("double"), of("i64"));
-            for (name, count) in [("fabs", 1), ("sqrt", 1), ("copysign", 2)] {
+            let float = of("double");
+            for (name, count) in [("fabs", 1), ("sqrt", 1), ("copysign", 2), ("fma", 3)] {
                 let given = vec![float.clone(); count].join(", ");
                 declared.insert(format!("declare {float} @llvm.{name}.{vector}f64({given})"));
             }
-            declared.insert(format!("declare {bits} @llvm.smax.{vector}i64({bits}, {bits})"));
         }
         for (name, lanes) in functions {
             let function = elementary::function(name, Precision::Double)?;
@@ -484,7 +479,7 @@ struct State {
     process: [Value; 4],
     /// Peaks, the settling time, the moments of the open windows.
     sums: Vec<Value>,
-    worst: Value,
+    worst: [Value; SUMS],
 }
 
 impl Kernel<'_> {
@@ -503,7 +498,7 @@ impl Kernel<'_> {
         }
         let end = layout.open() + self.open * layout.moments();
         places.extend((layout.peak()..end).map(column));
-        places.push((Kind::Bits, "worst", 0, false));
+        places.extend((0..SUMS).map(|i| (Kind::Float, "worst", i * LANES, false)));
         places
     }
 
@@ -518,13 +513,14 @@ impl Kernel<'_> {
         let (x, z, noise) = (take(layout.x), take(layout.z), take(layout.y));
         let (measurement, process) = (four(take(4)), four(take(4)));
         let mut sums = take(values.len());
-        let worst = sums.pop().unwrap_or(Printer::constant(0.0));
+        let worst = sums.split_off(sums.len().saturating_sub(SUMS));
+        let worst = std::array::from_fn(|i| worst.get(i).cloned().unwrap_or(Printer::constant(0.0)));
         State { x, z, noise, measurement, process, sums, worst }
     }
 
     fn values(state: State) -> Vec<Value> {
         let State { x, z, noise, measurement, process, sums, worst } = state;
-        let parts = [x, z, noise, measurement.into(), process.into(), sums, vec![worst]];
+        let parts = [x, z, noise, measurement.into(), process.into(), sums, worst.into()];
         parts.concat()
     }
 
@@ -611,8 +607,9 @@ impl Kernel<'_> {
         if !tables.is_current {
             self.show(p, &mut state, t);
         }
-        for value in state.z.iter().chain(&state.x) {
-            state.worst = p.larger(&state.worst, value);
+        for (i, value) in state.z.iter().chain(&state.x).enumerate() {
+            let sum = &mut state.worst[i % SUMS];
+            *sum = p.bounded(sum, value);
         }
         let given = [t.clone(), dt.clone(), plant_t.clone(), sines.clone()];
         let inputs: [&[Value]; 4] = [&given, &state.z, &state.x, &state.noise];

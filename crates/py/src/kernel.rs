@@ -3,12 +3,14 @@
 use crate::errors::{Result, refused};
 use crate::values::read_dict;
 use hgo_ir::Spec;
+use hgo_ir::llvm::SUMS;
 use hgo_ir::study::{Block, Kernel, LANES, Layout, Span, Study};
+use hgo_rs::program::Lane;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 /// A compiled span: columns, the plants' shared state, random streams of measurement and process, the
-/// rows of the samples, recorded noise, what a frame shows, the largest magnitudes, distances; and how
+/// rows of the samples, recorded noise, what a frame shows, sums of squares of all states, distances; and how
 /// many samples there are.
 type Function = unsafe extern "C" fn(
     *mut f64,
@@ -58,6 +60,7 @@ impl Kernel for StudyKernel {
         };
         let Some((.., function)) = self.functions.iter().find(form) else { return false };
         let shared = block.shared.clone();
+        let mut squares = [Lane([0.0; LANES]); SUMS];
         for first in (0..LANES).step_by(self.runs) {
             block.shared.copy_from_slice(&shared);
             let [measurement, process] = &mut block.streams;
@@ -73,11 +76,14 @@ impl Kernel for StudyKernel {
                     span.instants.as_ptr().cast::<f64>(),
                     span.recorded.as_ptr().cast::<f64>().wrapping_add(first),
                     block.shown.as_mut_ptr().cast::<f64>().wrapping_add(first),
-                    (&raw mut block.worst).cast::<f64>().add(first),
+                    squares.as_mut_ptr().cast::<f64>().add(first),
                     block.distances.as_mut_ptr().cast::<f64>().wrapping_add(first),
                     span.instants.len() as u64,
                 );
             }
+        }
+        for (lane, worst) in block.worst.0.iter_mut().enumerate() {
+            *worst = squares.iter().map(|squares| squares.0[lane]).sum::<f64>().sqrt();
         }
         true
     }

@@ -157,7 +157,7 @@ pub struct Block<const L: usize> {
     pub shared: Vec<f64>,
     /// Random streams of the measurement and of the process.
     pub streams: [Streams<L>; 2],
-    /// The largest magnitude of a state in the span; NaN where one was not a number.
+    /// The largest magnitude of a state in the span, or more; NaN where one was not a number.
     pub worst: Lane<f64, L>,
     /// First sample at which the model had no value; `u64::MAX`: none.
     pub undefined_at: Lane<u64, L>,
