@@ -223,7 +223,7 @@ impl<T: Scalar> Sine<T> {
     /// Σ A sin(ωt + φ).
     #[inline(always)]
     pub fn sum(sines: &[Self], t: T) -> T {
-        let mut sum = T::ZERO;
+        let mut sum = T::NEG_ZERO; // which changes no bit of what it is added to
         for sine in sines {
             sum += sine.amplitude * (sine.omega * t + sine.phase).sin();
         }
@@ -275,7 +275,7 @@ impl<T: Scalar> Noise<'_, T> {
     #[inline(always)]
     pub fn fresh(&self, stream: &mut Stream, k: u64) -> T {
         match self.draw {
-            Draw::None => T::ZERO,
+            Draw::None => T::NEG_ZERO,
             Draw::Uniform { low, high } => low + (high - low) * T::from_f64(stream.uniform()),
             Draw::Normal { mean, std } => mean + std * T::from_f64(stream.normal()),
             Draw::Samples(values) => self.recorded(values, k),

@@ -262,6 +262,35 @@ impl Table {
         depends
     }
 
+    /// The largest number of values that are needed at a time, constants aside.
+    pub fn width(&self) -> usize {
+        let (inputs, base) = (self.inputs.len(), self.base());
+        let mut last = vec![0; base + self.operations.len()];
+        for (at, (operation, from)) in self.operations.iter().enumerate() {
+            from.iter().take(operands(*operation)).for_each(|value| last[*value] = at);
+        }
+        self.outputs.iter().for_each(|value| last[*value] = self.operations.len());
+        let is_constant = |value: usize| (inputs + self.called()..base).contains(&value);
+        let mut ends = vec![0_usize; self.operations.len() + 1];
+        let mut live = 0;
+        for (value, end) in last.iter().enumerate().take(base) {
+            if !is_constant(value) && *end > 0 {
+                live += 1;
+                ends[*end] += 1;
+            }
+        }
+        let mut most = live;
+        for at in 0..self.operations.len() {
+            if last[base + at] > at {
+                live += 1;
+                ends[last[base + at]] += 1;
+            }
+            most = most.max(live);
+            live -= ends[at].min(live);
+        }
+        most
+    }
+
     /// Without the constants and operations that no output needs.
     #[must_use]
     pub fn trimmed(&self) -> Self {

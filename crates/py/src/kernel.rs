@@ -108,6 +108,7 @@ pub fn study_source<'py>(
     out.set_item("text", source.text)?;
     out.set_item("forms", source.names)?;
     out.set_item("runs", lanes * copies)?;
+    out.set_item("width", study.tables.width())?;
     out.set_item("operations", study.tables.operations(study.plan.substeps))?;
     Ok(Some(out))
 }

@@ -78,6 +78,12 @@ impl StudyTables {
         tables.any(|table| !table.calls.is_empty())
     }
 
+    /// The largest number of values that a table needs at a time.
+    pub fn width(&self) -> usize {
+        let tables = [Some(&self.sample), self.predict.as_ref(), self.plant.as_ref()];
+        tables.into_iter().flatten().map(Table::width).max().unwrap_or(0)
+    }
+
     /// Operations of a sample.
     pub fn operations(&self, substeps: u32) -> usize {
         let of = |table: &Option<Table>| table.as_ref().map_or(0, |table| table.operations.len());
@@ -109,12 +115,12 @@ impl Making<'_> {
 
     fn noise(&self) -> Vec<Traced> {
         let given = inputs("noise", self.plant.n_y);
-        if matches!(self.plan.draw, DrawKind::None) { vec![Traced::ZERO; given.len()] } else { given }
+        if matches!(self.plan.draw, DrawKind::None) { vec![Traced::NEG_ZERO; given.len()] } else { given }
     }
 
     fn sines(&self) -> Traced {
         let given = input("sines");
-        if self.plan.sines.is_empty() { Traced::ZERO } else { given }
+        if self.plan.sines.is_empty() { Traced::NEG_ZERO } else { given }
     }
 
     fn sample(&self) -> Result<Table> {
