@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from hgo_rs import __version__, _core
 from hgo_rs.errors import HgoError, check
-from hgo_rs.exports.elementary import PRECISIONS, Precision
 from hgo_rs.exports.expressions import LENGTH, PLAIN, Dialect, Written, written
 from hgo_rs.exports.names import Names, names_of_export
+from hgo_rs.exports.precision import PRECISIONS, Precision
 from hgo_rs.exports.table import Graph, graph
 from hgo_rs.observers import Observer
 
