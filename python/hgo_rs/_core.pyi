@@ -6,12 +6,12 @@ import numpy.typing as npt
 from typing_extensions import Self, disjoint_base
 
 __all__ = [
-    "ELEMENTARY",
     "Observer",
     "Online",
     "StudyKernel",
     "coefficients_from_poles",
     "coupled_paths",
+    "elementary_source",
     "evaluate_table",
     "filtered",
     "is_hurwitz",
@@ -30,8 +30,6 @@ __all__ = [
 
 _Array = npt.NDArray[np.float64]
 _Pairs = list[tuple[float, float]]
-
-ELEMENTARY: str
 
 @final
 class StudyKernel:
@@ -127,6 +125,13 @@ def random(
 def random(
     kind: Literal["bits"], count: int, seed: int, run: int = 0, channel: int = 0
 ) -> npt.NDArray[np.uint64]: ...
+def elementary_source(
+    language: Literal["c", "rust", "llvm"],
+    precision: str,
+    names: list[str],
+    prefix: str = "hgo",
+    lanes: int = 1,
+) -> str: ...
 def filtered(values: npt.ArrayLike, sections: npt.ArrayLike) -> _Array: ...
 def trace_step(
     spec: Mapping[str, Any],

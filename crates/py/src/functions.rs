@@ -195,3 +195,17 @@ pub fn filtered<'py>(
     }
     Ok(signal.into_pyarray(py))
 }
+
+/// The source of elementary functions and of what they need, in "c" (called `prefix_name`), "rust" or "llvm"
+/// (of `lanes` numbers side by side): the core's own, operation by operation.
+#[pyfunction]
+#[pyo3(signature = (language, precision, names, prefix="hgo", lanes=1))]
+pub fn elementary_source(
+    language: &str,
+    precision: &str,
+    names: Vec<String>,
+    prefix: &str,
+    lanes: usize,
+) -> Result<String> {
+    Ok(hgo_ir::elementary::source(language, precision, &names, prefix, lanes)?)
+}

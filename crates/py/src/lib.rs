@@ -25,7 +25,7 @@ mod _core {
         low_power_coefficients_from_poles, low_power_polynomial,
     };
     #[pymodule_export]
-    use crate::functions::{coupled_paths, filtered, mean_covariance, random};
+    use crate::functions::{coupled_paths, elementary_source, filtered, mean_covariance, random};
     #[pymodule_export]
     use crate::observers::Observer;
     #[pymodule_export]
@@ -36,7 +36,4 @@ mod _core {
     use crate::study::{kernel_agrees, simulate};
     #[pymodule_export]
     use crate::tables::{evaluate_table, placed_gains, run_single, trace_step};
-    /// The source of the elementary functions: `hgo_rs.exports` prints them into other programs.
-    #[pymodule_export]
-    const ELEMENTARY: &str = include_str!("../../../src/elementary.rs");
 }

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hgo_rs.exports.elementary import PRECISIONS, Precision
 from hgo_rs.exports.names import Names
+from hgo_rs.exports.precision import PRECISIONS, Precision
 from hgo_rs.exports.table import FUNCTIONS, Graph, Term
 
 __all__ = [

@@ -14,7 +14,7 @@ from typing import Any
 
 from hgo_rs import _core
 from hgo_rs.errors import HgoError, check
-from hgo_rs.exports.elementary import Precision
+from hgo_rs.exports.precision import Precision
 
 __all__ = ["TOLERANCE", "Held", "Periods", "held_gains"]
 

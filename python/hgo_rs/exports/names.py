@@ -11,24 +11,23 @@ import re
 from collections.abc import Iterable, Sequence
 
 from hgo_rs.errors import check
-from hgo_rs.exports.elementary import Elementary
 from hgo_rs.exports.table import FUNCTIONS
 
-__all__ = ["C_WORDS", "Names", "check_name", "names_of_export"]
+__all__ = ["Names", "check_name", "names_of_export"]
 
 
 def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-C_WORDS = _words("""
+_C = _words("""
     auto break case char const continue default do double else enum extern float for goto if inline
     int long register restrict return short signed sizeof static struct switch typedef union
     unsigned void volatile while asm bool true false main
 """)
 """Words of C."""
 
-_LANGUAGES = C_WORDS | _words("""
+_LANGUAGES = _C | _words("""
     alignas alignof constexpr nullptr static_assert thread_local typeof typeof_unqual noreturn
     complex imaginary I
 
@@ -105,9 +104,11 @@ def check_name(name: object) -> None:
 
 def names_of_export(name: str) -> set[str]:
     """Types and functions of an export of this name."""
-    functions = {*Elementary.read("double").functions, *FUNCTIONS.values(), "min", "max", "sign"}
-    words = {*functions, *(f"{word}_result" for word in functions)}
-    words |= {
+    words = {
+        *FUNCTIONS.values(),
+        "min",
+        "max",
+        "sign",
         "init",
         "step",
         "correct",

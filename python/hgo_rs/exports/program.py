@@ -12,10 +12,10 @@ import numpy as np
 from hgo_rs import _core
 from hgo_rs._version import __version__
 from hgo_rs.errors import HgoError, check
-from hgo_rs.exports.elementary import PRECISIONS, Precision
 from hgo_rs.exports.expressions import LENGTH, PLAIN, Dialect, Written, number, written
 from hgo_rs.exports.held import TOLERANCE, Held, Periods, held_gains
 from hgo_rs.exports.names import Names, names_of_export
+from hgo_rs.exports.precision import PRECISIONS, Precision
 from hgo_rs.exports.table import graph
 from hgo_rs.exports.traced import Move, Traced, indexed, model_of, numbered_parameters
 from hgo_rs.exports.vector import OTHER_PERIOD, STATUS, Log, Recursion, Row, vector

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 
-from hgo_rs.exports.elementary import PRECISIONS, Elementary
+from hgo_rs import _core
 from hgo_rs.exports.expressions import RUST, Written
 from hgo_rs.exports.held import TOLERANCE
+from hgo_rs.exports.precision import PRECISIONS
 from hgo_rs.exports.program import Gains, Program, wrapped
 from hgo_rs.exports.traced import Move
 
@@ -342,32 +342,10 @@ def _helpers(program: Program, functions: list[str]) -> list[str]:
             root = root.replace(mark, wide if double else narrow)
         out.append(root)
     wanted = [kind for kind in functions if kind not in HELPERS and kind != "sqrt"]
-    return out + (_elementary(program, wanted) if wanted else [])
-
-
-def _elementary(program: Program, wanted: list[str]) -> list[str]:
-    """The core's own source of these functions, its macro's variables filled in."""
-    known = Elementary.read(program.precision.name)
-    consts, functions = known.needed(wanted)
-    out = ["// Elementary functions: the source of hgo_rs itself.\n"]
-    text = "\n".join([*(f.source for f in functions), *(c.source for c in consts)])
-    used = [path for name, path in known.uses.items() if re.search(rf"\b{name}\b", text)]
-    out += ["".join(f"use {path};\n" for path in used)] if used else []
-    called = frozenset[str]().union(*(function.macros for function in functions))
-    out += [macro.source + "\n" for name, macro in known.macros.items() if name in called]
-    out += [const.source + "\n" for const in consts]
-    for function in functions:
-        doc = _doc(function.comment, "///") + "\n" if function.comment else ""
-        source = textwrap.dedent("        " + function.source.removeprefix("pub(crate) "))
-        out.append(doc + "\n".join(map(_broken, source.split("\n"))) + "\n")
+    if wanted:
+        out.append("// Elementary functions, bit for bit those of hgo_rs.\n")
+        out.append(_core.elementary_source("rust", precision.name, wanted))
     return out
-
-
-def _broken(line: str) -> str:
-    if len(line) <= 98:
-        return line
-    head = line[: len(line) - len(line.lstrip())]
-    return wrapped(head, line.lstrip())
 
 
 def _vector(program: Program) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.errors import HgoError
-from hgo_rs.exports.elementary import PRECISIONS
+from hgo_rs.exports.precision import PRECISIONS
 
 __all__ = ["FUNCTIONS", "Graph", "Term", "graph"]
 

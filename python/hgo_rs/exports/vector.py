@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, check
-from hgo_rs.exports.elementary import Precision
 from hgo_rs.exports.expressions import LENGTH
 from hgo_rs.exports.held import Held, Periods
+from hgo_rs.exports.precision import Precision
 from hgo_rs.exports.traced import Traced
 from hgo_rs.observers import Observer
 

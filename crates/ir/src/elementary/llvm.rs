@@ -160,9 +160,11 @@ pub fn function_ir(function: &Function, lanes: usize) -> String {
             let mut whole = "poison".to_owned();
             for (index, one) in several.iter().enumerate() {
                 let part = format!("{} {}", of(function.kind(*one)), value(*one));
-                let _ =
-                    writeln!(out, "  %made{index} = insertvalue {result} {whole}, {part}, {index}");
-                whole = format!("%made{index}");
+                let _ = writeln!(
+                    out,
+                    "  %whole{index} = insertvalue {result} {whole}, {part}, {index}"
+                );
+                whole = format!("%whole{index}");
             }
             whole
         }
