@@ -430,23 +430,17 @@ impl Study {
         Some(source)
     }
 
-    /// How many vectors of so many runs stand side by side: as many as the processor's registers hold of
-    /// what a sample carries to the next.
+    /// How many vectors of so many runs stand side by side. Few values leave room for more chains of
+    /// operations than what is carried from sample to sample has registers for; many spill even alone.
+    /// (Found by timing the five papers' studies.)
     pub fn copies(&self, lanes: usize) -> usize {
-        let registers = if lanes == 8 { 32 } else { 16 };
-        let most = LANES / lanes.max(1);
-        let fitting = (registers / (self.carried() + 4)).clamp(1, 4);
-        (1..=fitting.min(most)).rev().find(|copies| most.is_multiple_of(*copies)).unwrap_or(1)
-    }
-
-    /// How many vectors a sample carries to the next.
-    fn carried(&self) -> usize {
-        let (layout, plan) = (&self.layout, &self.plan);
-        let x = if self.plants_are_shared { 0 } else { layout.x };
-        let draws = matches!(plan.draw, DrawKind::Uniform(..) | DrawKind::Normal(..));
-        let streams = 4 * (usize::from(draws) + usize::from(self.tables.is_random));
-        let open = self.forms().into_iter().map(|(open, _)| open).max().unwrap_or(0);
-        x + layout.z + streams + layout.open() - layout.noise() + open * layout.moments()
+        let suited = match self.tables.width() {
+            0..=8 => 2,
+            9..=24 => 4,
+            25..=45 => 2,
+            _ => 1,
+        };
+        suited.min(LANES / lanes.max(1))
     }
 
     /// Numbers of windows that are open at a time, with and without distances.

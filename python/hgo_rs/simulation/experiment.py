@@ -380,7 +380,7 @@ def _truth(plant: System, observer: Observer) -> list[int] | None:
     places = [states.index(name) for name in estimated if name in states]
     if estimated and len(places) == observer.n:
         return None if places == list(range(observer.n)) else places
-    reduced = bool(estimated) and observer.spec["kind"] == "reduced-order"
+    reduced = _is_own(plant) and observer.spec["kind"] == "reduced-order"
     known = all(name not in states or states.index(name) == i for i, name in enumerate(estimated))
     allowed = f"such that {estimated}, which the observer estimates, are among them"
     remedy = "give the states of the plant and of the model the same names"
