@@ -90,79 +90,56 @@ impl Tables {
     pub fn correct(&self) -> Option<&Table> {
         self.correct.as_ref()
     }
-    /// What takes a sample that is there, or one that is missing, whether the law has started or not: the
-    /// correction with current timing, else the way to the next sample.
-    pub fn taking(&self, missing: bool, single: bool) -> Result<Table> {
+    /// What takes the sample, whether the law has started or not: the correction with current timing,
+    /// else the way to the next sample. Where samples may be `missing`, also without one.
+    pub fn taking(&self, missing: bool) -> Result<Table> {
         let usual = self.correct.as_ref().unwrap_or(&self.advance);
-        let usual = self.missing.as_ref().filter(|_| missing).unwrap_or(usual);
-        let Some((index, unstarted)) = &self.unstarted else { return Ok(usual.clone()) };
-        trace(Setting::usual(single), || {
+        let without = self.missing.as_ref().filter(|_| missing);
+        if self.unstarted.is_none() && without.is_none() {
+            return Ok(usual.clone());
+        }
+        trace(Setting::usual(false), || {
             let given: Vec<Traced> = usual.inputs.iter().map(|name| input(name)).collect();
-            let made = trace::inline(usual, &given);
-            let first = trace::inline(&unstarted[usize::from(missing)], &given);
-            let started = given[MEMORY + index];
-            let chosen = made.iter().zip(&first);
-            let chosen: Vec<Traced> =
-                chosen.map(|(a, b)| trace::if_positive(started, *a, *b)).collect();
+            let mut chosen = self.form(false, &given);
+            if without.is_some() {
+                let y = MEMORY + self.shape.memory;
+                let nothing = given[y..y + self.shape.n_y].iter().fold(Traced::ZERO, |sum, y| {
+                    sum + (*y - *y) // NaN where one is not finite
+                });
+                let choose = |a, b| trace::if_equal([nothing; 2], a, b);
+                chosen = chosen_of(&chosen, &self.form(true, &given), choose);
+            }
             Ok(usual.output_names.iter().cloned().zip(chosen).collect())
         })
     }
-    /// What takes any sample, there or missing.
-    pub fn taking_any(&self) -> Result<Table> {
-        let (with, without) = (self.taking(false, false)?, self.taking(true, false)?);
-        if self.missing.is_none() {
-            return Ok(with);
-        }
-        trace(Setting::usual(false), || {
-            let given: Vec<Traced> = with.inputs.iter().map(|name| input(name)).collect();
-            let y = MEMORY + self.shape.memory;
-            let nothing = given[y..y + self.shape.n_y].iter().fold(Traced::ZERO, |sum, y| {
-                sum + (*y - *y) // NaN where one is not finite
-            });
-            let (a, b) = (trace::inline(&with, &given), trace::inline(&without, &given));
-            let chosen = a.iter().zip(&b).map(|(a, b)| trace::if_equal([nothing; 2], *a, *b));
-            Ok(with.output_names.iter().cloned().zip(chosen).collect())
-        })
+    /// Within a trace: the memory and the innovation after what takes a sample that is there, or is
+    /// `missing`, of a law that has started and of one that has not.
+    fn form(&self, missing: bool, given: &[Traced]) -> Vec<Traced> {
+        let usual = self.correct.as_ref().unwrap_or(&self.advance);
+        let usual = self.missing.as_ref().filter(|_| missing).unwrap_or(usual);
+        let made = trace::inline(usual, given);
+        let Some((index, forms)) = &self.unstarted else { return made };
+        let (elapsed, first) = (given[MEMORY + index], &forms[usize::from(missing)]);
+        let first = trace::inline(first, given);
+        chosen_of(&made, &first, |a, b| trace::if_positive(elapsed, a, b))
     }
-    /// The way to the next sample after a period that no sample has ended, as
-    /// [`Observer::predict`]: a law that closes its periods by samples closes that one first, and holds its
-    /// estimate where the model has no value.
-    fn predict(&self, single: bool) -> Result<Table> {
-        let advance = &self.advance;
-        let Some((index, _)) = self.unstarted else { return Ok(advance.clone()) };
-        let closing = self.taking(true, single)?;
-        trace(Setting::usual(single), || {
-            let given: Vec<Traced> = advance.inputs.iter().map(|name| input(name)).collect();
-            let memory = MEMORY..MEMORY + self.shape.memory;
-            let mut closed = given.clone();
-            let made = trace::inline(&closing, &given);
-            let mut spoilt = Traced::NEG_ZERO; // or NaN
-            made.iter().take(self.shape.n).for_each(|entry| spoilt += *entry - *entry);
-            let made = made.iter().zip(&given[memory.clone()]);
-            closed[memory.clone()].iter_mut().zip(made).for_each(|(closed, (made, before))| {
-                *closed = trace::if_equal([spoilt, spoilt], *made, *before);
-            });
-            let open = given[memory][index + 1]; // length of the period
-            let (usual, late) = (trace::inline(advance, &given), trace::inline(advance, &closed));
-            let chosen = usual.iter().zip(&late);
-            let chosen: Vec<Traced> =
-                chosen.map(|(usual, late)| trace::if_positive(open, *late, *usual)).collect();
-            Ok(advance.output_names.iter().cloned().zip(chosen).collect())
-        })
-    }
-    /// Gains for corrections that are for times of these lengths, where they are inputs: for each chain that
-    /// takes any, which sample corrects it, where its time stands in the memory (with current timing; else
-    /// it is the step's length), and a row of gains for each length.
-    pub fn placed_gains(&self, lengths: &[f64]) -> Vec<(usize, Option<usize>, Vec<Vec<f64>>)> {
-        let of_chain = |PlacedChain { channel, elapsed, gains }: &PlacedChain| {
-            let row = |length: &f64| {
-                let mut row = vec![0.0; gains.count];
-                gains.write(*length, &mut row);
-                row
-            };
-            (*channel, *elapsed, lengths.iter().map(row).collect())
-        };
-        self.placed.iter().map(of_chain).collect()
+    /// Within a trace: the memory after the way to the next sample, as [`Observer::predict`]. A law that
+    /// closes its periods by samples closes one that was left open first, and holds its estimate where
+    /// the model has no value.
+    fn predicted(&self, given: &[Traced]) -> Vec<Traced> {
+        let usual = trace::inline(&self.advance, given);
+        let Some((index, _)) = self.unstarted else { return usual };
+        let (n, memory) = (self.shape.n, MEMORY..MEMORY + self.shape.memory);
+        let made = self.form(true, given);
+        let spoilt = made.iter().take(n).fold(Traced::NEG_ZERO, |sum, z| sum + (*z - *z)); // or NaN
+        let held = chosen_of(&made, &given[memory.clone()], |made, before| {
+            trace::if_equal([spoilt; 2], made, before)
+        });
+        let mut closed = given.to_vec();
+        closed[memory.clone()].copy_from_slice(&held);
+        let late = trace::inline(&self.advance, &closed);
+        let open = given[memory][index + 1]; // length of the period
+        chosen_of(&late, &usual, |late, usual| trace::if_positive(open, late, usual))
     }
     /// The way to the next sample.
     pub fn advance(&self) -> &Table {
@@ -199,6 +176,11 @@ impl Tables {
     }
 }
 
+/// Entry by entry one of two.
+fn chosen_of(a: &[Traced], b: &[Traced], of: impl Fn(Traced, Traced) -> Traced) -> Vec<Traced> {
+    a.iter().zip(b).map(|(a, b)| of(*a, *b)).collect()
+}
+
 /// The time that a chain's correction is for, in bits; with current timing none for a missing sample.
 #[inline(always)]
 pub(crate) fn length_of(placed: &PlacedChain, memory: &[f64], y: &[f64], dt: f64) -> u64 {
@@ -207,27 +189,63 @@ pub(crate) fn length_of(placed: &PlacedChain, memory: &[f64], y: &[f64], dt: f64
     elapsed.map_or(dt, |elapsed| elapsed - elapsed.while_missing(sample)).to_bits()
 }
 
+/// Gains of the corrections of one chain, held for some times.
+pub struct Held {
+    /// Which sample corrects.
+    pub channel: usize,
+    /// Where the time of the next correction stands in the memory, with current timing; else it is the
+    /// step's length.
+    pub elapsed: Option<usize>,
+    /// For each of the times.
+    pub rows: Vec<Vec<f64>>,
+}
+
 impl Tables {
-    /// A part of the step as a table over (t, dt, z, y, u, parameters), without the inputs that the part
-    /// does not take. "step", with predictor timing: (z after the step, innovation). With current timing
-    /// "correct", the use of a sample, of (t, z, y): (z, innovation); and "predict", the way to the next
-    /// one, of (t, dt, z, u): z. With `missing` the part that takes the sample where it is missing.
+    /// A part of the step as a table over (t, dt, z, y, u, parameters, gains), without the inputs that
+    /// the part does not take. "step", with predictor timing: (z after the step, innovation). With current
+    /// timing "correct", the use of a sample, of (t, z, y): (z, innovation); and "predict", the way to the
+    /// next one, of (t, dt, z, u): z. With `missing` the part that takes the sample where it is missing.
     pub fn part(&self, part: &str, missing: bool, single: bool) -> Result<Table> {
-        let Shape { memory, n_y, n_u, .. } = self.shape;
+        let Shape { memory, n_y, n_u, current, .. } = self.shape;
         let y = MEMORY + memory..MEMORY + memory + n_y;
         let u = y.end..y.end + n_u;
+        let traced = |of: &Table, made: &dyn Fn(&[Traced]) -> Vec<Traced>| {
+            trace(Setting::usual(single), || {
+                let given: Vec<Traced> = of.inputs.iter().map(|name| input(name)).collect();
+                Ok(of.output_names.iter().cloned().zip(made(&given)).collect())
+            })
+        };
         match (part, &self.correct) {
-            ("step", None) => self.taking(missing, single),
-            ("correct", Some(_)) => {
+            ("step", None) => traced(&self.advance, &|given| self.form(missing, given)),
+            ("correct", Some(correct)) => {
                 let step = MEMORY - 1; // its length
-                Ok(self.taking(missing, single)?.without_inputs(|i| i == step || u.contains(&i)))
+                let correct = traced(correct, &|given| self.form(missing, given))?;
+                Ok(correct.without_inputs(|i| i == step || u.contains(&i)))
             }
-            ("predict", Some(_)) => Ok(self.predict(single)?.without_inputs(|i| y.contains(&i))),
-            (other, correct) => {
-                let parts = if correct.is_some() { "correct or predict" } else { "step" };
+            ("predict", Some(_)) => {
+                let predict = traced(&self.advance, &|given| self.predicted(given))?;
+                Ok(predict.without_inputs(|i| y.contains(&i)))
+            }
+            (other, _) => {
+                let parts = if current { "correct or predict" } else { "step" };
                 Err(refused(format!("part = {other:?} is not allowed: {parts}")))
             }
         }
+    }
+
+    /// The gains that are inputs of these tables, for corrections that are for times of these lengths:
+    /// for each chain that takes any, in order.
+    pub fn held(&self, lengths: &[f64]) -> Vec<Held> {
+        let of_chain = |PlacedChain { channel, elapsed, gains }: &PlacedChain| {
+            let row = |length: &f64| {
+                let mut row = vec![0.0; gains.count];
+                gains.write(*length, &mut row);
+                row
+            };
+            let rows = lengths.iter().map(row).collect();
+            Held { channel: *channel, elapsed: *elapsed, rows }
+        };
+        self.placed.iter().map(of_chain).collect()
     }
 }
 

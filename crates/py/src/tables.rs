@@ -31,8 +31,8 @@ fn to_dict<'py>(py: Python<'py>, table: &Table) -> Result<Bound<'py, PyDict>> {
 /// the step, innovation). With current timing "correct", the use of a sample, of (t, z, y): (z, innovation);
 /// and "predict", the way to the next one, of (t, dt, z, u): z. With `missing` the part that takes the
 /// sample where it is missing. With `dt`, corrections that are placed (zoh, bilinear) are right for times
-/// of this length only; with `held`, those of their gains that no operations compute are inputs, see
-/// [`placed_gains`].
+/// of this length only; with `held`, those of their gains that no operations compute are inputs behind the
+/// parameters, see [`placed_gains`].
 #[pyfunction]
 #[pyo3(signature = (spec, single=false, missing=false, dt=None, part="step", held=false))]
 pub fn trace_step<'py>(
@@ -52,24 +52,22 @@ pub fn trace_step<'py>(
     to_dict(py, &tables.part(part, missing, single)?)
 }
 
-/// For each chain of placed corrections, where its sample and its time stand, and rows of gains.
-type ChainGains = (usize, Option<usize>, Vec<Vec<f64>>);
-
 /// Gains for corrections that are for times of these lengths, as [`trace_step`] takes them with `held`:
 /// for each chain that takes any, which sample corrects it, where its time stands in the memory (with
 /// current timing; else it is the step's length), and a row of gains for each length.
 #[pyfunction]
 #[pyo3(signature = (spec, lengths, single=false))]
-#[allow(clippy::needless_pass_by_value)]
+#[allow(clippy::needless_pass_by_value, clippy::type_complexity)]
 pub fn placed_gains(
     spec: &Bound<'_, PyAny>,
     lengths: Vec<f64>,
     single: bool,
-) -> Result<Vec<ChainGains>> {
+) -> Result<Vec<(usize, Option<usize>, Vec<Vec<f64>>)>> {
     let setting = Setting { gains: PlacedGains::Held, ..Setting::usual(single) };
     let spec = read_dict(spec, "observer")?;
     let tables = Tables::read(&Spec::new(&spec, "observer")?, setting)?;
-    Ok(tables.placed_gains(&lengths))
+    let held = tables.held(&lengths).into_iter();
+    Ok(held.map(|of| (of.channel, of.elapsed, of.rows)).collect())
 }
 
 /// Memories along a record in single precision: times (N,), samples (N, n_y), inputs (N, n_u), memory

@@ -19,7 +19,13 @@ from hgo_rs.exports import PERIODS, export
 @click.option("--name", help="Name of files and functions; by default the file's.")
 @click.option("--precision", type=click.Choice(["double", "single"]), default="double")
 @click.option("--dt", type=float, help="Sampling period [s]; by default the file's.")
-@click.option("--periods", type=int, help="For how many periods gains are held, where they are.")
+@click.option(
+    "--periods",
+    type=int,
+    default=PERIODS,
+    show_default=True,
+    help="For how many sampling periods gains are held, where they are.",
+)
 def export_command(
     config: Path,
     to: str,
@@ -27,7 +33,7 @@ def export_command(
     name: str | None,
     precision: str,
     dt: float | None,
-    periods: int | None,
+    periods: int,
 ) -> int:
     """Write the observer of CONFIG, an observer.toml, as source code that needs nothing else.
 
@@ -43,7 +49,7 @@ def export_command(
         name=name,
         precision=precision,
         dt=told.log.get("dt") if dt is None else dt,
-        periods=PERIODS if periods is None else periods,
+        periods=periods,
     )
     names = ", ".join(str(file.relative_to(out)) for file in files)
     say(f"written to {printable(str(out))}: {names}")

@@ -10,11 +10,8 @@ use crate::tabled::{Gains, LawTables};
 use crate::tables::Tables;
 use crate::trace::{Setting, Traced};
 use hgo_rs::Scalar;
-use hgo_rs::gain::GainLaw;
-use hgo_rs::injection::Placement;
 use hgo_rs::model::Unknown;
 use hgo_rs::observers::LowPower;
-use std::sync::Arc;
 
 pub(super) fn tables<const N: usize>(
     spec: &Spec<'_>,
@@ -39,6 +36,19 @@ pub(super) fn tables<const N: usize>(
     }
     let (alpha, beta) = (spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?);
     let gain = spec.sub("gain")?;
+    macro_rules! gains {
+        ($real:ty, $gain:pat => $made:expr, $at:expr) => {{
+            let saturation = AnySaturation::<N, $real>::read(spec, saturated)?;
+            let $gain = AnyGain::<$real>::read(&gain)? else {
+                return Err(refused("another gain law"));
+            };
+            let [alpha, beta] = [alpha, beta].map(|k| k.map(<$real>::from_f64));
+            Gains::new(
+                LowPower::<$real, _, _, _, N, 0>::new(alpha, beta, $made, Unknown, saturation)?,
+                $at,
+            )
+        }};
+    }
     macro_rules! law {
         ($gain:pat => $made:expr) => {
             LawTables::any(
@@ -56,15 +66,12 @@ pub(super) fn tables<const N: usize>(
                         alpha, beta, $made, model, saturation,
                     )?)
                 },
-                |at| match setting.single {
-                    true => gains::<f32, _, N>(spec, at, saturated, |gain| match gain {
-                        $gain => Some($made),
-                        _ => None,
-                    }),
-                    false => gains::<f64, _, N>(spec, at, saturated, |gain| match gain {
-                        $gain => Some($made),
-                        _ => None,
-                    }),
+                |at| {
+                    if setting.single {
+                        gains!(f32, $gain => $made, at)
+                    } else {
+                        gains!(f64, $gain => $made, at)
+                    }
                 },
             )
         };
@@ -75,20 +82,4 @@ pub(super) fn tables<const N: usize>(
         law!(AnyGain::Moving(gain) => gain)
     };
     continuous(given, setting, manner, &law?)
-}
-
-/// The gains of placed corrections, which depend on no model; `chosen` takes out the gain law.
-fn gains<T: Scalar, G: GainLaw<T> + Send + Sync + 'static, const N: usize>(
-    spec: &Spec<'_>,
-    at: Placement,
-    saturated: bool,
-    chosen: impl FnOnce(AnyGain<T>) -> Option<G>,
-) -> Result<Arc<Gains>> {
-    let saturation = AnySaturation::<N, T>::read(spec, saturated)?;
-    let [alpha, beta] = [spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?];
-    let [alpha, beta] = [alpha, beta].map(|k| k.map(T::from_f64));
-    let gain = chosen(AnyGain::read(&spec.sub("gain")?)?);
-    let gain = gain.ok_or_else(|| refused("another gain law"))?;
-    let law = LowPower::<T, _, _, _, N, 0>::new(alpha, beta, gain, Unknown, saturation)?;
-    Gains::new::<T, _>(law, at)
 }

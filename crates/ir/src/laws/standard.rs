@@ -39,7 +39,7 @@ pub(super) fn tables<const N: usize>(
                     let $gain = AnyGain::read(&gain)? else {
                         return Err(refused("another gain law"));
                     };
-                    Gains::new::<f64, _>(
+                    Gains::new(
                         StandardObserver::<f64, _, _, N, 1>::new(k, $made, AnyModel::Unknown)?,
                         at,
                     )

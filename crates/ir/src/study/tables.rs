@@ -124,11 +124,7 @@ impl Making<'_> {
     }
 
     fn sample(&self) -> Result<Table> {
-        let taking = if self.plan.samples_miss() {
-            self.observer.taking_any()?
-        } else {
-            self.observer.taking(false, false)?
-        };
+        let taking = self.observer.taking(self.plan.samples_miss())?;
         trace(Self::setting(), || {
             let (t, dt) = (input("t"), length(self.plan.schedule, "dt", 1.0));
             let (plant_t, sines) = (input("plant_t"), self.sines());
