@@ -1,16 +1,18 @@
 //! Floor 5. Continuous laws as tables: each function of a law is traced once, and the schemes of the core run
 //! over the tables. (Laws times schemes, each pair compiled, would be many times as much code.)
 
+use crate::Function;
 use crate::choices::{AnyMethod, Manner, NOT_PLACED};
 use crate::error::{Result, refused};
 use crate::order::MAX_INPUTS;
-use crate::Function;
 use crate::table::Table;
 use crate::trace::{self, PlacedGains, Setting, Traced, inline, input, inputs, named, trace};
 use hgo_rs::Scalar;
 use hgo_rs::injection::{Injected, Placed, Placement};
 use hgo_rs::memory::Memory;
-use hgo_rs::observer::{ContinuousLaw, Current, Discretised, Observer, Scheme, Timing};
+use hgo_rs::observer::{
+    ContinuousLaw, Current, CurrentState, Discretised, Observer, Scheme, Timing,
+};
 use hgo_rs::observers::BlockGains;
 use nalgebra::SVector;
 use std::sync::{Arc, Mutex};
@@ -116,8 +118,9 @@ impl Gains {
         let poles = law.poles(at)?;
         let of = move |length, memory: &[f64]| {
             let memory: Vec<T> = memory.iter().map(|value| T::from_f64(*value)).collect();
-            let gains = law.gains(at, &poles, &L::State::read(&memory), T::from_f64(length));
-            gains.numbers().into_iter().map(T::to_f64).collect()
+            let z = if memory.is_empty() { law.initial() } else { L::State::read(&memory) };
+            let gains = law.gains(at, &poles, &z, T::from_f64(length)).numbers();
+            gains.into_iter().map(T::to_f64).collect()
         };
         Ok(Arc::new(Self { count: L::Gains::COUNT, of: Box::new(of), recent: Mutex::default() }))
     }
@@ -399,11 +402,11 @@ impl LawTables {
         given: &Given<'_>,
     ) -> Vec<(String, Traced)> {
         let observer = Current { law, scheme };
-        let before = (given.z, given.held[0]);
+        let before = CurrentState { law: given.z, elapsed: given.held[0] };
         let mut next = before;
         observer.correct(&mut next, &given.y, given.t);
         let innovation = observer.innovation(given.t, &before, &given.y, &given.u);
-        self.made(&next.0, &[next.1], &[innovation])
+        self.made(&next.law, &[next.elapsed], &[innovation])
     }
 
     fn moved<'a, S: Scheme<Traced, Tabled<'a>>>(
@@ -423,9 +426,9 @@ impl LawTables {
             }
             Timing::Current => {
                 let observer = Current { law, scheme };
-                let mut next = (*z, given.held[0]);
+                let mut next = CurrentState { law: *z, elapsed: given.held[0] };
                 observer.predict(&mut next, u, *t, *dt);
-                self.made(&next.0, &[next.1], &[])
+                self.made(&next.law, &[next.elapsed], &[])
             }
         }
     }
