@@ -49,6 +49,8 @@ fn as_dict<'py>(py: Python<'py>, study: &Study, result: StudyResult) -> Result<B
     let (out, plan) = (PyDict::new(py), &study.plan);
     let StudyResult { runs, signals, counts, frames } = result;
     let rows = runs.len();
+    let shared: &[&str] = if study.plants_are_shared { &["plant"] } else { &[] };
+    out.set_item("shared", shared)?;
     let [mean, rms, max] = study.layout.kinds;
     for (key, wanted, of) in [
         ("mean", mean, Moments::mean as fn(&Moments<f64>) -> f64),

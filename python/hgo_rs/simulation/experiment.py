@@ -332,6 +332,7 @@ def result_of(out: dict[str, Any], experiment: Experiment) -> SimulationResult:
         histogram=out.get("histogram"),
         n=experiment.n,
         spec=experiment.spec,
+        shared=tuple(out.get("shared", ())),
     )
 
 

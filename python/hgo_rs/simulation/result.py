@@ -39,6 +39,8 @@ class SimulationResult:
         Kept frames, None without `every`.
     spec : dict
         The experiment as plain data, read-only.
+    shared : tuple of str
+        What moved alike in all runs and so was moved once: "plant", or nothing.
     """
 
     metrics: dict[str, Array]
@@ -54,6 +56,7 @@ class SimulationResult:
     histogram: dict[str, Array] | None
     n: int
     spec: dict[str, Any]
+    shared: tuple[str, ...] = ()
 
     @property
     def timing(self) -> str:

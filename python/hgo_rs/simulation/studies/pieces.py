@@ -253,4 +253,5 @@ def put(result: StudyResult, task: Task, outs: list[dict[str, Any]]) -> None:
                 kept[key][rows] = values
         if "t" in kept:
             kept["t"][: len(out["t"])] = out["t"]
+        result.shared[piece.case] = tuple(out.get("shared", ()))
         result.finished[piece.case, rows] = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -56,6 +56,8 @@ class StudyResult:
     finished : (C, R) bool
     seed : int
         Run i of every case draws from the streams (seed, i).
+    shared : dict
+        For each computed case what moved alike in all runs and so was moved once.
     """
 
     parameters: list[dict[str, Any]]
@@ -66,6 +68,7 @@ class StudyResult:
     experiments: list[Experiment]
     outputs: list[dict[str, Array]]
     engine: str = "auto"
+    shared: dict[int, tuple[str, ...]] = field(default_factory=dict)
 
     # --- one case, one run ---------------------------------------------------------------------
 
@@ -74,7 +77,8 @@ class StudyResult:
 
     def __getitem__(self, case: int) -> SimulationResult:
         try:
-            return result_of(self.outputs[case], self.experiments[case])
+            out: dict[str, Any] = {**self.outputs[case], "shared": self.shared.get(case, ())}
+            return result_of(out, self.experiments[case])
         except IndexError:
             raise IndexError(f"case {case}: there are {len(self)} cases") from None
 
@@ -251,6 +255,9 @@ class StudyResult:
         told = [f"StudyResult of {cases} cases x {runs} runs, seed {self.seed}"]
         if not self.complete:
             told.append(f"NOT COMPLETE: {self.finished.sum()} of {cases * runs} runs are finished")
+        alike = sum("plant" in parts for parts in self.shared.values())
+        if alike:
+            told.append(f"plants moved once for all runs in {alike} of {cases} cases")
         lost = self.diverged
         if len(lost):
             named = ", ".join(str((int(i), int(k))) for i, k in lost[:3])
