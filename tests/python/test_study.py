@@ -652,6 +652,7 @@ CHILD = """
 import sys
 import pandas, pyarrow.parquet  # what the study loads, before the clock runs
 import hgo_rs as hgo
+from hgo_rs.simulation.studies import pieces
 
 def build(ell):
     return dict(plant=hgo.Lee(), observer=hgo.StandardObserver(2, ell, k=[2.0, 2.0]),
@@ -660,12 +661,12 @@ def build(ell):
 def told(progress):
     print("piece", flush=True)
 
-def execute(spec, *by, plain=hgo.simulation.studies.pieces.execute):
+def execute(spec, *by, plain=pieces.execute):
     if {steps} > 10**6:
         print("piece", flush=True)  # begins; it would take hours
     return plain(spec, *by)
 
-hgo.simulation.studies.pieces.execute = execute
+pieces.execute = execute
 
 print("ready", flush=True)
 try:

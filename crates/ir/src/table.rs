@@ -238,13 +238,15 @@ impl Table {
         }
     }
 
-    /// Whether a value may be missing for finite inputs: an operation that has none everywhere.
+    /// Whether a value may be missing for finite inputs: an operation that has none everywhere. (Sines have
+    /// one up to 1e9 rad.)
     pub fn may_lack_value(&self) -> bool {
-        use Operation::{Cos, Divide, Ln, Power, Sin, Sqrt, Tan};
+        use Operation::{Divide, Ln, Power, Sqrt};
         !self.calls.is_empty()
-            || self.operations.iter().any(|(operation, _)| {
-                matches!(operation, Sqrt | Ln | Divide | Power | Sin | Cos | Tan)
-            })
+            || self
+                .operations
+                .iter()
+                .any(|(operation, _)| matches!(operation, Sqrt | Ln | Divide | Power))
     }
 
     /// For each value whether it depends on one of some inputs.
