@@ -10,7 +10,6 @@ use crate::tabled::{Gains, LawTables};
 use crate::tables::Tables;
 use crate::trace::{Setting, Traced};
 use hgo_rs::Scalar;
-use hgo_rs::gain::GainLaw;
 use hgo_rs::injection::Placement;
 use hgo_rs::model::Unknown;
 use hgo_rs::observers::LowPower;
@@ -39,6 +38,10 @@ pub(super) fn tables<const N: usize>(
     }
     let (alpha, beta) = (spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?);
     let gain = spec.sub("gain")?;
+    let gains = |at| match setting.single {
+        true => gains::<f32, N>(spec, at, saturated),
+        false => gains::<f64, N>(spec, at, saturated),
+    };
     macro_rules! law {
         ($gain:pat => $made:expr) => {
             LawTables::any(
@@ -56,16 +59,7 @@ pub(super) fn tables<const N: usize>(
                         alpha, beta, $made, model, saturation,
                     )?)
                 },
-                |at| match setting.single {
-                    true => gains::<f32, _, N>(spec, at, saturated, |gain| match gain {
-                        $gain => Some($made),
-                        _ => None,
-                    }),
-                    false => gains::<f64, _, N>(spec, at, saturated, |gain| match gain {
-                        $gain => Some($made),
-                        _ => None,
-                    }),
-                },
+                gains,
             )
         };
     }
@@ -77,18 +71,16 @@ pub(super) fn tables<const N: usize>(
     continuous(given, setting, manner, &law?)
 }
 
-/// The gains of placed corrections, which depend on no model; `chosen` takes out the gain law.
-fn gains<T: Scalar, G: GainLaw<T> + Send + Sync + 'static, const N: usize>(
+/// The gains of placed corrections, which depend on no model.
+fn gains<T: Scalar + Send + Sync + 'static, const N: usize>(
     spec: &Spec<'_>,
     at: Placement,
     saturated: bool,
-    chosen: impl FnOnce(AnyGain<T>) -> Option<G>,
 ) -> Result<Arc<Gains>> {
     let saturation = AnySaturation::<N, T>::read(spec, saturated)?;
     let [alpha, beta] = [spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?];
     let [alpha, beta] = [alpha, beta].map(|k| k.map(T::from_f64));
-    let gain = chosen(AnyGain::read(&spec.sub("gain")?)?);
-    let gain = gain.ok_or_else(|| refused("another gain law"))?;
+    let gain = AnyGain::read(&spec.sub("gain")?)?;
     let law = LowPower::<T, _, _, _, N, 0>::new(alpha, beta, gain, Unknown, saturation)?;
     Gains::new::<T, _>(law, at)
 }
