@@ -278,6 +278,53 @@ fn wide_steps<const N: usize>(
     (a.map(|a| a.to_f64() * rate), b.map(|b| b.to_f64() * rate * rate))
 }
 
+/// [`LowPower::gains`] as numbers, the same for every scalar, gain law, model and saturation.
+fn placed_gains<const N: usize>(
+    at: Placement,
+    (alpha, beta): (&[f64; N], &[f64; N]),
+    poles: &[[[(f64, f64); N]; 2]; 2],
+    r: f64,
+    dt: f64,
+) -> [[f64; N]; 4] {
+    let alone = alpha.map(|alpha| -at.image((-alpha, 0.0), r, dt).0);
+    let [first, rest] = poles;
+    let degree = 2 * N.saturating_sub(1);
+
+    let (mut a, b) = if const { N > PLAIN } && dt > 0.0 {
+        let unit = unit(alpha);
+        let mut wide = [[(Wide::ZERO, Wide::ZERO); N]; 2];
+        let parts = first.as_flattened().iter().zip(rest.as_flattened());
+        for (pole, (first, rest)) in wide.as_flattened_mut().iter_mut().zip(parts) {
+            *pole = (Wide::of(first.0, rest.0), Wide::of(first.1, rest.1));
+        }
+        wide_steps(alpha, &wide, unit, r, dt)
+    } else {
+        let (mut d, mut polynomial) = ([[(0.0, 0.0); N]; 2], [[0.0; N]; 2]);
+        for (i, pole) in first.as_flattened().iter().take(degree).enumerate() {
+            times_root(d.as_flattened_mut(), i, at.image(*pole, r, dt));
+        }
+        for (c, (re, _)) in polynomial.as_flattened_mut().iter_mut().zip(d.as_flattened()) {
+            *c = *re;
+        }
+        let inner = polynomial.as_flattened().get(..degree).unwrap_or(&[]);
+        low_power_steps::<f64, N>(inner, alone, dt)
+    };
+    if let (Some(a), Some(alone)) = (a.last_mut(), alone.last()) {
+        *a = *alone; // it moves no other block: its eigenvalue is its own
+    }
+    let blocks: [[f64; 2]; N] = core::array::from_fn(|i| {
+        if i + 1 == N {
+            return [a[i] * dt, 0.0];
+        }
+        let mut pair = [(0.0, 0.0); 2];
+        roots(&[alpha[i], beta[i]], &mut pair);
+        chain_gains::<f64, 2>(&at.images(&Poles::from(pair), r, dt), dt).into()
+    });
+    // no time: nothing moves, whatever the division by it gave
+    let over = |value: f64| if dt > 0.0 { value * dt } else { 0.0 };
+    [a.map(over), b.map(over), blocks.map(|block| block[0]), blocks.map(|block| block[1])]
+}
+
 /// What a correction moves: block i moves x̂ᵢ by aᵢ eᵢ and ηᵢ by bᵢ eᵢ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -362,48 +409,17 @@ where
         let r = if r > T::ZERO { known } else { 1.0 };
         let alpha: [f64; N] = core::array::from_fn(|i| self.alpha[i].to_f64());
         let beta: [f64; N] = core::array::from_fn(|i| self.beta[i].to_f64());
-        let alone = alpha.map(|alpha| -at.image((-alpha, 0.0), r, dt).0);
-
-        let (mut a, b) = if const { N > PLAIN } && dt > 0.0 {
-            let unit = unit(&alpha);
-            let [first, rest] = poles;
-            let mut wide = [[(Wide::ZERO, Wide::ZERO); N]; 2];
-            let parts = first.iter().flat_map(Poles::iter).zip(rest.iter().flat_map(Poles::iter));
-            for (pole, (first, rest)) in wide.as_flattened_mut().iter_mut().zip(parts) {
-                let whole = |high: T, low: T| Wide::of(high.to_f64(), low.to_f64());
-                *pole = (whole(first.0, rest.0), whole(first.1, rest.1));
-            }
-            wide_steps(&alpha, &wide, unit, r, dt)
-        } else {
-            let (mut d, mut polynomial) = ([[(0.0, 0.0); N]; 2], [[0.0; N]; 2]);
-            let degree = 2 * N.saturating_sub(1);
-            let found = poles.iter().flatten().flat_map(Poles::iter);
-            for (i, (re, im)) in found.take(degree).enumerate() {
-                let pole = (re.to_f64(), im.to_f64());
-                times_root(d.as_flattened_mut(), i, at.image(pole, r, dt));
-            }
-            for (c, (re, _)) in polynomial.as_flattened_mut().iter_mut().zip(d.as_flattened()) {
-                *c = *re;
-            }
-            let inner = polynomial.as_flattened().get(..degree).unwrap_or(&[]);
-            low_power_steps::<f64, N>(inner, alone, dt)
-        };
-        if let (Some(a), Some(alone)) = (a.last_mut(), alone.last()) {
-            *a = *alone; // it moves no other block: its eigenvalue is its own
+        let mut numbers = [[[(0.0, 0.0); N]; 2]; 2];
+        let poles = poles.iter().flatten().flat_map(Poles::iter);
+        for (number, (re, im)) in
+            numbers.as_flattened_mut().as_flattened_mut().iter_mut().zip(poles)
+        {
+            *number = (re.to_f64(), im.to_f64());
         }
-        let blocks: [[f64; 2]; N] = core::array::from_fn(|i| {
-            if i + 1 == N {
-                return [a[i] * dt, 0.0];
-            }
-            let mut pair = [(0.0, 0.0); 2];
-            roots(&[alpha[i], beta[i]], &mut pair);
-            chain_gains::<f64, 2>(&at.images(&Poles::from(pair), r, dt), dt).into()
-        });
-        // no time: nothing moves, whatever the division by it gave
-        let over = |value: f64| if dt > 0.0 { value * dt } else { 0.0 };
-        let scaled = |values: [f64; N]| SVector::from_fn(|i, _| T::from_f64(over(values[i])));
-        let block = |part: usize| SVector::from_fn(|i, _| T::from_f64(blocks[i][part]));
-        [BlockGains { a: scaled(a), b: scaled(b) }, BlockGains { a: block(0), b: block(1) }]
+        let gains = placed_gains(at, (&alpha, &beta), &numbers, r, dt);
+        let [a, b, alone_a, alone_b] =
+            gains.map(|part| SVector::from_fn(|i, _| T::from_f64(part[i])));
+        [BlockGains { a, b }, BlockGains { a: alone_a, b: alone_b }]
     }
 
     #[inline(always)]

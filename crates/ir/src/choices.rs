@@ -29,11 +29,41 @@ impl<T: Scalar> GainLaw<T> for MovingGain<T> {
 }
 
 /// A gain law by its name.
+#[derive(Clone, Copy)]
 pub enum AnyGain<T = f64> {
     /// ℓ.
     Constant(ConstantGain<T>),
     /// r, which moves.
     Moving(MovingGain<T>),
+}
+
+/// With one memory r for all of them: that of a constant gain is 1 and stays.
+impl<T: Scalar> GainLaw<T> for AnyGain<T> {
+    type Memory = T;
+    fn initial(&self) -> T {
+        T::ONE
+    }
+    fn fixed(&self) -> T {
+        match self {
+            Self::Constant(law) => law.fixed(),
+            Self::Moving(law) => law.fixed(),
+        }
+    }
+    fn moving(&self, r: &T) -> T {
+        *r
+    }
+    fn rate<const N: usize>(&self, r: &T, e: T) -> T {
+        match self {
+            Self::Constant(_) => T::ZERO,
+            Self::Moving(law) => law.rate::<N>(r, e),
+        }
+    }
+    fn admissible(&self, r: T) -> T {
+        match self {
+            Self::Constant(_) => r,
+            Self::Moving(law) => law.admissible(r),
+        }
+    }
 }
 
 impl<T: Scalar> AnyGain<T> {

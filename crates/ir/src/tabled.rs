@@ -8,7 +8,7 @@ use crate::order::MAX_INPUTS;
 use crate::table::Table;
 use crate::trace::{self, PlacedGains, Setting, Traced, inline, input, inputs, named, trace};
 use hgo_rs::Scalar;
-use hgo_rs::injection::{Injected, Placed, Placement};
+use hgo_rs::injection::{Injected, Placement};
 use hgo_rs::memory::Memory;
 use hgo_rs::observer::{
     ContinuousLaw, Current, CurrentState, Discretised, Observer, Scheme, Timing,
@@ -117,8 +117,9 @@ impl Gains {
     {
         let poles = law.poles(at)?;
         let of = move |length, memory: &[f64]| {
-            let memory: Vec<T> = memory.iter().map(|value| T::from_f64(*value)).collect();
-            let z = if memory.is_empty() { law.initial() } else { L::State::read(&memory) };
+            // a constant gain has no memory in the table: its r stays as it begins
+            let (mut z, mut memory) = (law.initial(), memory.iter());
+            z.visit_mut(&mut |entry| *entry = memory.next().map_or(*entry, |of| T::from_f64(*of)));
             let gains = law.gains(at, &poles, &z, T::from_f64(length)).numbers();
             gains.into_iter().map(T::to_f64).collect()
         };
@@ -154,18 +155,99 @@ impl Function for Gains {
     }
 }
 
-/// One function of the law that `build` makes: its inputs by name and number, then what the law's
-/// model has for inputs of its own.
-fn part<L>(
+/// A continuous law of any order over traced numbers: what it moves are slices, so that all that is made
+/// of its tables is compiled once.
+trait Law {
+    fn initial(&self) -> Vec<Traced>;
+    fn innovation(&self, z: &[Traced], y: Traced) -> Vec<Traced>;
+    fn rate(&self, t: Traced, z: &[Traced], e: &[Traced], u: &[Traced]) -> Vec<Traced>;
+    fn injection(&self, z: &[Traced], e: &[Traced]) -> Vec<Traced>;
+    fn stagger(&self, old: &[Traced], new: &[Traced], dt: Traced) -> Vec<Traced>;
+    fn admissible(&self, z: &[Traced]) -> Vec<Traced>;
+}
+
+/// One whose eigenvalues can be placed.
+trait PlacedLaw: Law {
+    fn flow(&self, t: Traced, z: &[Traced], u: &[Traced], dt: Traced) -> Vec<Traced>;
+    /// For a time that is asked for once the poles are known.
+    fn gains(&self, at: Placement, z: &[Traced], dt: &dyn Fn() -> Traced) -> Result<Vec<Traced>>;
+    fn inject(&self, z: &[Traced], y: Traced, gains: &[Traced], dt: Traced) -> Vec<Traced>;
+}
+
+/// A law of the core as such.
+struct Flat<L>(L);
+
+impl<L> Law for Flat<L>
+where
+    L: ContinuousLaw<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>>,
+{
+    fn initial(&self) -> Vec<Traced> {
+        flat(&self.0.initial())
+    }
+    fn innovation(&self, z: &[Traced], y: Traced) -> Vec<Traced> {
+        flat(&self.0.innovation(&L::State::read(z), y))
+    }
+    fn rate(&self, t: Traced, z: &[Traced], e: &[Traced], u: &[Traced]) -> Vec<Traced> {
+        let (e, u) = (L::Innovation::read(e), L::Input::read(u));
+        flat(&self.0.rate(t, &L::State::read(z), &e, &u))
+    }
+    fn injection(&self, z: &[Traced], e: &[Traced]) -> Vec<Traced> {
+        flat(&self.0.injection(&L::State::read(z), &L::Innovation::read(e)))
+    }
+    fn stagger(&self, old: &[Traced], new: &[Traced], dt: Traced) -> Vec<Traced> {
+        flat(&self.0.stagger(&L::State::read(old), L::State::read(new), dt))
+    }
+    fn admissible(&self, z: &[Traced]) -> Vec<Traced> {
+        flat(&self.0.admissible(L::State::read(z)))
+    }
+}
+
+impl<L> PlacedLaw for Flat<L>
+where
+    L: Injected<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>, Gains: Numbers<Traced>>,
+{
+    fn flow(&self, t: Traced, z: &[Traced], u: &[Traced], dt: Traced) -> Vec<Traced> {
+        flat(&self.0.flow(t, &L::State::read(z), &L::Input::read(u), dt))
+    }
+    fn gains(&self, at: Placement, z: &[Traced], dt: &dyn Fn() -> Traced) -> Result<Vec<Traced>> {
+        let poles = self.0.poles(at)?;
+        Ok(self.0.gains(at, &poles, &L::State::read(z), dt()).numbers())
+    }
+    fn inject(&self, z: &[Traced], y: Traced, gains: &[Traced], dt: Traced) -> Vec<Traced> {
+        let z = L::State::read(z);
+        let e = self.0.innovation(&z, y);
+        flat(&self.0.inject(&z, &e, &L::Gains::from_numbers(gains), dt))
+    }
+}
+
+/// What is known of a law by its type.
+#[derive(Clone, Copy)]
+struct Sizes {
+    n: usize,
+    len: usize,
+    errors: usize,
+}
+
+impl Sizes {
+    fn of<L>() -> Self
+    where
+        L: ContinuousLaw<Traced, Innovation: Memory<Traced>>,
+    {
+        Self { n: L::ESTIMATED, len: L::State::LEN, errors: L::Innovation::LEN }
+    }
+}
+
+/// One function of a law: its inputs by name and number, then what the law's model has for inputs of its
+/// own, which come to be when the law is built.
+fn part(
     setting: Setting,
-    build: &impl Fn() -> Result<L>,
     given: &[(&str, usize)],
-    function: impl FnOnce(&L, &[Vec<Traced>]) -> Result<Vec<Traced>>,
+    function: impl FnOnce(&[Vec<Traced>]) -> Result<Vec<Traced>>,
 ) -> Result<Table> {
     trace(setting, || {
         let given: Vec<Vec<Traced>> =
             given.iter().map(|(name, count)| inputs(name, *count)).collect();
-        Ok(named("made", &function(&build()?, &given)?))
+        Ok(named("made", &function(&given)?))
     })
 }
 
@@ -184,10 +266,11 @@ impl LawTables {
         build: impl Fn() -> Result<L>,
     ) -> Result<Self>
     where
-        L: ContinuousLaw<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>>,
+        L: ContinuousLaw<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>> + 'static,
     {
+        let build = || -> Result<Box<dyn Law>> { Ok(Box::new(Flat(build()?))) };
         match manner.method {
-            AnyMethod::Known(_) => Self::of(setting, n_u, &build),
+            AnyMethod::Known(_) => Self::of(setting, n_u, Sizes::of::<L>(), &build),
             AnyMethod::Placed(_) => Err(refused(NOT_PLACED)),
         }
     }
@@ -206,8 +289,10 @@ impl LawTables {
                 Input: Memory<Traced>,
                 Innovation: Memory<Traced>,
                 Gains: Numbers<Traced>,
-            >,
+            > + 'static,
     {
+        let sizes = Sizes::of::<L>();
+        let build = || -> Result<Box<dyn PlacedLaw>> { Ok(Box::new(Flat(build()?))) };
         let placed = match manner.method {
             AnyMethod::Known(_) => None,
             AnyMethod::Placed(at) => {
@@ -223,69 +308,54 @@ impl LawTables {
                     (false, true) => GainsOf::Table,
                     (false, false) => GainsOf::Call(gains(at)?),
                 };
-                Some(Self::placed(setting, (at, manner.timing), n_u, &build, gains)?)
+                Some(Self::placed(setting, (at, manner.timing), (sizes.len, n_u), &build, gains)?)
             }
         };
-        Ok(Self { placed, ..Self::of(setting, n_u, &build)? })
+        Ok(Self { placed, ..Self::of(setting, n_u, sizes, &|| Ok(build()?))? })
     }
 
-    fn of<L>(setting: Setting, n_u: usize, build: &impl Fn() -> Result<L>) -> Result<Self>
-    where
-        L: ContinuousLaw<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>>,
-    {
-        let (len, errors) = (L::State::LEN, L::Innovation::LEN);
-        let z = |values: &[Traced]| L::State::read(values);
+    fn of(
+        setting: Setting,
+        n_u: usize,
+        Sizes { n, len, errors }: Sizes,
+        build: &dyn Fn() -> Result<Box<dyn Law>>,
+    ) -> Result<Self> {
         let mut initial = Vec::new();
-        part(setting, build, &[], |law: &L, _| {
-            initial = flat(&law.initial()).into_iter().map(Scalar::to_f64).collect();
+        part(setting, &[], |_| {
+            initial = build()?.initial().into_iter().map(Scalar::to_f64).collect();
             Ok(Vec::new())
         })?;
         let moving = [("t", 1), ("z", len), ("e", errors), ("u", n_u)];
+        let stagger = [("old", len), ("new", len), ("dt", 1)];
         Ok(Self {
-            n: L::ESTIMATED,
+            n,
             len,
             errors,
             n_u,
             initial,
-            innovation: part(setting, build, &[("z", len), ("y", 1)], |law: &L, of| {
-                Ok(flat(&law.innovation(&z(&of[0]), of[1][0])))
+            innovation: part(setting, &[("z", len), ("y", 1)], |of| {
+                Ok(build()?.innovation(&of[0], of[1][0]))
             })?,
-            rate: part(setting, build, &moving, |law: &L, of| {
-                let (e, u) = (L::Innovation::read(&of[2]), L::Input::read(&of[3]));
-                Ok(flat(&law.rate(of[0][0], &z(&of[1]), &e, &u)))
+            rate: part(setting, &moving, |of| Ok(build()?.rate(of[0][0], &of[1], &of[2], &of[3])))?,
+            injection: part(setting, &[("z", len), ("e", errors)], |of| {
+                Ok(build()?.injection(&of[0], &of[1]))
             })?,
-            injection: part(setting, build, &[("z", len), ("e", errors)], |law: &L, of| {
-                Ok(flat(&law.injection(&z(&of[0]), &L::Innovation::read(&of[1]))))
-            })?,
-            stagger: part(
-                setting,
-                build,
-                &[("old", len), ("new", len), ("dt", 1)],
-                |law: &L, of| Ok(flat(&law.stagger(&z(&of[0]), z(&of[1]), of[2][0]))),
-            )?,
-            admissible: part(setting, build, &[("z", len)], |law: &L, of| {
-                Ok(flat(&law.admissible(z(&of[0]))))
-            })?,
+            stagger: part(setting, &stagger, |of| Ok(build()?.stagger(&of[0], &of[1], of[2][0])))?,
+            admissible: part(setting, &[("z", len)], |of| Ok(build()?.admissible(&of[0])))?,
             placed: None,
         })
     }
 
-    fn placed<L>(
+    fn placed(
         setting: Setting,
         (at, timing): (Placement, Timing),
-        n_u: usize,
-        build: &impl Fn() -> Result<L>,
+        (len, n_u): (usize, usize),
+        build: &dyn Fn() -> Result<Box<dyn PlacedLaw>>,
         gains: GainsOf,
-    ) -> Result<PlacedTables>
-    where
-        L: Injected<Traced, Input: Memory<Traced>, Gains: Numbers<Traced>>,
-    {
-        let len = L::State::LEN;
+    ) -> Result<PlacedTables> {
         let free = [("t", 1), ("z", len), ("u", n_u), ("dt", 1)];
-        let flow = part(setting, build, &free, |law: &L, of| {
-            let (z, u) = (L::State::read(&of[1]), L::Input::read(&of[2]));
-            Ok(flat(&law.flow(of[0][0], &z, &u, of[3][0])))
-        })?;
+        let flow =
+            part(setting, &free, |of| Ok(build()?.flow(of[0][0], &of[1], &of[2], of[3][0])))?;
         let (inputs, called) = match gains {
             GainsOf::Inputs(gains) => (Some(gains), None),
             GainsOf::Call(gains) => (None, Some(gains)),
@@ -293,29 +363,28 @@ impl LawTables {
         };
         let count = inputs.as_ref().map_or(0, |gains| gains.count);
         let sampled = [("z", len), ("y", 1), ("dt", 1), ("gains", count)];
-        let correct = part(setting, build, &sampled, |law: &L, of| {
-            let (z, y, dt) = (L::State::read(&of[0]), of[1][0], of[2][0]);
+        let correct = part(setting, &sampled, |of| {
+            let (law, z, y, dt) = (build()?, of[0].as_slice(), of[1][0], of[2][0]);
             if count > 0 {
-                let gains = L::Gains::from_numbers(&of[3]);
-                return Ok(flat(&law.inject(&z, &law.innovation(&z, y), &gains, dt)));
+                return Ok(law.inject(z, y, &of[3], dt));
             }
             if let Some(gains) = &called {
-                let given = [&[dt], of[0].as_slice()].concat();
+                let given = [&[dt], z].concat();
                 let gains = trace::native(gains.clone(), &given, gains.count);
-                let gains = L::Gains::from_numbers(&gains);
-                return Ok(flat(&law.inject(&z, &law.innovation(&z, y), &gains, dt)));
+                return Ok(law.inject(z, y, &gains, dt));
             }
-            let scheme = Placed::new(law, at)?;
             let PlacedGains::For(length) = setting.gains else {
-                return Ok(flat(&scheme.correct(law, &z, y, dt)));
+                return Ok(law.inject(z, y, &law.gains(at, z, &|| dt)?, dt));
             };
-            let made = flat(&scheme.correct(law, &z, y, Traced::from_f64(length)));
+            let length = || Traced::from_f64(length);
+            let gains = law.gains(at, z, &length)?;
+            let length = length();
+            let made = law.inject(z, y, &gains, length);
             if timing == Timing::Predictor {
                 return Ok(made);
             }
             // a correction for no time, as at the start, moves nothing; for another time it has no value
-            let length = Traced::from_f64(length);
-            let chosen = made.iter().zip(&of[0]).map(|(made, z)| {
+            let chosen = made.iter().zip(z).map(|(made, z)| {
                 let other = trace::if_equal([dt, Traced::ZERO], *z, Traced::from_f64(f64::NAN));
                 trace::if_equal([dt, length], *made, other)
             });

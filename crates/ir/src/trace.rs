@@ -176,15 +176,22 @@ pub fn trace(
     setting: Setting,
     law: impl FnOnce() -> Result<Vec<(String, Traced)>>,
 ) -> Result<Table> {
+    begin(setting);
+    end(law()?)
+}
+
+fn begin(Setting { single, present, answer, .. }: Setting) {
     with(|trace| {
-        let Setting { single, present, answer, .. } = setting;
         *trace = Trace { single, present, answer, ..Trace::default() };
         // in the order of the constants of `Scalar`
         for node in [ZERO, ONE, NEG_ZERO] {
             trace.node(node);
         }
     });
-    let outputs = law()?;
+}
+
+/// The table of what was traced.
+fn end(outputs: Vec<(String, Traced)>) -> Result<Table> {
     let Trace { nodes, names, undecided, calls, called, .. } = with(std::mem::take);
     if undecided {
         return Err(refused(
@@ -306,7 +313,7 @@ pub fn apply<const K: usize>(operation: Operation, operands: [Traced; K]) -> Tra
     record(operation, std::array::from_fn(|i| operands.get(i).copied().unwrap_or(Traced(0))), K)
 }
 
-/// The same for all numbers of operands: in one place, since laws of all orders are full of it.
+/// The same for all numbers of operands.
 #[inline(never)]
 fn record(operation: Operation, operands: [Traced; 3], count: usize) -> Traced {
     Traced(with(|trace| trace.apply(operation, operands.map(|Traced(index)| index), count)))
@@ -318,6 +325,7 @@ pub fn if_positive(value: Traced, a: Traced, b: Traced) -> Traced {
 }
 
 /// `a` where `value` > `other`, else `b`.
+#[inline(never)]
 fn if_above(value: Traced, other: Traced, a: Traced, b: Traced) -> Traced {
     apply(Operation::Select, [apply(Operation::Less, [other, value]), a, b])
 }
@@ -328,6 +336,7 @@ pub fn if_equal(values: [Traced; 2], a: Traced, b: Traced) -> Traced {
 }
 
 /// A question about values: its answer if they are constants.
+#[inline(never)]
 fn decide(a: Traced, b: Traced) -> Option<Ordering> {
     with(|trace| {
         if let (Some(a), Some(b)) = (trace.value(a.0), trace.value(b.0)) {
@@ -356,17 +365,19 @@ impl PartialOrd for Traced {
     }
 }
 
+// Out of line, since laws of all orders are full of them.
 macro_rules! arithmetic {
     ($($name:ident $method:ident $assign:ident $assigned:ident $operation:ident;)+) => {$(
         impl $name for Traced {
             type Output = Self;
+            #[inline(never)]
             fn $method(self, other: Self) -> Self {
                 apply(Operation::$operation, [self, other])
             }
         }
         impl $assign for Traced {
             fn $assigned(&mut self, other: Self) {
-                *self = apply(Operation::$operation, [*self, other]);
+                *self = $name::$method(*self, other);
             }
         }
     )+};
@@ -381,6 +392,7 @@ arithmetic! {
 
 impl Neg for Traced {
     type Output = Self;
+    #[inline(never)]
     fn neg(self) -> Self {
         apply(Operation::Negate, [self])
     }
@@ -388,6 +400,7 @@ impl Neg for Traced {
 
 macro_rules! recorded {
     ($($method:ident($($other:ident)?) $operation:ident;)+) => {$(
+        #[inline(never)]
         fn $method(self $(, $other: Self)?) -> Self {
             apply(Operation::$operation, [self $(, $other)?])
         }
@@ -398,15 +411,18 @@ impl Scalar for Traced {
     const ZERO: Self = Self(0);
     const ONE: Self = Self(1);
     const NEG_ZERO: Self = Self(2);
+    #[inline(never)]
     fn from_f64(value: f64) -> Self {
         Self(with(|trace| trace.constant(value)))
     }
     fn from_u64(value: u64) -> Self {
         Self::from_f64(value as f64)
     }
+    #[inline(never)]
     fn to_f64(self) -> f64 {
         with(|trace| trace.value(self.0)).unwrap_or(f64::NAN)
     }
+    #[inline(never)]
     fn is_finite(self) -> bool {
         // of the inputs only samples are asked; a result that is not finite is found when it is there
         with(|trace| match trace.nodes.get(self.0 as usize) {
@@ -420,17 +436,21 @@ impl Scalar for Traced {
         tanh() Tanh; copysign(sign) CopySign; powf(power) Power; atan2(x) Atan2;
         min(other) Min; max(other) Max; innovation(x_hat) Innovation;
     }
+    #[inline(never)]
     fn or(self, other: Self) -> Self {
         apply(Operation::Select, [self, self, other])
     }
+    #[inline(never)]
     fn while_missing(self, y: Self) -> Self {
         let nothing = apply(Operation::Subtract, [y, y]); // NaN if y is not finite
         let present = apply(Operation::Equal, [nothing, nothing]);
         apply(Operation::Select, [present, Self::ZERO, self])
     }
+    #[inline(never)]
     fn where_above(self, other: Self, then: Self, otherwise: Self) -> Self {
         if_above(self, other, then, otherwise)
     }
+    #[inline(never)]
     fn passed(self, dt: Self) -> Self {
         let none = apply(Operation::Less, [self, Self::ZERO]);
         apply(Operation::Select, [none, self, self + dt])

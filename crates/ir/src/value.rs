@@ -58,6 +58,7 @@ pub enum Value {
     },
 }
 
+#[cfg(feature = "toml")]
 impl Value {
     /// The tables, arrays and values of a TOML document.
     ///
@@ -85,7 +86,9 @@ impl Value {
             toml::Value::Table(table) => Self::of_table(table),
         }
     }
+}
 
+impl Value {
     /// Name of its type, as Python names it.
     pub fn kind(&self) -> &str {
         match self {

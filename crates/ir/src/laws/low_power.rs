@@ -10,8 +10,10 @@ use crate::tabled::{Gains, LawTables};
 use crate::tables::Tables;
 use crate::trace::{Setting, Traced};
 use hgo_rs::Scalar;
+use hgo_rs::injection::Placement;
 use hgo_rs::model::Unknown;
 use hgo_rs::observers::LowPower;
+use std::sync::Arc;
 
 pub(super) fn tables<const N: usize>(
     spec: &Spec<'_>,
@@ -36,19 +38,10 @@ pub(super) fn tables<const N: usize>(
     }
     let (alpha, beta) = (spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?);
     let gain = spec.sub("gain")?;
-    macro_rules! gains {
-        ($real:ty, $gain:pat => $made:expr, $at:expr) => {{
-            let saturation = AnySaturation::<N, $real>::read(spec, saturated)?;
-            let $gain = AnyGain::<$real>::read(&gain)? else {
-                return Err(refused("another gain law"));
-            };
-            let [alpha, beta] = [alpha, beta].map(|k| k.map(<$real>::from_f64));
-            Gains::new(
-                LowPower::<$real, _, _, _, N, 0>::new(alpha, beta, $made, Unknown, saturation)?,
-                $at,
-            )
-        }};
-    }
+    let gains = |at| match setting.single {
+        true => gains::<f32, N>(spec, at, saturated),
+        false => gains::<f64, N>(spec, at, saturated),
+    };
     macro_rules! law {
         ($gain:pat => $made:expr) => {
             LawTables::any(
@@ -66,13 +59,7 @@ pub(super) fn tables<const N: usize>(
                         alpha, beta, $made, model, saturation,
                     )?)
                 },
-                |at| {
-                    if setting.single {
-                        gains!(f32, $gain => $made, at)
-                    } else {
-                        gains!(f64, $gain => $made, at)
-                    }
-                },
+                gains,
             )
         };
     }
@@ -82,4 +69,18 @@ pub(super) fn tables<const N: usize>(
         law!(AnyGain::Moving(gain) => gain)
     };
     continuous(given, setting, manner, &law?)
+}
+
+/// The gains of placed corrections, which depend on no model.
+fn gains<T: Scalar + Send + Sync + 'static, const N: usize>(
+    spec: &Spec<'_>,
+    at: Placement,
+    saturated: bool,
+) -> Result<Arc<Gains>> {
+    let saturation = AnySaturation::<N, T>::read(spec, saturated)?;
+    let [alpha, beta] = [spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?];
+    let [alpha, beta] = [alpha, beta].map(|k| k.map(T::from_f64));
+    let gain = AnyGain::read(&spec.sub("gain")?)?;
+    let law = LowPower::<T, _, _, _, N, 0>::new(alpha, beta, gain, Unknown, saturation)?;
+    Gains::new::<T, _>(law, at)
 }

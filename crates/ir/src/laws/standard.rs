@@ -21,6 +21,10 @@ pub(super) fn tables<const N: usize>(
     spec.only(&["kind", "n", "k", "gain", "model", "method", "timing"])?;
     let (k, manner) = (spec.vector::<N>("k", N)?, Manner::read(spec)?);
     let gain = spec.sub("gain")?;
+    let gains = |at| {
+        let (gain, model) = (AnyGain::read(&gain)?, AnyModel::Unknown);
+        Gains::new::<f64, _>(StandardObserver::<f64, _, _, N, 1>::new(k, gain, model)?, at)
+    };
     macro_rules! law {
         ($gain:pat => $made:expr) => {
             LawTables::any(
@@ -35,15 +39,7 @@ pub(super) fn tables<const N: usize>(
                     let k = k.map(Traced::from_f64);
                     Ok(StandardObserver::<Traced, _, _, N, MAX_INPUTS>::new(k, $made, model)?)
                 },
-                |at| {
-                    let $gain = AnyGain::read(&gain)? else {
-                        return Err(refused("another gain law"));
-                    };
-                    Gains::new(
-                        StandardObserver::<f64, _, _, N, 1>::new(k, $made, AnyModel::Unknown)?,
-                        at,
-                    )
-                },
+                gains,
             )
         };
     }

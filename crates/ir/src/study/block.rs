@@ -270,7 +270,6 @@ fn next_edge(windows: &[Window], k: u64) -> u64 {
 ///
 /// # Errors
 /// A function of the user's that failed.
-#[inline(always)]
 pub fn run<const L: usize, E: Engine<L>>(
     study: &Study,
     engine: &mut E,

@@ -1,9 +1,11 @@
-//! Studies as kernels: the same tables, compiled by LLVM for vectors of runs.
+//! Blocks of [`LANES`] runs: the interpreter for the processor's instructions, and studies as kernels, the
+//! same tables, compiled by LLVM for vectors of runs.
 
 use super::LANES;
 use super::block::{Block, Engine, Layout, Span};
 use super::interpreter::Interpreter;
-use crate::error::Result;
+use crate::error::{Result, refused};
+use crate::vectors::{Task, Vectors};
 
 /// A compiled study, for blocks of [`LANES`] runs.
 pub trait Kernel: Sync {
@@ -13,26 +15,46 @@ pub trait Kernel: Sync {
     fn span(&self, layout: &Layout, block: &mut Block<LANES>, span: &Span<'_, LANES>) -> bool;
 }
 
-/// A kernel, and the interpreter for what it does not do: the last sample of a run, and each sample of a
-/// span that went out of bounds.
-pub struct Compiled<'a> {
-    pub kernel: &'a dyn Kernel,
+/// A kernel where there is one, and the interpreter for what it does not do: the last sample of a run, and
+/// each sample of a span that went out of bounds.
+pub struct Vectored<'a> {
+    pub kernel: Option<&'a dyn Kernel>,
     pub layout: &'a Layout,
     pub interpreter: Interpreter<'a, LANES>,
+    /// What the interpreter is compiled for.
+    pub vectors: Vectors,
 }
 
-impl Engine<LANES> for Compiled<'_> {
-    #[inline(always)]
+impl Engine<LANES> for Vectored<'_> {
     fn span(&mut self, block: &mut Block<LANES>, span: &Span<'_, LANES>) -> Result<()> {
+        let Self { layout, interpreter, vectors, .. } = self;
         let moves = span.instants.last().is_some_and(|last| last.more > 0.0);
-        if span.careful || !moves {
-            return self.interpreter.span(block, span);
+        if let Some(kernel) = self.kernel.filter(|_| moves && !span.careful) {
+            block.begin(span);
+            if kernel.span(layout, block, span) {
+                return Ok(());
+            }
         }
-        block.begin(span);
-        if self.kernel.span(self.layout, block, span) { Ok(()) } else { self.interpreter.span(block, span) }
+        let task = Interpreted { interpreter, block, span };
+        vectors.run(task).unwrap_or_else(|| Err(refused("this processor lacks the instructions")))
     }
 
     fn is_compiled(&self) -> bool {
-        true
+        self.kernel.is_some()
+    }
+}
+
+/// A span by the interpreter. All else that a study does is compiled once.
+struct Interpreted<'a, 'b> {
+    interpreter: &'a mut Interpreter<'b, LANES>,
+    block: &'a mut Block<LANES>,
+    span: &'a Span<'a, LANES>,
+}
+
+impl Task for Interpreted<'_, '_> {
+    type Output = Result<()>;
+    #[inline(always)]
+    fn run(self) -> Result<()> {
+        self.interpreter.span(self.block, self.span)
     }
 }

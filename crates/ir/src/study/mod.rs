@@ -15,7 +15,7 @@ use crate::error::{Error, Result, refused};
 use crate::spec::Spec;
 use crate::tables::Tables;
 use crate::trace::{PlacedGains, Setting};
-use crate::vectors::{Task, Vectors};
+use crate::vectors::Vectors;
 use block::Frames;
 pub use block::{Block, Instant, LANES, Layout, Span};
 use hgo_rs::integrate::Integrator;
@@ -23,8 +23,8 @@ use hgo_rs::metrics::{LogHistogram, Moments, Window};
 use hgo_rs::observer::{Discretisation, Hold, RungeKutta};
 use hgo_rs::schedule::Schedule;
 use interpreter::{Interpreter, Programs};
-use kernel::Compiled;
 pub use kernel::Kernel;
+use kernel::Vectored;
 pub use plan::{AnySchedule, DrawKind, Plan, STOCHASTIC_METHODS, stochastic};
 pub use plants::PlantTables;
 use rayon::prelude::*;
@@ -186,8 +186,9 @@ impl Study {
             });
         };
         self.in_blocks::<LANES>(|first, counts, frames| {
-            let task = BlockTask { study: self, kernel, first, counts, frames, stop };
-            vectors.run(task).unwrap_or_else(|| Err(refused("this processor lacks the instructions")))
+            let (layout, interpreter) = (&self.layout, Interpreter::new(self));
+            let mut engine = Vectored { kernel, layout, interpreter, vectors };
+            block::run(self, &mut engine, first, counts, frames, stop)
         })
     }
 
@@ -347,31 +348,5 @@ fn integrator(observer: &Spec<'_>) -> Result<Integrator> {
         _ => Err(refused(
             "method is not allowed in mode 'joint': choose euler, rk4 or bogacki-shampine",
         )),
-    }
-}
-
-/// A block of runs, compiled for the instructions of a processor.
-struct BlockTask<'a, 'b> {
-    study: &'a Study,
-    kernel: Option<&'a dyn Kernel>,
-    first: usize,
-    counts: &'b mut [u64],
-    frames: Option<Frames<'b>>,
-    stop: &'a (dyn Fn() -> bool + Sync),
-}
-
-impl Task for BlockTask<'_, '_> {
-    type Output = Result<(Vec<RunResult>, usize)>;
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self { study, kernel, first, counts, frames, stop } = self;
-        let mut interpreter = Interpreter::new(study);
-        match kernel {
-            None => block::run(study, &mut interpreter, first, counts, frames, stop),
-            Some(kernel) => {
-                let mut engine = Compiled { kernel, layout: &study.layout, interpreter };
-                block::run(study, &mut engine, first, counts, frames, stop)
-            }
-        }
     }
 }
