@@ -4,26 +4,12 @@ use crate::Scalar;
 use crate::memory::Memory;
 use nalgebra::SVector;
 
-/// Where the entries of a measurement come from: any `FnMut() -> T`, or a type whose method is
-/// sure to be inlined, as a closure's is not.
-pub trait Entries<T> {
-    /// The next one.
-    fn next_entry(&mut self) -> T;
-}
-
-impl<T, F: FnMut() -> T> Entries<T> for F {
-    #[inline(always)]
-    fn next_entry(&mut self) -> T {
-        self()
-    }
-}
-
 /// A measured value: one scalar, or a vector of them.
 pub trait Measurement<T: Scalar>: Memory<T> {
     /// No entry is NaN or infinite.
     fn is_present(&self) -> bool;
     /// Every entry from `entries`, in order.
-    fn fill(entries: impl Entries<T>) -> Self;
+    fn fill(entries: impl FnMut() -> T) -> Self;
     /// Entry by entry sum.
     #[must_use]
     fn plus(self, other: Self) -> Self;
@@ -37,8 +23,8 @@ impl<T: Scalar> Measurement<T> for T {
         self.is_finite()
     }
     #[inline(always)]
-    fn fill(mut entries: impl Entries<T>) -> T {
-        entries.next_entry()
+    fn fill(mut entries: impl FnMut() -> T) -> T {
+        entries()
     }
     #[inline(always)]
     fn plus(self, other: T) -> T {
@@ -56,10 +42,10 @@ impl<T: Scalar, const N: usize> Measurement<T> for SVector<T, N> {
         self.iter().all(|y| y.is_finite())
     }
     #[inline(always)]
-    fn fill(mut entries: impl Entries<T>) -> Self {
+    fn fill(mut entries: impl FnMut() -> T) -> Self {
         let mut filled = Self::zero();
         for slot in filled.iter_mut() {
-            *slot = entries.next_entry();
+            *slot = entries();
         }
         filled
     }

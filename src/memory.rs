@@ -39,15 +39,6 @@ pub trait Memory<T: Scalar>: Copy {
         inside
     }
 
-    /// The largest of `so_far` and the entries' magnitudes; NaN is passed over.
-    #[inline(always)]
-    #[must_use]
-    fn largest(&self, so_far: T) -> T {
-        let mut largest = so_far;
-        self.visit(&mut |x| largest = largest.max(x.abs()));
-        largest
-    }
-
     /// Copy the scalars into `out` (as many as fit).
     #[inline(always)]
     fn write(&self, out: &mut [T]) {

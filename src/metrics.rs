@@ -132,11 +132,6 @@ impl<'a> LogHistogram<'a> {
         Self { counts }
     }
 
-    /// The counts, bin by bin.
-    pub fn counts(&self) -> &[u64] {
-        self.counts
-    }
-
     /// Lower edge of bin j.
     pub fn edge(j: usize) -> f64 {
         Scalar::powf(2.0, Self::LOWEST + j as f64 / Self::PER_OCTAVE as f64)

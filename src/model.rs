@@ -108,8 +108,6 @@ pub trait Plant<T: Scalar>: Copy {
     type Output: Measurement<T>;
     /// Where in the state the entries stand that an observer is asked for: the first, and how many.
     const TRUTH: (usize, usize);
-    /// Whether there can be process noise.
-    const NOISY: bool = false;
     /// a(t, x, u).
     fn drift(&self, t: T, x: &Self::State, u: &Self::Input) -> Self::State;
     /// h(t, x, u).

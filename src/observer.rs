@@ -5,7 +5,7 @@
 
 use crate::Scalar;
 use crate::integrate::{Integrator, RightHandSide};
-pub use crate::measurement::{Entries, Measurement};
+pub use crate::measurement::Measurement;
 use crate::memory::Memory;
 
 /// Whether the estimate at sample k uses the sample y(k) itself.

@@ -117,27 +117,6 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         Ok(())
     }
 
-    /// The plant's state after one of the substeps, of length h, under two standard normal values.
-    #[inline(always)]
-    pub(crate) fn substep(
-        &self,
-        scheme: PlantScheme,
-        xi: (f64, f64),
-        t: T,
-        x: &P::State,
-        u: &P::Input,
-        h: T,
-    ) -> P::State {
-        match scheme {
-            PlantScheme::Held => *x,
-            PlantScheme::Deterministic(scheme) => plant_step(scheme, &self.plant, t, x, u, h),
-            PlantScheme::Stochastic(scheme) => {
-                let xi = (T::from_f64(xi.0), T::from_f64(xi.1));
-                scheme.step(&self.plant, t, x, u, h, WienerIncrement::from_normals(xi, h))
-            }
-        }
-    }
-
     /// The plant's state after a step of length dt under the input u.
     #[inline(always)]
     fn move_plant(
@@ -155,9 +134,18 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         let mut state = *x;
         for i in 0..self.substeps {
             let time = t + T::from_f64(f64::from(i)) * h;
-            let random = matches!(self.plant_scheme, PlantScheme::Stochastic(_));
-            let xi = if random { process.normal_pair() } else { (0.0, 0.0) };
-            state = self.substep(self.plant_scheme, xi, time, &state, u, h);
+            state = match self.plant_scheme {
+                PlantScheme::Held => state,
+                PlantScheme::Deterministic(scheme) => {
+                    plant_step(scheme, &self.plant, time, &state, u, h)
+                }
+                PlantScheme::Stochastic(scheme) => {
+                    let (xi1, xi2) = process.normal_pair();
+                    let xi = (T::from_f64(xi1), T::from_f64(xi2));
+                    let w = WienerIncrement::from_normals(xi, h);
+                    scheme.step(&self.plant, time, &state, u, h, w)
+                }
+            };
         }
         state
     }
@@ -227,23 +215,6 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
         end
     }
 
-    /// Plant and observer as one differential equation.
-    #[inline(always)]
-    pub(crate) fn both<'a, L: ContinuousLaw<T>>(
-        &'a self,
-        law: &'a L,
-        sines: &'a [Sine<T>],
-        held: T,
-        frozen: bool,
-        u: &'a P::Input,
-        told: &'a L::Input,
-    ) -> Both<'a, T, P, L>
-    where
-        P: Plant<T, Output = T>,
-    {
-        Both { plant: &self.plant, sines, law, held, frozen, u, told }
-    }
-
     /// Run `run` with plant and observer integrated together as one differential equation. The
     /// drawn noise is held over each step; sines are continuous in time.
     #[allow(clippy::too_many_arguments)]
@@ -291,7 +262,8 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
             }
             if k < self.steps {
                 let told = tell(&u);
-                let both = self.both(law, self.noise.sines, held, frozen, &u, &told);
+                let (plant, sines) = (&self.plant, self.noise.sines);
+                let both = Both { plant, sines, law, held, frozen, u: &u, told: &told };
                 let (x, z) = integrator.step(both, t, &(end.x, end.z), dt);
                 let z = law.admissible(z);
                 let mut spoilt = T::ZERO; // NaN where an entry is not finite
@@ -310,7 +282,7 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
 }
 
 /// Plant and observer as one differential equation, the drawn noise held.
-pub(crate) struct Both<'a, T: Scalar, P: Plant<T>, L: ContinuousLaw<T>> {
+struct Both<'a, T: Scalar, P: Plant<T>, L: ContinuousLaw<T>> {
     plant: &'a P,
     sines: &'a [Sine<T>],
     law: &'a L,
@@ -334,7 +306,7 @@ impl<T: Scalar, P: Plant<T, Output = T>, L: ContinuousLaw<T>> RightHandSide<T, (
 impl<T: Scalar> Noise<'_, T> {
     /// The drawn part of a measurement's noise at step k, entry by entry.
     #[inline(always)]
-    pub(crate) fn draw<Y: Measurement<T>>(&self, stream: &mut Stream, k: u64, held: Y) -> Y {
+    fn draw<Y: Measurement<T>>(&self, stream: &mut Stream, k: u64, held: Y) -> Y {
         if self.hold > 1 && !k.is_multiple_of(self.hold) {
             return held;
         }

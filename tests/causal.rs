@@ -698,7 +698,6 @@ impl Plant<f64> for Driven {
     type Input = Vector1<f64>;
     type Output = f64;
     const TRUTH: (usize, usize) = (0, 1);
-    const NOISY: bool = true;
     fn drift(&self, t: f64, x: &Vector1<f64>, u: &Vector1<f64>) -> Vector1<f64> {
         Vector1::new(t + 2.0 * u.x + x.x)
     }

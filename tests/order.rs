@@ -244,7 +244,6 @@ mod stochastic {
         type Input = ();
         type Output = f64;
         const TRUTH: (usize, usize) = (0, 1);
-        const NOISY: bool = true;
         fn drift(&self, _: f64, x: &Vector1<f64>, (): &()) -> Vector1<f64> {
             Vector1::new(match self {
                 Geometric { mu, .. } => mu * x.x,

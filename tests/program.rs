@@ -1,45 +1,10 @@
 //! Programs: the same as the operations they are made of, alone and in a block of runs.
 
-use hgo_rs::lanes::{LANES, Lane};
-use hgo_rs::program::{Instruction, Operation, Program, REGISTERS, ROW, Registers};
-use hgo_rs::vectors::{Task, Vectors};
-use proptest::prelude::*;
+mod programs;
 
-const OPERATIONS: [Operation; 33] = [
-    Operation::Negate,
-    Operation::Abs,
-    Operation::Sign,
-    Operation::Sqrt,
-    Operation::Sin,
-    Operation::Cos,
-    Operation::Tan,
-    Operation::Atan,
-    Operation::Exp,
-    Operation::Ln,
-    Operation::Tanh,
-    Operation::Add,
-    Operation::Subtract,
-    Operation::Multiply,
-    Operation::Divide,
-    Operation::Min,
-    Operation::Max,
-    Operation::Power,
-    Operation::Atan2,
-    Operation::CopySign,
-    Operation::Less,
-    Operation::LessEqual,
-    Operation::Equal,
-    Operation::Innovation,
-    Operation::Select,
-    Operation::MultiplyAdd,
-    Operation::MultiplySubtract,
-    Operation::SubtractProduct,
-    Operation::Clip,
-    Operation::AddRows,
-    Operation::ShiftRow,
-    Operation::ScaleRow,
-    Operation::ScaleAddRow,
-];
+use hgo_rs::program::{Instruction, Operation, Program, REGISTERS, ROW, Registers};
+use programs::{LANES, OPERATIONS, bits, check_block, instruction};
+use proptest::prelude::*;
 
 /// Entries of an operation's result, and how far each operand goes from entry to entry.
 fn entries(operation: Operation) -> (usize, [usize; 3]) {
@@ -48,27 +13,6 @@ fn entries(operation: Operation) -> (usize, [usize; 3]) {
         Operation::ShiftRow | Operation::ScaleRow => (ROW, [0, 1, 0]),
         Operation::ScaleAddRow => (ROW, [0, 1, 1]),
         _ => (1, [0; 3]),
-    }
-}
-
-fn instruction() -> impl Strategy<Value = Instruction> {
-    (0..OPERATIONS.len(), any::<u8>(), any::<u8>(), any::<u8>(), any::<u8>()).prop_map(
-        |(operation, result, a, b, c)| {
-            // few registers, so that results are used again
-            let [result, a, b, c] = [result, a, b, c].map(|register| register % 24);
-            Instruction { operation: OPERATIONS[operation], result, a, b, c }
-        },
-    )
-}
-
-struct InLanes<'a>(Program<'a>, Box<Registers<Lane<f64>>>);
-
-impl Task for InLanes<'_> {
-    type Output = Box<Registers<Lane<f64>>>;
-    #[inline(always)]
-    fn run(mut self) -> Self::Output {
-        self.0.run_lanes(&mut self.1);
-        self.1
     }
 }
 
@@ -109,10 +53,6 @@ fn expected(operation: Operation, a: f64, b: f64, c: f64) -> Option<f64> {
     })
 }
 
-fn bits(value: f64) -> u64 {
-    if value.is_nan() { f64::NAN.to_bits() } else { value.to_bits() }
-}
-
 proptest! {
     #[test]
     fn an_operation_is_what_it_says(
@@ -150,39 +90,10 @@ proptest! {
         instructions in prop::collection::vec(instruction(), 0..40),
         start in prop::collection::vec(-3.0..3.0_f64, 24 * LANES),
     ) {
-        let program = Program { instructions: &instructions, outputs: &[] };
-        let mut lanes = Box::new(Registers::in_lanes(&Registers::zero()));
-        for (i, value) in start.iter().enumerate() {
-            lanes.0[i / LANES].0[i % LANES] = *value;
-        }
-        // the sign of NaN is not defined, and CopySign shows it
-        let shows_it = |lane: usize| {
-            let mut r = Registers::zero();
-            for register in 0..REGISTERS {
-                r.0[register] = lanes.0[register].0[lane];
-            }
-            instructions.iter().any(|one| {
-                let of_nan = one.operation == Operation::CopySign && r.0[usize::from(one.b)].is_nan();
-                Program { instructions: std::slice::from_ref(one), outputs: &[] }.run(&mut r);
-                of_nan
-            })
-        };
-        prop_assume!(!(0..LANES).any(shows_it));
-        for vectors in Vectors::ALL {
-            let Some(moved) = vectors.run(InLanes(program, lanes.clone())) else { continue };
-            for lane in 0..LANES {
-                let mut alone = Registers::zero();
-                for register in 0..REGISTERS {
-                    alone.0[register] = lanes.0[register].0[lane];
-                }
-                program.run(&mut alone);
-                for register in 0..REGISTERS {
-                    prop_assert_eq!(
-                        bits(moved.0[register].0[lane]), bits(alone.0[register]), "{:?}", vectors
-                    );
-                }
-            }
-        }
+        check_block(&instructions, &start, |program, mut lanes| {
+            program.run_lanes(&mut lanes);
+            lanes
+        })?;
     }
 }
 

@@ -84,7 +84,6 @@ impl<T: Scalar> Model<T, 2> for VanDerPol<T> {
 
 impl<T: Scalar> Plant<T> for VanDerPol<T> {
     first_state_measured!(2);
-    const NOISY: bool = true;
     #[inline(always)]
     fn drift(&self, t: T, x: &Vector2<T>, u: &SVector<T, 0>) -> Vector2<T> {
         Vector2::new(x.y, self.phi(t, x, u))

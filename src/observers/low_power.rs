@@ -96,29 +96,6 @@ where
     }
 }
 
-impl<T: Scalar, G: Copy, Md: Copy, S: Copy, const N: usize, const M: usize>
-    LowPower<T, G, Md, S, N, M>
-{
-    /// The same observer with model and saturation in other types: the same numbers, seen by the
-    /// compiler.
-    #[doc(hidden)] // for programs whose types are chosen at run time
-    #[must_use]
-    pub fn typed<Md2, S2, const M2: usize>(
-        &self,
-        model: Md2,
-        saturation: S2,
-    ) -> LowPower<T, G, Md2, S2, N, M2> {
-        LowPower { alpha: self.alpha, beta: self.beta, gain: self.gain, model, saturation }
-    }
-
-    /// Its model and saturation.
-    #[doc(hidden)]
-    #[must_use]
-    pub fn parts(&self) -> (Md, S) {
-        (self.model, self.saturation)
-    }
-}
-
 impl<T, G, Md, S, const N: usize, const M: usize> ContinuousLaw<T> for LowPower<T, G, Md, S, N, M>
 where
     T: Scalar,

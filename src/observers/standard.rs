@@ -67,25 +67,6 @@ where
         Ok(Self { k: folded(&k, gain.fixed(), |i| i + 1)?, gain, model })
     }
 
-    /// The same observer with its gain law and model in other types: the same numbers, seen by the
-    /// compiler.
-    #[doc(hidden)] // for programs whose types are chosen at run time
-    #[must_use]
-    pub fn typed<G2, Md2, const M2: usize>(
-        &self,
-        gain: G2,
-        model: Md2,
-    ) -> StandardObserver<T, G2, Md2, N, M2> {
-        StandardObserver { k: self.k, gain, model }
-    }
-
-    /// Its gain law and model.
-    #[doc(hidden)] // for programs whose types are chosen at run time
-    #[must_use]
-    pub fn parts(&self) -> (G, Md) {
-        (self.gain, self.model)
-    }
-
     /// Rate of x̂ under the moving gain r and the innovation e.
     #[inline(always)]
     pub(super) fn rate_under(

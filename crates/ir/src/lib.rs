@@ -21,7 +21,9 @@
 mod called;
 pub mod choices;
 pub mod compile;
+pub mod config;
 pub mod derivative;
+pub mod design;
 pub mod elementary;
 pub mod error;
 pub mod llvm;

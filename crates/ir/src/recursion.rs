@@ -1,40 +1,16 @@
 //! Floor 1. Observers whose types are chosen at run time, and their steps over a block of samples.
 
 use crate::error::Result;
-use hgo_rs::memory::Memory;
-use hgo_rs::observer::{Observer as CoreObserver, Status};
+use hgo_rs::observer::Status;
 
-/// A law in discrete time, with its memory as a flat vector. The verbs are [`CoreObserver`]'s.
+/// A law in discrete time, with its memory as a flat vector. The verbs are [`Observer`](hgo_rs::observer::Observer)'s.
 pub trait Recursion: Send + Sync {
     /// Use the sample of time t.
     fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> Result<Status>;
     /// Move from time t over dt; with predictor timing by the sample of t.
     fn advance(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Result<Status>;
-    /// See [`over_block`].
+    /// Step over a block; gives the largest magnitude of a memory's entry, NaN where one is not finite.
     fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> Result<f64>;
-}
-
-impl<O> Recursion for O
-where
-    O: CoreObserver<f64> + Send + Sync,
-    O::Input: Memory<f64>,
-{
-    fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> Result<Status> {
-        let mut z = O::State::read(memory);
-        let status = CoreObserver::correct(self, &mut z, &O::Measurement::read(y), t);
-        z.write(memory);
-        Ok(status)
-    }
-    fn advance(&self, memory: &mut [f64], y: &[f64], u: &[f64], t: f64, dt: f64) -> Result<Status> {
-        let mut z = O::State::read(memory);
-        let (y, u) = (O::Measurement::read(y), O::Input::read(u));
-        let status = CoreObserver::advance(self, &mut z, &y, &u, t, dt);
-        z.write(memory);
-        Ok(status)
-    }
-    fn over_block(&self, memory: &mut [f64], block: Block<'_>) -> Result<f64> {
-        Ok(over_block(self, memory, block))
-    }
 }
 
 /// Any observer.
@@ -90,40 +66,6 @@ pub struct Block<'a> {
     pub innovation: &'a mut [f64],
     /// What became of each sample: [`Status`] as a number.
     pub status: &'a mut [u8],
-}
-
-/// Step over a block; gives the largest magnitude of a memory's entry, NaN where one is not finite.
-#[inline(always)]
-pub fn over_block<O>(observer: &O, memory: &mut [f64], block: Block<'_>) -> f64
-where
-    O: CoreObserver<f64>,
-    O::Input: Memory<f64>,
-{
-    let Block { t, dt, y: mut samples, u, memory: rows, innovation, status } = block;
-    let (p, m) = (O::Measurement::LEN, O::State::LEN);
-    let q = u.len().checked_div(t.len()).unwrap_or(0);
-    let mut z = O::State::read(memory);
-    let (mut largest, mut spoilt) = (O::State::zero(), O::State::zero());
-    let made = rows.chunks_exact_mut(m).zip(status);
-    for (k, (t, (row, status))) in t.iter().zip(made).enumerate() {
-        let y = O::Measurement::read(samples.take(k, p));
-        let u = O::Input::read(u.get(k * q..).unwrap_or(&[]));
-        if let Some(row) = innovation.get_mut(k * p..(k + 1) * p) {
-            observer.innovation(*t, &z, &y, &u).write(row);
-        }
-        let corrected = observer.correct(&mut z, &y, *t);
-        z.write(row);
-        largest = largest.zip(&z, larger);
-        spoilt = spoilt.zip(&z, |sum, z| sum + 0.0 * z); // NaN once z is not finite
-        let moved = dt.get(k).map(|dt| observer.advance(&mut z, &y, &u, *t, *dt));
-        let undefined = moved == Some(Status::ModelUndefined);
-        *status = if undefined { Status::ModelUndefined } else { corrected } as u8;
-    }
-    z.write(memory);
-    let mut most = 0.0;
-    largest.visit(&mut |z| most = larger(most, z));
-    spoilt.visit(&mut |sum| most += sum);
-    most
 }
 
 /// The larger magnitude; NaN is passed over in `value`.

@@ -32,6 +32,11 @@ impl<'a> Spec<'a> {
         }
     }
 
+    /// Its keys, in their order.
+    pub fn keys(&self) -> impl Iterator<Item = &'a str> {
+        self.map.iter().map(|(key, _)| key.as_str())
+    }
+
     /// The value of a key, if it is there and not None.
     pub fn get(&self, key: &str) -> Option<&'a Value> {
         let (_, value) = self.map.iter().find(|(name, _)| name == key)?;

@@ -163,11 +163,8 @@ pub enum AnyPlant<T = f64> {
     Crackle(Crackle<T>),
     /// Katayama.
     Ship(Ship<T>),
-    /// One of the user's own, with n states.
-    Own {
-        /// Its states.
-        n: usize,
-    },
+    /// One of the user's own.
+    Own,
 }
 
 impl<T: Scalar> AnyPlant<T> {
@@ -180,23 +177,12 @@ impl<T: Scalar> AnyPlant<T> {
             "van-der-pol" => Self::VanDerPol(read_van_der_pol(spec, Correction::Derived)?),
             "crackle" => Self::Crackle(read_crackle(spec)?),
             "ship" => Self::Ship(read_ship(spec)?),
-            "own-plant" => Self::Own { n: spec.count("n")? },
+            "own-plant" => Self::Own,
             other => {
                 let known =
                     ["lee", "sanfelice-praly", "van-der-pol", "crackle", "ship", "own-plant"];
                 return Err(spec.unknown("kind", other, &known));
             }
         })
-    }
-
-    /// Its states.
-    #[allow(clippy::len_without_is_empty)] // a plant without a state is none
-    pub fn len(&self) -> usize {
-        match self {
-            Self::Lee(_) | Self::SanfelicePraly(_) | Self::VanDerPol(_) => 2,
-            Self::Crackle(_) => 5,
-            Self::Ship(_) => 6,
-            Self::Own { n } => *n,
-        }
     }
 }

@@ -76,10 +76,6 @@ impl Layout {
     pub fn moments(&self) -> usize {
         self.kinds.iter().filter(|wanted| **wanted).count() * self.signals
     }
-    /// Whether a sample's distance ‖x̂ − x‖ is asked for, beside a histogram.
-    pub fn needs_distance(&self) -> bool {
-        self.settle.is_some()
-    }
 }
 
 /// What is the same for all runs at one sample: a row of eight numbers, as a kernel reads it.

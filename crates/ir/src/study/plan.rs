@@ -13,7 +13,9 @@ use std::ops::Range;
 /// A schedule chosen at run time.
 #[derive(Clone, Copy, Debug)]
 pub enum AnySchedule {
+    /// Steps of one length.
     Fixed(FixedStep<f64>),
+    /// Steps that decrease.
     Decreasing(StochasticApproximation<f64>),
 }
 

@@ -67,7 +67,7 @@ impl PlantTables {
                             _ => Err(refused("another plant")),
                         }
                     }),)+
-                    AnyPlant::Own { .. } => Err(refused("another plant")),
+                    AnyPlant::Own => Err(refused("another plant")),
                 }
             };
         }
@@ -278,7 +278,6 @@ impl Plant<Traced> for Tabled<'_> {
     type Input = NoInput;
     type Output = Traced;
     const TRUTH: (usize, usize) = (0, MAX_STATES);
-    const NOISY: bool = true;
     fn drift(&self, t: Traced, x: &State, _: &NoInput) -> State {
         State::read(&self.0.outputs(t, x.as_slice())[..self.0.n])
     }

@@ -1,0 +1,423 @@
+//! Floor 10. `observer.toml`: one file that says what an observer is, read without Python.
+//!
+//! Keys and defaults are those of docs/configuration.md. Three things differ:
+//!
+//! - Expressions (`phi = "-sin(q)"`) are compiled in Python only. Here a model of the user's own is its
+//!   table of operations, in the place of the expressions:
+//!
+//!   ```toml
+//!   [model]
+//!   form = "phase"  # or triangular, chains, sampled, strict-feedback
+//!   states = ["q", "v"]
+//!   parameters = { damping = 0.5 }
+//!
+//!   [model.table]
+//!   inputs = ["t", "q", "v", "damping"]  # time, states, inputs, parameters
+//!   ops = [["sin", 1], ["mul", 3, 2], ["add", 4, 5], ["neg", 6]]
+//!   outputs = [7]
+//!   ```
+//!
+//!   Of the strict-feedback form `n_z` says how many of the states, the last, are not measured.
+//! - `[log]` is handed on as it is: no file of samples is read here.
+//! - No step is compared with a stability limit, so that `allow_unstable` changes nothing.
+
+use crate::design::{coefficients_from_poles, low_power_coefficients_from_poles};
+use crate::error::{Result, refused};
+use crate::observer::build;
+use crate::recursion::AnyObserver;
+use crate::spec::Spec;
+use crate::systems::AnyModel;
+use crate::value::{Numbers, Value};
+use std::sync::Arc;
+
+/// The format of `observer.toml` that is read.
+pub const FORMAT: u64 = 1;
+
+/// Each structure, with the keys that say what it is.
+const OBSERVERS: [(&str, &[&str]); 8] = [
+    ("standard", &["order", "gain", "epsilon", "poles", "k", "method", "timing"]),
+    ("low-power", &["order", "gain", "epsilon", "poles", "alpha", "beta", "method", "timing"]),
+    (
+        "peaking-free",
+        &[
+            "order", "gain", "epsilon", "poles", "alpha", "beta", "method", "timing", "saturation",
+            "clip",
+        ],
+    ),
+    ("collection", &["gain", "k", "k_bar", "copies", "method", "timing"]),
+    ("modified", &["gain", "k", "k_bar", "copies", "method", "timing"]),
+    ("sampled-data", &["gain"]),
+    ("reduced-order", &["epsilon", "h_bar"]),
+    ("chains", &["observers"]),
+];
+
+/// Keys of a model's expressions.
+const EXPRESSIONS: [&str; 7] = ["phi", "f", "f1", "g", "f2", "h", "K_T"];
+
+/// What a file leaves open.
+const METHOD: &str = "zoh";
+const TIMING: &str = "current";
+
+/// An observer as a file says it.
+#[derive(Clone, Debug)]
+pub struct Config {
+    observer: Value,
+    start: Value,
+    log: Option<Value>,
+}
+
+impl Config {
+    /// From the text of an `observer.toml`.
+    ///
+    /// # Errors
+    /// A text that is not TOML; another format; a key that is unknown, missing, of a wrong type or out of
+    /// range; a model that is written as expressions.
+    pub fn from_toml(text: &str) -> Result<Self> {
+        let value = Value::from_toml(text)?;
+        let spec = Spec::new(&value, "observer.toml")?;
+        let format: u64 = spec.whole("format")?;
+        if format != FORMAT {
+            return Err(refused(format!(
+                "format = {format} is not allowed: this version reads format {FORMAT}"
+            )));
+        }
+        let model = if spec.has("model") { Some(model(&spec.sub("model")?)?) } else { None };
+        let config = Self {
+            observer: law(&spec, model.as_ref(), &["format", "model", "start", "log"])?,
+            start: spec.get("start").cloned().unwrap_or_else(|| Value::Map(Vec::new())),
+            log: spec.get("log").cloned(),
+        };
+        config.start_spec()?.only(&["x_hat", "r", "memory", "t"])?;
+        if let Some(log) = &config.log {
+            let known = ["time", "output", "input", "dt", "unit", "resets", "schedule"];
+            Spec::new(log, "log")?.only(&known)?;
+        }
+        Ok(config)
+    }
+
+    /// The observer as a spec: what [`build`], [`Tables`](crate::tables::Tables) and, as its part
+    /// "observer", a [`Study`](crate::study::Study) are read from.
+    pub fn spec(&self) -> &Value {
+        &self.observer
+    }
+
+    /// The observer, as it is stepped.
+    ///
+    /// # Errors
+    /// Values that do not fit each other.
+    pub fn observer(&self) -> Result<Box<dyn AnyObserver>> {
+        build(&Spec::new(&self.observer, "observer")?)
+    }
+
+    /// The memory to start from.
+    ///
+    /// # Errors
+    /// A start that does not fit the observer.
+    pub fn memory(&self) -> Result<Vec<f64>> {
+        let (start, observer) = (self.start_spec()?, self.observer()?);
+        let mut memory = observer.initial();
+        let mut put = |key: &str, first: usize, count: usize| {
+            let given = start.numbers(key)?;
+            match memory.get_mut(first..first + count) {
+                Some(entries) if given.values.len() == count => {
+                    entries.copy_from_slice(&given.values);
+                    Ok(())
+                }
+                _ => Err(refused(format!(
+                    "start[{key:?}] has {} entries; it must have {count}",
+                    given.values.len()
+                ))),
+            }
+        };
+        if start.has("memory") {
+            if start.has("x_hat") || start.has("r") {
+                return Err(refused("start: give the whole memory, or x_hat and r"));
+            }
+            put("memory", 0, observer.initial().len())?;
+        }
+        if start.has("x_hat") {
+            put("x_hat", 0, observer.n())?;
+        }
+        if start.has("r") {
+            put("r", self.gain_index(observer.n())?, 1)?;
+        }
+        Ok(memory)
+    }
+
+    /// Of an observer in use the time at which it stands, in s: its first sample is taken.
+    ///
+    /// # Errors
+    /// No number.
+    pub fn time(&self) -> Result<Option<f64>> {
+        let start = self.start_spec()?;
+        if start.has("t") { start.f64("t").map(Some) } else { Ok(None) }
+    }
+
+    /// `[log]`: how a file of samples is read for it.
+    pub fn log(&self) -> Option<&Value> {
+        self.log.as_ref()
+    }
+
+    fn start_spec(&self) -> Result<Spec<'_>> {
+        Spec::new(&self.start, "start")
+    }
+
+    /// Where r stands in the memory.
+    fn gain_index(&self, n: usize) -> Result<usize> {
+        let spec = Spec::new(&self.observer, "observer")?;
+        let kind = spec.text("kind")?;
+        let moves = matches!(spec.get("gain"), Some(Value::Map(_)))
+            && spec.sub("gain")?.text("law")? != "constant";
+        match kind.as_str() {
+            "low-power" | "peaking-free" if moves => Ok(2 * n - 1),
+            _ if moves => Ok(n),
+            _ => Err(refused("start[\"r\"] is not allowed: the gain of this observer does not move")),
+        }
+    }
+}
+
+fn text(value: &str) -> Value {
+    Value::Text(value.to_owned())
+}
+
+fn whole(value: usize) -> Value {
+    Value::Whole(value as i128)
+}
+
+fn numbers(values: Vec<f64>) -> Value {
+    let shape = vec![values.len()];
+    Value::Numbers(Arc::new(Numbers { values, shape }))
+}
+
+/// A map under construction.
+#[derive(Default)]
+struct Map(Vec<(String, Value)>);
+
+impl Map {
+    fn put(&mut self, key: &str, value: Value) {
+        self.0.push((key.to_owned(), value));
+    }
+
+    fn put_given(&mut self, spec: &Spec<'_>, key: &str) {
+        if let Some(value) = spec.get(key) {
+            self.put(key, value.clone());
+        }
+    }
+}
+
+/// The spec of a law; `also` are keys beside its own.
+fn law(spec: &Spec<'_>, model: Option<&Value>, also: &[&str]) -> Result<Value> {
+    let kind = spec.text("observer")?;
+    let Some((_, keys)) = OBSERVERS.iter().find(|(known, _)| *known == kind) else {
+        return Err(spec.unknown("observer", &kind, &OBSERVERS.map(|(known, _)| known)));
+    };
+    spec.only(&[&["observer", "allow_unstable"], *keys, also].concat())?;
+    spec.flag_or("allow_unstable", false)?;
+    let mut made = Map::default();
+    made.put("kind", text(&kind));
+    match kind.as_str() {
+        "sampled-data" => made.put_given(spec, "gain"),
+        "reduced-order" => {
+            made.put("epsilon", Value::Number(spec.f64("epsilon")?));
+            made.put("h_bar", numbers(h_bar(spec, model)?));
+        }
+        "chains" => {
+            let inner = spec.list("observers")?;
+            let inner: Result<Vec<Value>> = inner.iter().map(|one| law(one, None, &[])).collect();
+            made.put("observers", Value::List(inner?));
+        }
+        "collection" | "modified" => {
+            made.put("n", whole(2));
+            for key in ["k", "k_bar"] {
+                made.put(key, numbers(spec.vector::<2>(key, 2)?.to_vec()));
+            }
+            made.put("copies", spec.get("copies").cloned().unwrap_or(whole(3)));
+            made.put("gain", gain(spec)?);
+            manner(&mut made, spec, "rk4")?;
+        }
+        _ => {
+            let n = order(spec, model)?;
+            made.put("n", whole(n));
+            let law = gain(spec)?;
+            let moves = Spec::new(&law, "gain")?.text("law")? != "constant";
+            made.put("gain", law);
+            if kind == "standard" {
+                made.put("k", numbers(k(spec, n)?));
+                manner(&mut made, spec, METHOD)?;
+            } else {
+                let (alpha, beta) = alpha_beta(spec, n)?;
+                made.put("alpha", numbers(alpha));
+                made.put("beta", numbers(beta));
+                manner(&mut made, spec, if moves { "rk4" } else { METHOD })?;
+            }
+            if kind == "peaking-free" {
+                let levels = spec.numbers("saturation")?.values.clone();
+                let levels = if levels.len() == 1 { vec![levels[0]; n - 1] } else { levels };
+                made.put("saturation", numbers(levels));
+                made.put_given(spec, "clip");
+            }
+        }
+    }
+    match model {
+        Some(model) => made.put("model", model.clone()),
+        None if kind == "sampled-data" => made.put("model", kind_alone("van-der-pol")),
+        None if kind == "reduced-order" => made.put("model", kind_alone("ship")),
+        None => {}
+    }
+    Ok(Value::Map(made.0))
+}
+
+fn kind_alone(kind: &str) -> Value {
+    Value::Map(vec![("kind".to_owned(), text(kind))])
+}
+
+/// The order that is named, or the model's.
+fn order(spec: &Spec<'_>, model: Option<&Value>) -> Result<usize> {
+    let of_model = match model {
+        Some(model) if !spec.has("order") => {
+            let model = Spec::new(model, "model")?;
+            let own = model.text("kind")? == "own";
+            if own { Some(model.count("n")?) } else { AnyModel::<f64>::read(&model)?.order() }
+        }
+        _ => None,
+    };
+    of_model.map_or_else(|| spec.count("order"), Ok)
+}
+
+/// A number is ℓ, a table a law.
+fn gain(spec: &Spec<'_>) -> Result<Value> {
+    let ell = match (spec.get("gain"), spec.has("epsilon")) {
+        (Some(law @ Value::Map(_)), false) => return Ok(law.clone()),
+        (Some(_), false) => spec.f64("gain")?,
+        (None, true) => 1.0 / hgo_rs::error::positive("epsilon", spec.f64("epsilon")?)?,
+        _ => return Err(refused("gain: give either gain [1/s] or epsilon = 1/gain [s]")),
+    };
+    let mut law = Map::default();
+    law.put("law", text("constant"));
+    law.put("ell", Value::Number(ell));
+    Ok(Value::Map(law.0))
+}
+
+fn manner(made: &mut Map, spec: &Spec<'_>, method: &str) -> Result<()> {
+    made.put("method", Value::Text(spec.text_or("method", method)?));
+    made.put("timing", Value::Text(spec.text_or("timing", TIMING)?));
+    Ok(())
+}
+
+/// Numbers, and pairs of a real and an imaginary part.
+fn poles(spec: &Spec<'_>) -> Result<Vec<(f64, f64)>> {
+    let refuse = || {
+        let message = "poles are not allowed: give numbers, and pairs [real, imaginary], such as \
+                       [-1.0, [-2.0, 1.0], [-2.0, -1.0]]";
+        refused(message)
+    };
+    let given = spec.get("poles").and_then(Value::as_list).ok_or_else(refuse)?;
+    let pole = |value: &Value| {
+        let parts = value.as_numbers().ok_or_else(refuse)?;
+        match (value.as_f64(), parts.values.as_slice()) {
+            (Some(real), _) => Ok((real, 0.0)),
+            (None, [re, im]) => Ok((*re, *im)),
+            _ => Err(refuse()),
+        }
+    };
+    given.iter().map(pole).collect()
+}
+
+/// So many equidistant poles from −1 to −2.
+fn equidistant(count: usize) -> Vec<(f64, f64)> {
+    let step = -1.0 / count.saturating_sub(1).max(1) as f64;
+    let pole = |i: usize| if i > 0 && i + 1 == count { -2.0 } else { i as f64 * step - 1.0 };
+    (0..count).map(|i| (pole(i), 0.0)).collect()
+}
+
+fn k(spec: &Spec<'_>, n: usize) -> Result<Vec<f64>> {
+    match (spec.has("k"), spec.has("poles")) {
+        (true, true) => Err(refused("k is not allowed beside poles: give one of them")),
+        (true, false) => Ok(spec.numbers("k")?.values.clone()),
+        (false, true) => {
+            let poles = poles(spec)?;
+            if poles.len() != n {
+                let message = format!("{} poles do not fit an observer of order {n}", poles.len());
+                return Err(refused(message));
+            }
+            coefficients_from_poles(&poles)
+        }
+        (false, false) => coefficients_from_poles(&equidistant(n)),
+    }
+}
+
+fn alpha_beta(spec: &Spec<'_>, n: usize) -> Result<(Vec<f64>, Vec<f64>)> {
+    match (spec.has("alpha"), spec.has("beta"), spec.has("poles")) {
+        (true, true, false) => {
+            Ok((spec.numbers("alpha")?.values.clone(), spec.numbers("beta")?.values.clone()))
+        }
+        (false, false, given) => {
+            let mut placed = if given { poles(spec)? } else { equidistant((2 * n).max(2) - 2) };
+            if !given {
+                placed.push((-2.0, 0.0));
+            }
+            if placed.len() + 1 != 2 * n {
+                return Err(refused(format!(
+                    "{} poles do not fit an observer of order {n}, which has {}",
+                    placed.len(),
+                    (2 * n).max(1) - 1
+                )));
+            }
+            low_power_coefficients_from_poles(&placed)
+        }
+        _ => Err(refused("alpha and beta must be given together and without poles")),
+    }
+}
+
+/// The paper's rates for its ship, 0.2 for each unmeasured state of another model.
+fn h_bar(spec: &Spec<'_>, model: Option<&Value>) -> Result<Vec<f64>> {
+    if spec.has("h_bar") {
+        return Ok(spec.numbers("h_bar")?.values.clone());
+    }
+    let model = model.map(|model| Spec::new(model, "model")).transpose()?;
+    match model {
+        Some(model) if model.has("n_z") => Ok(vec![0.2; model.count("n_z")?]),
+        _ => Ok(vec![0.1, 0.2, 0.2]),
+    }
+}
+
+/// The spec of a model.
+fn model(spec: &Spec<'_>) -> Result<Value> {
+    let kind = spec.text_or("kind", "own")?;
+    let mut made = Map::default();
+    if kind != "own" {
+        made.put("kind", text(if kind == "unknown" { "none" } else { &kind }));
+        for key in spec.keys().filter(|key| *key != "kind") {
+            made.put_given(spec, key);
+        }
+        return Ok(Value::Map(made.0));
+    }
+    if let Some(key) = EXPRESSIONS.into_iter().find(|key| spec.has(key)) {
+        return Err(refused(format!(
+            "model[{key:?}] is not read here: expressions are compiled in Python; give the model's form \
+             and its table of operations"
+        )));
+    }
+    spec.only(&["kind", "form", "states", "inputs", "parameters", "orders", "n_z", "table"])?;
+    let states = spec.texts("states")?.unwrap_or_default();
+    let inputs = spec.texts("inputs")?.unwrap_or_default();
+    let n_z = if spec.has("n_z") { spec.count("n_z")? } else { 0 };
+    let n = states.len().saturating_sub(n_z);
+    let form = spec.text_or("form", if spec.has("orders") { "chains" } else { "phase" })?;
+    let mut parameters = Vec::new();
+    if spec.has("parameters") {
+        let given = spec.sub("parameters")?;
+        for name in given.keys() {
+            parameters.push(given.f64(name)?);
+        }
+    }
+    made.put("kind", text("own"));
+    made.put("form", Value::Text(form));
+    made.put("n", whole(n));
+    made.put("n_u", whole(inputs.len()));
+    made.put("parameters", numbers(parameters));
+    for key in ["orders", "n_z", "table"] {
+        made.put_given(spec, key);
+    }
+    Ok(Value::Map(made.0))
+}

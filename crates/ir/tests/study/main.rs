@@ -1,0 +1,29 @@
+//! Studies over tables against the core's experiment of the typed plant and observer, run by run and bit
+//! for bit: one lane and many, under every instruction set.
+
+mod derivatives;
+mod experiment;
+mod laws;
+mod missing;
+mod own;
+mod undefined;
+
+use hgo_ir::vectors::Vectors;
+use std::process::Command;
+
+/// All tests of this file again, each time in a process that is held to an instruction set: the variable
+/// is one of the whole process.
+#[test]
+fn every_instruction_set_gives_the_same_bits() {
+    let tests = std::env::current_exe().unwrap();
+    let sets = [("baseline", Vectors::Baseline), ("avx2", Vectors::Avx2), ("avx512", Vectors::Avx512)];
+    let available = sets.into_iter().filter(|(_, vectors)| vectors.are_available());
+    for name in available.map(|(name, _)| name).chain(["plain"]) {
+        let mut command = Command::new(&tests);
+        command.env("HGO_INSTRUCTION_SET", name);
+        let run = command.args(["--skip", "every_instruction_set"]).output().unwrap();
+        let told = String::from_utf8_lossy(&run.stdout);
+        assert!(run.status.success(), "{name}: {told}");
+        assert!(!told.contains("running 0 tests"), "{name}: {told}");
+    }
+}
