@@ -350,7 +350,10 @@ impl Program<'_> {
 
 /// One instruction for all runs of a block.
 #[inline(always)]
-fn step_lanes<T: Scalar, const L: usize>(r: &mut [Lane<T, L>; REGISTERS], instruction: Instruction) {
+fn step_lanes<T: Scalar, const L: usize>(
+    r: &mut [Lane<T, L>; REGISTERS],
+    instruction: Instruction,
+) {
     let Instruction { operation, result, a, b, c } = instruction;
     let [result, a, b, c] = [result, a, b, c].map(usize::from);
     // one result; all is read before it is written: registers may be equal

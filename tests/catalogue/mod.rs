@@ -1,5 +1,6 @@
 //! Every observer of the crate, under every scheme that it takes, in a chosen precision: the laws of the one
 //! list, and what the papers and the bounds of the orders add to them.
+#![allow(clippy::extra_unused_type_parameters)] // every row of the list has the same ones
 
 use hgo_rs::for_each_law;
 use hgo_rs::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};

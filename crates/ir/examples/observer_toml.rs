@@ -71,13 +71,18 @@ fn studied(config: &Config) -> Result<Vec<Vec<f64>>> {
     }
     let study = Study::read(&Spec::new(&value, "study")?)?;
     let result = study.run(None, &|| false)?;
-    Ok(result.runs.iter().map(|run| run.moments.iter().map(|m| m.rms()).collect()).collect())
+    Ok(result
+        .runs
+        .iter()
+        .map(|run| run.moments.iter().map(hgo_rs::metrics::Moments::rms).collect())
+        .collect())
 }
 
 /// What the observer of a file estimates of a swing of 1 rad at 0.5 Hz, and how well it does in a study.
 ///
 /// # Errors
 /// A file that is refused; an observer that does not fit the plant.
+#[allow(clippy::type_complexity)] // rows of estimates, rows of errors
 pub fn run(file: &str) -> Result<(Vec<Vec<f64>>, Vec<Vec<f64>>)> {
     let config = Config::from_toml(file)?;
     let estimates = stepped(&config, 400, |t| (std::f64::consts::PI * t).cos())?;

@@ -40,7 +40,15 @@ const OBSERVERS: [(&str, &[&str]); 8] = [
     (
         "peaking-free",
         &[
-            "order", "gain", "epsilon", "poles", "alpha", "beta", "method", "timing", "saturation",
+            "order",
+            "gain",
+            "epsilon",
+            "poles",
+            "alpha",
+            "beta",
+            "method",
+            "timing",
+            "saturation",
             "clip",
         ],
     ),
@@ -171,7 +179,9 @@ impl Config {
         match kind.as_str() {
             "low-power" | "peaking-free" if moves => Ok(2 * n - 1),
             _ if moves => Ok(n),
-            _ => Err(refused("start[\"r\"] is not allowed: the gain of this observer does not move")),
+            _ => {
+                Err(refused("start[\"r\"] is not allowed: the gain of this observer does not move"))
+            }
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Derivatives of tables along a direction, by the rules of calculus, operation by operation.
 
-use crate::trace::{self, Setting, Traced, apply, named, trace};
 use crate::error::{Result, refused};
 use crate::table::Table;
+use crate::trace::{self, Setting, Traced, apply, named, trace};
 use hgo_rs::Scalar;
 use hgo_rs::program::Operation;
 
@@ -23,14 +23,15 @@ impl Table {
                 self.inputs.iter().map(|name| trace::input(&format!("{prefix}{name}"))).collect()
             };
             let mut values = named_inputs("");
-            let mut slopes: Vec<Option<Traced>> = named_inputs("d ").into_iter().map(Some).collect();
+            let mut slopes: Vec<Option<Traced>> =
+                named_inputs("d ").into_iter().map(Some).collect();
             values.extend(self.constants.iter().map(|value| Traced::from_f64(*value)));
             slopes.resize(values.len(), None);
             for (operation, from) in &self.operations {
                 let value = |i: usize| from.get(i).and_then(|at| values.get(*at)).copied();
                 let [a, b, c] = [0, 1, 2].map(|i| value(i).unwrap_or_default());
-                let [da, db, dc] =
-                    [0, 1, 2].map(|i| from.get(i).and_then(|at| slopes.get(*at).copied()).flatten());
+                let [da, db, dc] = [0, 1, 2]
+                    .map(|i| from.get(i).and_then(|at| slopes.get(*at).copied()).flatten());
                 let made = apply(*operation, [a, b, c]);
                 slopes.push(slope(*operation, made, [a, b, c], [da, db, dc]));
                 values.push(made);
@@ -78,10 +79,7 @@ fn slope(
         Operation::Divide => sum(da.map(|d| d / b), db.map(|d| -(made * d / b))),
         Operation::Min => choose(apply(Operation::Less, [b, a, one]), db, da),
         Operation::Max => choose(apply(Operation::Less, [a, b, one]), db, da),
-        Operation::Power => sum(
-            da.map(|d| d * b * a.powf(b - one)),
-            db.map(|d| made * a.ln() * d),
-        ),
+        Operation::Power => sum(da.map(|d| d * b * a.powf(b - one)), db.map(|d| made * a.ln() * d)),
         Operation::Atan2 => {
             let square = a * a + b * b;
             sum(da.map(|d| d * b / square), db.map(|d| -(a * d / square)))

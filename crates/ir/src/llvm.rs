@@ -20,7 +20,15 @@ pub const SUMS: usize = 2;
 
 /// A kernel's parameters, in order.
 const PARAMETERS: [&str; 9] = [
-    "columns", "shared", "measurement", "process", "rows", "recorded", "shown", "worst", "distances",
+    "columns",
+    "shared",
+    "measurement",
+    "process",
+    "rows",
+    "recorded",
+    "shown",
+    "worst",
+    "distances",
 ];
 
 /// A value of the function: of all runs, or of each.
@@ -73,7 +81,7 @@ impl Printer {
 
     fn begin(&mut self, label: &str) {
         self.lines.push(format!("{label}:"));
-        self.label = label.to_owned();
+        label.clone_into(&mut self.label);
         self.splats.clear();
     }
 
@@ -157,7 +165,12 @@ impl Printer {
     }
 
     /// `then` where the comparison holds, else `otherwise`.
-    fn choose(&mut self, compare: (&str, &Value, &Value), then: &Value, otherwise: &Value) -> Value {
+    fn choose(
+        &mut self,
+        compare: (&str, &Value, &Value),
+        then: &Value,
+        otherwise: &Value,
+    ) -> Value {
         let (predicate, a, b) = compare;
         let lanes = self.lanes;
         let truth = self.apply(&[a, b], |of, names| {
@@ -292,7 +305,12 @@ impl Printer {
     // --- random numbers --------------------------------------------------------------------------
 
     /// A call of a function of the core for vectors; its results.
-    fn call_each(&mut self, name: &'static str, values: &[(Kind, &Value)], results: &[Kind]) -> Vec<Value> {
+    fn call_each(
+        &mut self,
+        name: &'static str,
+        values: &[(Kind, &Value)],
+        results: &[Kind],
+    ) -> Vec<Value> {
         let lanes = self.lanes;
         self.functions.insert((name, lanes));
         let types: Vec<String> = results.iter().map(|kind| self.of(*kind, false)).collect();
@@ -435,9 +453,8 @@ impl Study {
     /// (Found by timing the five papers' studies.)
     pub fn copies(&self, lanes: usize) -> usize {
         let suited = match self.tables.width() {
-            0..=8 => 2,
             9..=24 => 4,
-            25..=45 => 2,
+            0..=45 => 2,
             _ => 1,
         };
         suited.min(LANES / lanes.max(1))
@@ -508,7 +525,8 @@ impl Kernel<'_> {
         let (measurement, process) = (four(take(4)), four(take(4)));
         let mut sums = take(values.len());
         let worst = sums.split_off(sums.len().saturating_sub(SUMS));
-        let worst = std::array::from_fn(|i| worst.get(i).cloned().unwrap_or(Printer::constant(0.0)));
+        let worst =
+            std::array::from_fn(|i| worst.get(i).cloned().unwrap_or(Printer::constant(0.0)));
         State { x, z, noise, measurement, process, sums, worst }
     }
 
@@ -562,9 +580,7 @@ impl Kernel<'_> {
             };
             for copy in 0..if *uniform { 1 } else { copies } {
                 let [now, start, next] = [now, start, next].map(|value| of_copy(value, copy));
-                phis.push(format!(
-                    "  {now} = phi {of} [ {start}, %entry ], [ {next}, %{latch} ]"
-                ));
+                phis.push(format!("  {now} = phi {of} [ {start}, %entry ], [ {next}, %{latch} ]"));
             }
         }
         p.lines.splice(header..header, phis);
@@ -610,7 +626,7 @@ impl Kernel<'_> {
         let mut made = p.table(&tables.sample, &inputs, study.samples_are_there).into_iter();
         let before = state.z.clone();
         let next = made.by_ref().take(study.layout.z).collect();
-        state.z = self.each(p, next);
+        state.z = Self::each(p, next);
         let y: Vec<Value> = made.by_ref().take(study.layout.y).collect();
         let u: Vec<Value> = made.by_ref().take(study.layout.u).collect();
         if tables.is_current {
@@ -622,12 +638,12 @@ impl Kernel<'_> {
             shown = [state.x.clone(), z, y].concat();
         }
         if tables.is_joint {
-            state.x = self.each(p, made.collect());
+            state.x = Self::each(p, made.collect());
         }
         if let Some(predict) = &tables.predict {
             let inputs: [&[Value]; 3] = [&[t.clone(), dt.clone()], &state.z, &u];
             let next = p.table(predict, &inputs, study.samples_are_there);
-            state.z = self.each(p, next);
+            state.z = Self::each(p, next);
         }
         if let Some(plant) = &tables.plant {
             self.plants(p, &mut state, (plant_t, h), (plant, &u));
@@ -657,7 +673,8 @@ impl Kernel<'_> {
             }
             DrawKind::Uniform(..) | DrawKind::Normal(..) => {
                 let fresh = Self::of_row(p, row, 6);
-                let (Value::Uniform(fresh), truth, from) = (fresh, p.name(), p.label.clone()) else {
+                let (Value::Uniform(fresh), truth, from) = (fresh, p.name(), p.label.clone())
+                else {
                     return;
                 };
                 p.line(format!("  {truth} = fcmp une double {fresh}, 0x{:016X}", 0));
@@ -864,18 +881,18 @@ impl Kernel<'_> {
         }
         let inputs: [&[Value]; 4] = [&[time.clone(), h.clone()], &state.x, u, &xi];
         let next = p.table(plant, &inputs, true);
-        state.x = if self.study.plants_are_shared { next } else { self.each(p, next) };
+        state.x = if self.study.plants_are_shared { next } else { Self::each(p, next) };
     }
 
     /// Values that are carried as vectors.
-    fn each(&self, p: &mut Printer, values: Vec<Value>) -> Vec<Value> {
+    fn each(p: &mut Printer, values: Vec<Value>) -> Vec<Value> {
         values
             .into_iter()
             .map(|value| match value {
                 Value::Uniform(_) => {
                     Value::Each((0..p.copies).map(|copy| p.vector(&value, copy)).collect())
                 }
-                each => each,
+                each @ Value::Each(_) => each,
             })
             .collect()
     }

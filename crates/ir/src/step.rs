@@ -124,7 +124,8 @@ impl Tables {
         let before = |place, of: &u8| (MEMORY..place).contains(&usize::from(*of));
         let hands_on = { next }.any(|(place, (a, b))| before(place, a) || before(place, b));
         let parameters = (self.given()..).zip(&self.parameters);
-        let parameters = parameters.filter_map(|(at, value)| Some((u8::try_from(at).ok()?, *value)));
+        let parameters =
+            parameters.filter_map(|(at, value)| Some((u8::try_from(at).ok()?, *value)));
         let fixed = compiled.constants().iter().copied().chain(parameters).collect();
         Ok(Step { at_rest: self.at_rest(&compiled), fixed, compiled, shown, hands_on })
     }
@@ -379,7 +380,8 @@ impl Programmed {
             }
         }
         memory.copy_from_slice(&r.0[place]);
-        let larger = |most: f64, value: &f64| if most.is_nan() || *value <= most { most } else { *value };
+        let larger =
+            |most: f64, value: &f64| if most.is_nan() || *value <= most { most } else { *value };
         largest.iter().fold(0.0, larger)
     }
 

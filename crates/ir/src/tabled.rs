@@ -99,11 +99,14 @@ impl<T: Scalar, const N: usize> Numbers<T> for [BlockGains<T, N>; 2] {
 /// Lengths of corrections whose gains are remembered.
 const RECENT: usize = 8;
 
+/// (time, memory) → gains.
+type GainsOfTime = dyn Fn(f64, &[f64]) -> Vec<f64> + Send + Sync;
+
 /// The gains of a law's placed corrections, computed by the law itself: they depend on its coefficients,
 /// on the time that a correction is for and, where the gain moves, on the memory; on no model.
 pub struct Gains {
     pub count: usize,
-    of: Box<dyn Fn(f64, &[f64]) -> Vec<f64> + Send + Sync>,
+    of: Box<GainsOfTime>,
     /// Those of the lengths used last.
     recent: Mutex<Vec<(u64, Vec<f64>)>>,
 }

@@ -103,9 +103,9 @@ impl Tables {
             let mut chosen = self.form(false, &given);
             if without.is_some() {
                 let y = MEMORY + self.shape.memory;
-                let nothing = given[y..y + self.shape.n_y].iter().fold(Traced::ZERO, |sum, y| {
-                    sum + (*y - *y) // NaN where one is not finite
-                });
+                let nothing = given[y..y + self.shape.n_y]
+                    .iter()
+                    .fold(Traced::ZERO, |sum, y| sum + trace::nothing(*y));
                 let choose = |a, b| trace::if_equal([nothing; 2], a, b);
                 chosen = chosen_of(&chosen, &self.form(true, &given), choose);
             }
@@ -131,7 +131,7 @@ impl Tables {
         let Some((index, _)) = self.unstarted else { return usual };
         let (n, memory) = (self.shape.n, MEMORY..MEMORY + self.shape.memory);
         let made = self.form(true, given);
-        let spoilt = made.iter().take(n).fold(Traced::NEG_ZERO, |sum, z| sum + (*z - *z)); // or NaN
+        let spoilt = made.iter().take(n).fold(Traced::NEG_ZERO, |sum, z| sum + trace::nothing(*z));
         let held = chosen_of(&made, &given[memory.clone()], |made, before| {
             trace::if_equal([spoilt; 2], made, before)
         });

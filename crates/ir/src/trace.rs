@@ -280,7 +280,11 @@ pub fn inline(table: &Table, inputs: &[Traced]) -> Vec<Traced> {
 }
 
 /// The results of a function of numbers, called where the table stands.
-pub fn native(function: Arc<dyn crate::Function>, arguments: &[Traced], results: usize) -> Vec<Traced> {
+pub fn native(
+    function: Arc<dyn crate::Function>,
+    arguments: &[Traced],
+    results: usize,
+) -> Vec<Traced> {
     let call = Call { function, arguments: Vec::new(), results };
     let arguments = arguments.iter().map(|Traced(index)| *index as usize).collect();
     with(|trace| trace.call(&call, arguments)).into_iter().map(Traced).collect()
@@ -328,6 +332,11 @@ pub fn if_positive(value: Traced, a: Traced, b: Traced) -> Traced {
 #[inline(never)]
 fn if_above(value: Traced, other: Traced, a: Traced, b: Traced) -> Traced {
     apply(Operation::Select, [apply(Operation::Less, [other, value]), a, b])
+}
+
+/// 0 where the value is finite, else NaN.
+pub fn nothing(value: Traced) -> Traced {
+    apply(Operation::Subtract, [value, value])
 }
 
 /// `a` where the values are equal, else `b`.

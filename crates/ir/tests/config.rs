@@ -85,9 +85,8 @@ fn what_a_file_leaves_open() {
 
 #[test]
 fn poles_models_and_starts() {
-    let of = |more: &str| {
-        config(&format!("format = 1\nobserver = 'standard'\ngain = 20.0\n{more}"))
-    };
+    let of =
+        |more: &str| config(&format!("format = 1\nobserver = 'standard'\ngain = 20.0\n{more}"));
     let poles = [(-1.0, 0.0), (-2.0, 1.0), (-2.0, -1.0)];
     let placed = of("order = 3\npoles = [-1, [-2.0, 1.0], [-2.0, -1.0]]");
     assert_eq!(numbers(&placed, "k"), coefficients_from_poles::<f64, 3>(poles).unwrap());
@@ -136,7 +135,10 @@ fn what_is_refused() {
     starts(of("order = 2\ngain = 1.0\nepsilon = 1.0"), "gain: give either");
     starts(of("gain = 1.0"), "observer.toml needs \"order\"");
     starts(of("order = 2\ngain = -1.0"), "ell = -1");
-    starts(of("order = 2\ngain = 1.0\nk = [1.0, 1.0]\npoles = [-1, -1]"), "k is not allowed beside");
+    starts(
+        of("order = 2\ngain = 1.0\nk = [1.0, 1.0]\npoles = [-1, -1]"),
+        "k is not allowed beside",
+    );
     starts(of("order = 2\ngain = 1.0\npoles = [-1]"), "1 poles do not fit");
     starts(of("order = 2\ngain = 1.0\npoles = [-1, 'a']"), "poles are not allowed");
     starts(of("order = 2\ngain = 1.0\nmethod = 'heun'"), "observer[\"method\"] = \"heun\"");

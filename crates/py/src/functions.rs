@@ -2,9 +2,9 @@
 
 use crate::errors::{Result, refused};
 use crate::interrupt::interruptible;
-use hgo_ir::study::{Plan, STOCHASTIC_METHODS, stochastic};
 use crate::values::{matrix, numbers, read_dict};
 use hgo_ir::Spec;
+use hgo_ir::study::{Plan, STOCHASTIC_METHODS, stochastic};
 use hgo_ir::systems::AnyPlant;
 use hgo_rs::covariance::ErrorCovariance;
 use hgo_rs::gain::ConstantGain;
@@ -200,6 +200,7 @@ pub fn filtered<'py>(
 /// (of `lanes` numbers side by side): the core's own, operation by operation.
 #[pyfunction]
 #[pyo3(signature = (language, precision, names, prefix="hgo", lanes=1))]
+#[allow(clippy::needless_pass_by_value)]
 pub fn elementary_source(
     language: &str,
     precision: &str,

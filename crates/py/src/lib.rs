@@ -27,11 +27,11 @@ mod _core {
     #[pymodule_export]
     use crate::functions::{coupled_paths, elementary_source, filtered, mean_covariance, random};
     #[pymodule_export]
+    use crate::kernel::{StudyKernel, study_source};
+    #[pymodule_export]
     use crate::observers::Observer;
     #[pymodule_export]
     use crate::online::Online;
-    #[pymodule_export]
-    use crate::kernel::{StudyKernel, study_source};
     #[pymodule_export]
     use crate::study::{kernel_agrees, simulate};
     #[pymodule_export]

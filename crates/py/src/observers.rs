@@ -27,7 +27,8 @@ impl Observer {
 impl Observer {
     #[new]
     fn new(spec: &Bound<'_, PyAny>) -> Result<Self> {
-        let inner = hgo_ir::observer::build(&Spec::new(&read_dict(spec, "observer")?, "observer")?)?;
+        let inner =
+            hgo_ir::observer::build(&Spec::new(&read_dict(spec, "observer")?, "observer")?)?;
         let memory_len = inner.initial().len();
         Ok(Self { inner, memory_len })
     }

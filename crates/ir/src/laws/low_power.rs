@@ -38,9 +38,12 @@ pub(super) fn tables<const N: usize>(
     }
     let (alpha, beta) = (spec.vector::<N>("alpha", N)?, spec.vector::<N>("beta", N - 1)?);
     let gain = spec.sub("gain")?;
-    let gains = |at| match setting.single {
-        true => gains::<f32, N>(spec, at, saturated),
-        false => gains::<f64, N>(spec, at, saturated),
+    let gains = |at| {
+        if setting.single {
+            gains::<f32, N>(spec, at, saturated)
+        } else {
+            gains::<f64, N>(spec, at, saturated)
+        }
     };
     macro_rules! law {
         ($gain:pat => $made:expr) => {

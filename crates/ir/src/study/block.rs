@@ -448,7 +448,8 @@ fn result<const L: usize>(
         for signal in 0..layout.signals {
             let mut at = number * layout.moments() + signal;
             let values = layout.kinds.map(|wanted| {
-                let value = if wanted { stored.get(at).map_or(0.0, |row| row.0[lane]) } else { 0.0 };
+                let value =
+                    if wanted { stored.get(at).map_or(0.0, |row| row.0[lane]) } else { 0.0 };
                 at += if wanted { layout.signals } else { 0 };
                 value
             });

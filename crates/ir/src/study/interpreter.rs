@@ -3,10 +3,10 @@
 // The form that a compiler makes vector code of: an index, and no branch between two truths.
 #![allow(clippy::needless_range_loop)]
 
+use super::Study;
 use super::block::{Block, Engine, Instant, Layout, Span, Streams};
 use super::plan::DrawKind;
 use super::tables::StudyTables;
-use super::Study;
 use crate::compile::Compiled;
 use crate::error::Result;
 use crate::table::Table;
@@ -373,7 +373,6 @@ fn draw<const L: usize>(study: &Study, block: &mut Block<L>, span: &Span<'_, L>,
     let (layout, at) = (&study.layout, &span.instants[number]);
     let columns = &mut block.columns[layout.noise()..layout.noise() + layout.y];
     match study.plan.draw {
-        DrawKind::None => {}
         DrawKind::Uniform(low, high) if at.fresh > 0.0 => {
             let streams = &mut block.streams[0];
             for column in columns {
@@ -395,7 +394,7 @@ fn draw<const L: usize>(study: &Study, block: &mut Block<L>, span: &Span<'_, L>,
                 }
             }
         }
-        DrawKind::Uniform(..) | DrawKind::Normal(..) => {} // held
+        DrawKind::None | DrawKind::Uniform(..) | DrawKind::Normal(..) => {} // none, or held
         DrawKind::Shared(_) => columns.fill(Lane([at.noise; L])),
         DrawKind::Recorded { .. } => columns.fill(span.recorded[number]),
     }

@@ -201,9 +201,8 @@ impl Study {
         const SAMPLES: u64 = 96;
         let whole = self.plan.clone();
         let runs = whole.runs.min(LANES);
-        let rows = |table: &[f64], columns: usize| {
-            table.get(..runs * columns).unwrap_or(table).to_vec()
-        };
+        let rows =
+            |table: &[f64], columns: usize| table.get(..runs * columns).unwrap_or(table).to_vec();
         let steps = whole.steps.min(SAMPLES);
         let mut agree = true;
         for (open, distances) in self.forms() {
@@ -311,7 +310,7 @@ fn parts(
         return (0..blocks).map(|_| None).collect();
     }
     let widths = frames.widths;
-    let [x, z, y] = frames.values.each_mut().map(|values| values.as_mut_slice());
+    let [x, z, y] = frames.values.each_mut().map(Vec::as_mut_slice);
     let mut of_runs = [x, z, y].map(|values| values);
     let mut take = |i: usize| {
         let rest = std::mem::take(&mut of_runs[i]);

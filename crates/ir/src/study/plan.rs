@@ -437,7 +437,6 @@ impl Plan {
             _ => None,
         }
     }
-
 }
 
 const PLANT_METHODS: [&str; 7] =
@@ -468,4 +467,3 @@ fn read_plant_scheme(spec: &Spec<'_>, method: &str) -> Result<PlantScheme> {
         },
     })
 }
-

@@ -1,11 +1,11 @@
 //! Plants as tables: the papers' and the user's own.
 
-use crate::spec::Spec;
-use crate::systems::AnyPlant;
-use crate::trace::{self, Setting, Traced, input, inputs, named, trace};
 use crate::error::{Result, refused};
 use crate::order::CHAINS;
+use crate::spec::Spec;
+use crate::systems::AnyPlant;
 use crate::table::Table;
+use crate::trace::{self, Setting, Traced, input, inputs, named, trace};
 use hgo_rs::Scalar;
 use hgo_rs::integrate::{PlantScheme, WienerIncrement, plant_step};
 use hgo_rs::memory::Memory;
@@ -169,9 +169,7 @@ impl OwnPlant {
         let table = Table::read(&spec.sub("table")?)?;
         let parameters = spec.numbers("parameters")?.values.clone();
         if let Some(bad) = parameters.iter().find(|value| !value.is_finite()) {
-            return Err(refused(format!(
-                "a parameter of the plant is {bad}; it must be finite"
-            )));
+            return Err(refused(format!("a parameter of the plant is {bad}; it must be finite")));
         }
         let (given, made) = (1 + n + parameters.len(), n + usize::from(noisy) * n + n_y);
         if table.inputs.len() != given || table.outputs.len() != made {
@@ -323,6 +321,8 @@ impl Plant<Traced> for Tabled<'_> {
         let b = self.diffusion(t, x, u);
         let twice = self.0.curvatures(at, &self.0.direction(Traced::ZERO, b.as_slice()));
         let half = Traced::from_f64(0.5);
-        State::from_fn(|i, _| if i < self.0.n { in_time[i] + half * twice[i] } else { Traced::ZERO })
+        State::from_fn(
+            |i, _| if i < self.0.n { in_time[i] + half * twice[i] } else { Traced::ZERO },
+        )
     }
 }

@@ -2,10 +2,10 @@
 
 use super::plan::{AnySchedule, DrawKind, Plan};
 use super::plants::{MAX_STATES, PlantTables};
-use crate::tables::Tables;
-use crate::trace::{self, Setting, Traced, input, inputs, named, trace};
 use crate::error::{Result, refused};
 use crate::table::Table;
+use crate::tables::Tables;
+use crate::trace::{self, Setting, Traced, input, inputs, named, trace};
 use hgo_rs::Scalar;
 use hgo_rs::integrate::{Integrator, PlantScheme};
 use hgo_rs::memory::Memory;
@@ -18,6 +18,7 @@ use nalgebra::SVector;
 const BOTH: usize = MAX_STATES + 64;
 
 /// The tables of a study.
+#[allow(clippy::struct_excessive_bools)] // four answers to four questions
 pub struct StudyTables {
     /// (t, dt, the plant's time, sines, z, x, noise) → (z⁺, y, u) and, where plant and observer are one
     /// differential equation, x⁺. z⁺ is the memory after the use of the sample, with predictor timing at
@@ -115,7 +116,11 @@ impl Making<'_> {
 
     fn noise(&self) -> Vec<Traced> {
         let given = inputs("noise", self.plant.n_y);
-        if matches!(self.plan.draw, DrawKind::None) { vec![Traced::NEG_ZERO; given.len()] } else { given }
+        if matches!(self.plan.draw, DrawKind::None) {
+            vec![Traced::NEG_ZERO; given.len()]
+        } else {
+            given
+        }
     }
 
     fn sines(&self) -> Traced {

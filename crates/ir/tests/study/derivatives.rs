@@ -34,7 +34,8 @@ const SMOOTH: [(Operation, &[[f64; 3]]); 25] = [
     (Operation::Select, &[[1.0, -0.3, 0.4], [0.7, 0.4, -0.3]]),
 ];
 
-const DIRECTIONS: [[f64; 3]; 4] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.3, -0.8, 1.1]];
+const DIRECTIONS: [[f64; 3]; 4] =
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.3, -0.8, 1.1]];
 
 /// One operation of a, b and c, of which it takes as many as it needs; inside others, so that the slopes
 /// of its operands are no numbers that are known.
@@ -61,8 +62,7 @@ fn along(at: &[f64], direction: &[f64], h: f64) -> Vec<f64> {
 /// The derivative of a table along a direction by central differences, of error O(h²).
 fn by_differences(table: &Table, at: &[f64], direction: &[f64]) -> Vec<f64> {
     let h = 1e-5;
-    let [after, before] =
-        [h, -h].map(|h| table.evaluate(&along(at, direction, h)).unwrap());
+    let [after, before] = [h, -h].map(|h| table.evaluate(&along(at, direction, h)).unwrap());
     after.iter().zip(before).map(|(after, before)| (after - before) / (2.0 * h)).collect()
 }
 

@@ -163,8 +163,11 @@ impl Setup {
         let sine = |sine: &Sine<f64>| vec![sine.amplitude, sine.omega, sine.phase];
         let mut sines: Vec<Vec<f64>> = self.sines.iter().map(sine).collect();
         sines.push(vec![0.0, 1.0, 0.0]); // so that one sine is rows too
-        let sines =
-            if self.sines.is_empty() { String::new() } else { format!(", sines = {}", rows(&sines)) };
+        let sines = if self.sines.is_empty() {
+            String::new()
+        } else {
+            format!(", sines = {}", rows(&sines))
+        };
         format!("{{ {drawn}, hold = {}{sines} }}", self.hold)
     }
 
@@ -237,11 +240,7 @@ impl Starts {
         }
     }
 
-    fn rows(
-        &self,
-        runs: usize,
-        part: impl Fn((Vec<f64>, Vec<f64>)) -> Vec<f64>,
-    ) -> Vec<Vec<f64>> {
+    fn rows(&self, runs: usize, part: impl Fn((Vec<f64>, Vec<f64>)) -> Vec<f64>) -> Vec<Vec<f64>> {
         let given = if matches!(self, Self::Shared(..)) { 1 } else { runs };
         (0..given).map(|run| part(self.of(run))).collect()
     }
@@ -511,13 +510,7 @@ impl<O: Observer<f64>> Observer<f64> for Holding<O> {
     fn estimate<'a>(&self, z: &'a O::State) -> &'a [f64] {
         self.0.estimate(z)
     }
-    fn innovation(
-        &self,
-        t: f64,
-        z: &O::State,
-        y: &O::Measurement,
-        u: &O::Input,
-    ) -> O::Measurement {
+    fn innovation(&self, t: f64, z: &O::State, y: &O::Measurement, u: &O::Input) -> O::Measurement {
         self.0.innovation(t, z, y, u)
     }
 }

@@ -60,7 +60,9 @@ fn standard(gain: f64) -> StandardObserver<f64, ConstantGain<f64>, Unknown, 2> {
 }
 
 fn standard_kind(gain: f64, manner: &str) -> String {
-    format!("kind = 'standard'\nn = 2\nk = [2.0, 2.0]\ngain = {{ law = 'constant', ell = {gain:?} }}\n{manner}")
+    format!(
+        "kind = 'standard'\nn = 2\nk = [2.0, 2.0]\ngain = {{ law = 'constant', ell = {gain:?} }}\n{manner}"
+    )
 }
 
 const CURRENT_ZOH: &str = "method = 'zoh'\ntiming = 'current'";
@@ -168,8 +170,9 @@ where
     let scheme = Placed::new(&law, Placement::Exact).unwrap();
     beside!(Current { law, scheme }, standard_kind(9.0, CURRENT_ZOH), [0.5, 0.0, 0.0]);
     let law = StandardObserver::<f64, _, _, 3>::new([3.0, 3.0, 1.0], ell(9.0), Unknown).unwrap();
-    let kind =
-        format!("kind = 'standard'\nn = 3\nk = [3.0, 3.0, 1.0]\n{gain}\nmethod = 'staggered-euler'");
+    let kind = format!(
+        "kind = 'standard'\nn = 3\nk = [3.0, 3.0, 1.0]\n{gain}\nmethod = 'staggered-euler'"
+    );
     beside!(Discretised { law, scheme: StaggeredEuler }, kind, [0.5, 0.0, 0.0]);
 
     let (alpha, beta) = ([2.0, 2.0], [2.0, 0.0]);
@@ -190,11 +193,7 @@ where
         "kind = 'peaking-free'\nn = 2\nalpha = [2.0, 2.0]\nbeta = [2.0]\nsaturation = [3.0]\n{gain}\n\
          method = 'rk4-innovation-held'"
     );
-    beside!(
-        Discretised { law: law.unwrap(), scheme: Rk4InnovationHeld },
-        kind,
-        [0.5, 0.0, 0.0]
-    );
+    beside!(Discretised { law: law.unwrap(), scheme: Rk4InnovationHeld }, kind, [0.5, 0.0, 0.0]);
 
     let copies = "n = 2\nk = [2.0, 2.0]\nk_bar = [0.0558, 0.0317]\ncopies = 3";
     let (k, k_bar) = ([2.0; 2], [0.0558, 0.0317]);
@@ -279,8 +278,7 @@ fn order_five_of_each_kind() {
     let k = [7.5, 22.1875, 32.343_75, 23.218_75, 6.5625];
     let law = StandardObserver::<f64, _, _, 5>::new(k, ell(7.0), crackle()).unwrap();
     let observer = Discretised { law, scheme: Placed::new(&law, Placement::Exact).unwrap() };
-    let kind =
-        format!("kind = 'standard'\nn = 5\nk = {k:?}\n{gain}\nmethod = 'zoh'\n{model}");
+    let kind = format!("kind = 'standard'\nn = 5\nk = {k:?}\n{gain}\nmethod = 'zoh'\n{model}");
     sampled(&setup, (crackle(), CRACKLE), (observer, &kind), nothing, (x, &[0.0; 5]));
     let coefficients = format!("n = 5\nalpha = {alpha:?}\nbeta = {:?}\n{gain}", &beta[..4]);
     let low_power =
@@ -291,8 +289,7 @@ fn order_five_of_each_kind() {
     let observer = Discretised { law, scheme };
     sampled(&setup, (crackle(), CRACKLE), (observer, &kind), nothing, (x, &[0.0; 9]));
     let smooth = SmoothSaturation::new([3.0; 5]).unwrap();
-    let law =
-        PeakingFreeObserver::<f64, _, _, _, 5>::new(alpha, beta, ell(7.0), crackle(), smooth);
+    let law = PeakingFreeObserver::<f64, _, _, _, 5>::new(alpha, beta, ell(7.0), crackle(), smooth);
     let observer = Discretised { law: law.unwrap(), scheme: BogackiShampine };
     let kind = format!(
         "kind = 'peaking-free'\n{coefficients}\nsaturation = [3.0, 3.0, 3.0, 3.0]\nclip = 'smooth'\n\
@@ -397,7 +394,12 @@ fn plant_and_law_as_one_equation() {
     joint(&normal_held(), (crackle(), CRACKLE), (law.unwrap(), &kind), scheme, start);
     // beyond the step limit
     let setup = Setup { clock: Clock::Fixed(0.3), ..normal_held() };
-    let told = joint(&setup, (Lee, LEE), (standard(30.0), &standard_kind(30.0, "")),
-        Integrator::Euler, (&[1.0, 1.0], &[0.0, 0.0]));
+    let told = joint(
+        &setup,
+        (Lee, LEE),
+        (standard(30.0), &standard_kind(30.0, "")),
+        Integrator::Euler,
+        (&[1.0, 1.0], &[0.0, 0.0]),
+    );
     assert!(told.iter().all(|run| run.diverged_at.is_some()));
 }

@@ -1,5 +1,6 @@
 //! Studies over tables against the core's experiment of the typed plant and observer, run by run and bit
 //! for bit: one lane and many, under every instruction set.
+#![allow(clippy::format_push_string, clippy::float_cmp, clippy::trivially_copy_pass_by_ref)] // texts of specs; numbers that are exact
 
 mod derivatives;
 mod experiment;
@@ -16,7 +17,8 @@ use std::process::Command;
 #[test]
 fn every_instruction_set_gives_the_same_bits() {
     let tests = std::env::current_exe().unwrap();
-    let sets = [("baseline", Vectors::Baseline), ("avx2", Vectors::Avx2), ("avx512", Vectors::Avx512)];
+    let sets =
+        [("baseline", Vectors::Baseline), ("avx2", Vectors::Avx2), ("avx512", Vectors::Avx512)];
     let available = sets.into_iter().filter(|(_, vectors)| vectors.are_available());
     for name in available.map(|(name, _)| name).chain(["plain"]) {
         let mut command = Command::new(&tests);

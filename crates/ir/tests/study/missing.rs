@@ -26,7 +26,8 @@ fn row(run: usize) -> Vec<f64> {
 /// Each of the setups.
 fn setups(clock: Clock) -> Vec<Setup> {
     let most = FEW_AND_MANY.into_iter().max().unwrap();
-    let of = |drawn, hold| Setup { drawn, hold, clock, steps: STEPS, every: 13, ..Setup::default() };
+    let of =
+        |drawn, hold| Setup { drawn, hold, clock, steps: STEPS, every: 13, ..Setup::default() };
     vec![
         of(Drawn::Recorded(vec![row(0)]), 1),
         of(Drawn::Recorded(vec![row(1)]), 2),

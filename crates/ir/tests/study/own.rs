@@ -7,7 +7,7 @@ use hgo_ir::{Error, Spec, Value};
 use hgo_rs::Scalar;
 use hgo_rs::gain::ConstantGain;
 use hgo_rs::model::{Plant, StochasticIntegrator, Unknown, no_input};
-use hgo_rs::models::{Correction, Diffusion, Lee, VanDerPol};
+use hgo_rs::models::{Diffusion, Lee};
 use hgo_rs::observer::{Discretised, Euler};
 use hgo_rs::observers::StandardObserver;
 use nalgebra::SVector;
@@ -147,7 +147,8 @@ fn schemes_with_derivatives_of_an_own_plant() {
         let kinds = Kinds { plant: &van_der_pol(diffusion), observer: &observer, joint: false };
         let simple = simple.study(kinds, &starts, LANES).run(None, &|| false).unwrap();
         let differs = simple.runs[0].final_x != own.runs[0].final_x;
-        let same = plant_method == "euler-maruyama" || (plant_method, diffusion) == ("milstein", Additive);
+        let same =
+            plant_method == "euler-maruyama" || (plant_method, diffusion) == ("milstein", Additive);
         assert_eq!(differs, !same, "{plant_method}, {diffusion:?}");
     }
 }
@@ -182,13 +183,7 @@ impl Plant<f64> for Cubic {
     fn diffusion(&self, _: f64, _: &Self::State, _: &Nothing) -> Self::State {
         SVector::from([0.3])
     }
-    fn jacobian_times(
-        &self,
-        _: f64,
-        x: &Self::State,
-        _: &Nothing,
-        v: &Self::State,
-    ) -> Self::State {
+    fn jacobian_times(&self, _: f64, x: &Self::State, _: &Nothing, v: &Self::State) -> Self::State {
         v * (-3.0 * x.x * x.x)
     }
     fn curvature(&self, t: f64, x: &Self::State, _: &Nothing) -> Self::State {
@@ -202,8 +197,8 @@ const CUBIC: &str = "kind = 'own-plant'\nn = 1\nnoisy = true\nparameters = []\n[
 
 #[test]
 fn the_scheme_of_order_one_and_a_half_in_full() {
-    use hgo_rs::noise::{Channel, Draw, Noise, Stream};
     use hgo_rs::integrate::WienerIncrement;
+    use hgo_rs::noise::{Channel, Draw, Noise, Stream};
     let setup = Setup {
         plant_method: "taylor-1.5",
         substeps: 1,
