@@ -229,6 +229,7 @@ fn ends() -> Vec<f64> {
 }
 
 /// Pairs of such arguments, and 200,000 of random ones of all sizes.
+#[allow(clippy::cast_possible_truncation)] // a small number
 fn pairs() -> Vec<[f64; 2]> {
     let mut stream = Stream::new(3, 0, Channel::Process);
     let mut drawn = || match stream.next_u64() % 5 {

@@ -1,5 +1,6 @@
 //! What holds for every design, every observer, every sample: properties, tried on random cases.
 
+#![allow(clippy::extra_unused_type_parameters)] // every row of the list of laws has the same ones
 #![allow(clippy::float_cmp)] // where two numbers are compared for equality, equal bits are meant
 
 #[path = "../catalogue/mod.rs"]

@@ -21,6 +21,7 @@
 mod called;
 pub mod choices;
 pub mod compile;
+#[cfg(feature = "toml")]
 pub mod config;
 pub mod derivative;
 pub mod design;
