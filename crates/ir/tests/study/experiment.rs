@@ -151,14 +151,16 @@ impl Setup {
         }
     }
 
-    fn noise(&self) -> String {
+    fn noise(&self, runs: usize) -> String {
         let drawn = match &self.drawn {
             Drawn::Nothing => "kind = 'none'".to_owned(),
             Drawn::Uniform(low, high) => {
                 format!("kind = 'uniform', low = {low:?}, high = {high:?}")
             }
             Drawn::Normal(mean, std) => format!("kind = 'normal', mean = {mean:?}, std = {std:?}"),
-            Drawn::Recorded(values) => format!("kind = 'samples', values = {}", rows(values)),
+            Drawn::Recorded(values) => {
+                format!("kind = 'samples', values = {}", rows(&values[..runs.min(values.len())]))
+            }
         };
         let sine = |sine: &Sine<f64>| vec![sine.amplitude, sine.omega, sine.phase];
         let mut sines: Vec<Vec<f64>> = self.sines.iter().map(sine).collect();
@@ -185,7 +187,7 @@ impl Setup {
             self.plant_method,
             self.substeps,
             self.clock.toml(),
-            self.noise(),
+            self.noise(runs),
             windows.join(", "),
             rows(&starts.rows(runs, |(x, _)| x)),
             rows(&starts.rows(runs, |(_, z)| z)),

@@ -203,7 +203,8 @@ where
     beside!(Discretised { law: collection, scheme: Euler }, kind, three);
     let law = ModifiedObserver { collection };
     let kind = format!("kind = 'modified'\n{copies}\n{moving}\nmethod = 'rk4'");
-    beside!(Discretised { law, scheme: Rk4 }, kind, three);
+    let four: Vec<f64> = collection_start(&law);
+    beside!(Discretised { law, scheme: Rk4 }, kind, four);
 
     let (model, model_kind) = van_der_pol(0.5, Diffusion::Additive, Correction::Derived);
     let kind = format!("kind = 'sampled-data'\n[observer.model]\n{model_kind}");

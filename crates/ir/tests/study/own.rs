@@ -207,13 +207,13 @@ fn the_scheme_of_order_one_and_a_half_in_full() {
         ..Setup::default()
     };
     let kinds = Kinds { plant: CUBIC, observer: &kind(&[1.0]), joint: false };
-    let starts = Starts::Spread(vec![2.0], vec![0.0]);
+    let starts = Starts::Spread(vec![0.5], vec![0.0]);
     let result = setup.study(kinds, &starts, LANES).run(None, &|| false).unwrap();
     let noise = Noise { draw: Draw::<f64>::None, hold: 1, sines: &[] };
     assert_eq!(noise.hold, setup.hold);
     for (run, told) in result.runs.iter().enumerate() {
         let mut stream = Stream::new(11, FIRST + run as u64, Channel::Process);
-        let mut x = SVector::from([2.0 * (1.0 + 0.01 * run as f64)]);
+        let mut x = SVector::from([0.5 * (1.0 + 0.01 * run as f64)]);
         for k in 0..setup.steps {
             let w = WienerIncrement::from_normals(stream.normal_pair(), 0.1);
             let scheme = StochasticIntegrator::Taylor15;
