@@ -218,7 +218,7 @@ def test_engines_are_refused_where_they_cannot_be(monkeypatch: pytest.MonkeyPatc
     given = arguments({})
     with pytest.raises(hgo.HgoError, match="engine = 'fast': must be one of auto, interp"):
         hgo.simulate(**given, engine="fast")
-    with pytest.raises(hgo.HgoError, match=r"engine = 'llvm' is not allowed.*leave it out"):
+    with pytest.raises(hgo.HgoError, match="engine = 'llvm': must be for backend 'rust'; leave"):
         hgo.simulate(**given, engine="llvm", backend="numpy")
     monkeypatch.setattr(llvm, "_binding", lambda: "llvmlite is not installed; pip install it")
     with pytest.raises(hgo.HgoError, match=r"engine = 'llvm'.*pip install"):

@@ -79,7 +79,8 @@ def test_the_bits_do_not_depend_on_the_instructions(
         pytest.skip(f"this processor has no {instructions}")
     assert plain.keys() == vectors.keys() and len(plain) > 30
     for key, value in plain.items():
-        assert np.array_equal(value, vectors[key], equal_nan=True), key
+        numbers = np.asarray(value).dtype.kind == "f"
+        assert np.array_equal(value, vectors[key], equal_nan=numbers), key
     for name in ("lee", "own"):
         rms = plain[f"{name}-rms"]
         assert np.isfinite(rms).all() and len(np.unique(rms[:, 0, 1])) == 37
