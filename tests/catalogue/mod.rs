@@ -269,6 +269,21 @@ macro_rules! list {
 }
 for_each_law!(list);
 
+/// How many observers [`visit_all`] shows.
+#[allow(dead_code)] // not every test counts
+pub fn observers() -> u64 {
+    // Euler with current timing beside the schemes; zoh under both timings
+    let (schemes, placements) = (SCHEMES.len() + 1, 2);
+    let of_list = |law: &Law| match (law.continuous, law.orders) {
+        (false, _) => 0,
+        (true, [2]) => schemes,
+        (true, _) => 3 * (schemes + usize::from(law.placed) * placements),
+    };
+    let listed: usize = LAWS.iter().map(of_list).sum();
+    let (continuous, placed, recursions) = (6, 1, 2);
+    (listed + continuous * schemes + placed * placements + recursions) as u64
+}
+
 /// Construct every observer and show it to the visitor.
 pub fn visit_all<T>(visitor: &mut impl Visitor<T>) -> Result<(), DesignError>
 where

@@ -1,4 +1,4 @@
-//! Derivatives of tables along a direction, by the rules of calculus, operation by operation.
+//! Floor 5. Derivatives of tables along a direction, by the rules of calculus, operation by operation.
 
 use crate::error::{Result, refused};
 use crate::table::Table;

@@ -12,8 +12,9 @@
 //! # Floors
 //!
 //! A file imports lower floors only, and of other crates `hgo_rs`: `error` (0); `value`, `order`,
-//! `recursion`, `elementary` from its rows to its text (1 to 4); `spec` (2); `table`, `choices`, `systems` (3); `trace`, `compile` (4); `model`, `tabled`
-//! (5); `tables` (6); `laws`, `step` (7); `called` (8); `observer` (9).
+//! `recursion`, `vectors` (1); `spec`, `design` (2); `table`, `choices`, `systems` (3); `trace`, `compile`,
+//! `elementary` (4); `model`, `tabled`, `derivative` (5); `tables` (6); `laws`, `step` (7); `called` (8);
+//! `observer` (9); `study`, `config` (10); `llvm` (11). Files of a folder may lie lower than the folder.
 
 // Every error here is an `Error`, which says what it is about.
 #![allow(clippy::missing_errors_doc)]

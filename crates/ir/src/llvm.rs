@@ -1,4 +1,4 @@
-//! Studies printed as LLVM IR: one function that moves vectors of runs over a span of samples.
+//! Floor 11. Studies printed as LLVM IR: one function that moves vectors of runs over a span of samples.
 //!
 //! Every operation of the tables is one instruction without fast-math flags, so that it rounds as the
 //! interpreter's does. What is the same for all runs is a number, computed once; everything else is a

@@ -1,4 +1,4 @@
-//! Floor 0. Work that is compiled for several instruction sets, and which of them a processor has.
+//! Floor 1. Work that is compiled for several instruction sets, and which of them a processor has.
 //!
 //! The one place with `unsafe`: the call of a function for instructions that were asked for.
 

@@ -1,4 +1,4 @@
-//! Kernels: studies that LLVM has compiled, called by their addresses.
+//! Floor 2. Kernels: studies that LLVM has compiled, called by their addresses.
 
 use crate::errors::{Result, refused};
 use crate::values::read_dict;

@@ -1,4 +1,4 @@
-//! The class `Observer` that Python steps and runs.
+//! Floor 3. The class `Observer` that Python steps and runs.
 
 use crate::errors::{Result, refused};
 use crate::record::{self, Clock};

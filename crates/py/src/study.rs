@@ -1,4 +1,4 @@
-//! Studies: a spec in, arrays out.
+//! Floor 3. Studies: a spec in, arrays out.
 
 use crate::errors::Result;
 use crate::interrupt::interruptible;

@@ -1,4 +1,4 @@
-//! A block of runs: time in the outer loop, the runs side by side in the inner one.
+//! Floor 4. A block of runs: time in the outer loop, the runs side by side in the inner one.
 //!
 //! Each number of all runs is a column. Run i draws from its own streams and sees the same operations in
 //! the same order as alone, so that its bits do not depend on its neighbours, on the engine or on the

@@ -1,4 +1,4 @@
-//! The interpreter of the tables, over a block of runs: everywhere, at once.
+//! Floor 8. The interpreter of the tables, over a block of runs: everywhere, at once.
 
 // The form that a compiler makes vector code of: an index, and no branch between two truths.
 #![allow(clippy::needless_range_loop)]

@@ -1,4 +1,4 @@
-//! Blocks of [`LANES`] runs: the interpreter for the processor's instructions, and studies as kernels, the
+//! Floor 9. Blocks of [`LANES`] runs: the interpreter for the processor's instructions, and studies as kernels, the
 //! same tables, compiled by LLVM for vectors of runs.
 
 use super::LANES;

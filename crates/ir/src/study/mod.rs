@@ -1,4 +1,4 @@
-//! Floor 3. Studies: many runs of a plant beside an observer, over their tables.
+//! Floor 10. Studies: many runs of a plant beside an observer, over their tables.
 //!
 //! Any plant goes with any observer. The interpreter of the tables runs a study everywhere; a [`Kernel`],
 //! compiled of the same tables, takes its place where there is one, with the same bits.

@@ -1,4 +1,4 @@
-//! A study as it was asked for: plain data, read from a spec.
+//! Floor 3. A study as it was asked for: plain data, read from a spec.
 
 use crate::error::{Result, refused};
 use crate::spec::Spec;

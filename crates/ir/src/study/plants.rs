@@ -1,4 +1,4 @@
-//! Plants as tables: the papers' and the user's own.
+//! Floor 6. Plants as tables: the papers' and the user's own.
 
 use crate::error::{Result, refused};
 use crate::order::CHAINS;

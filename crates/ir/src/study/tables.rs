@@ -1,4 +1,4 @@
-//! What a study evaluates, as tables.
+//! Floor 7. What a study evaluates, as tables.
 
 use super::plan::{AnySchedule, DrawKind, Plan};
 use super::plants::{MAX_STATES, PlantTables};
