@@ -1,6 +1,6 @@
 //! Floor 1. Plain data that specs are read from: what a Python object or a TOML file says.
 
-use crate::error::{Result, refused};
+use crate::error::Result;
 use std::fmt;
 use std::sync::Arc;
 
@@ -65,7 +65,8 @@ impl Value {
     /// # Errors
     /// A text that is not TOML: where, and why.
     pub fn from_toml(text: &str) -> Result<Self> {
-        let table: toml::Table = text.parse().map_err(|error| refused(format!("{error}")))?;
+        let refuse = |error: toml::de::Error| crate::error::refused(error.to_string());
+        let table: toml::Table = text.parse().map_err(refuse)?;
         Ok(Self::of_table(table))
     }
 

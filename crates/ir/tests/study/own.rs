@@ -6,9 +6,9 @@ use hgo_ir::study::{LANES, Study};
 use hgo_ir::{Error, Spec, Value};
 use hgo_rs::Scalar;
 use hgo_rs::gain::ConstantGain;
-use hgo_rs::model::{Plant, StochasticIntegrator, Unknown, no_input};
+use hgo_rs::model::{Model, Plant, StochasticIntegrator, Unknown, last, no_input};
 use hgo_rs::models::{Diffusion, Lee};
-use hgo_rs::observer::{Discretised, Euler};
+use hgo_rs::observer::{ContinuousLaw, Discretised, Euler, Observer, Status, Timing};
 use hgo_rs::observers::StandardObserver;
 use nalgebra::SVector;
 
@@ -221,6 +221,115 @@ fn the_scheme_of_order_one_and_a_half_in_full() {
         }
         let own = told.final_x[0];
         assert!((own - x.x).abs() <= 1e-12 * (1.0 + x.x.abs()), "run {run}: {own} and {}", x.x);
+    }
+}
+
+/// Two swings that drive each other, both measured.
+#[derive(Clone, Copy, Debug)]
+struct TwoSwings;
+
+const TWO_SWINGS: &str = "kind = 'own-plant'\nn = 4\nn_y = 2\nparameters = []\n[plant.table]\n\
+    inputs = ['t', 'a', 'b', 'c', 'd']\nops = [['sub', 3, 1], ['mul', 1, 3], ['neg', 6]]\n\
+    outputs = [2, 5, 4, 7, 1, 3]";
+
+impl Plant<f64> for TwoSwings {
+    type State = SVector<f64, 4>;
+    type Input = Nothing;
+    type Output = SVector<f64, 2>;
+    const TRUTH: (usize, usize) = (0, 4);
+    fn drift(&self, _: f64, x: &Self::State, _: &Nothing) -> Self::State {
+        SVector::from([x[1], x[2] - x[0], x[3], -(x[0] * x[2])])
+    }
+    fn output(&self, _: f64, x: &Self::State, _: &Nothing) -> Self::Output {
+        SVector::from([x[0], x[2]])
+    }
+    fn truth<'a>(&self, x: &'a Self::State) -> &'a [f64] {
+        x.as_slice()
+    }
+    fn control(&self, _: f64, _: &Self::State, _: f64) -> Nothing {
+        no_input()
+    }
+}
+
+/// What one of the swings knows: the other's angle stands at its estimate.
+#[derive(Clone, Copy, Debug)]
+struct Swing {
+    first: bool,
+    other: f64,
+}
+
+impl Model<f64, 2> for Swing {
+    fn f_hat(&self, _: f64, x: &SVector<f64, 2>, _: &Nothing) -> SVector<f64, 2> {
+        last(if self.first { self.other - x.x } else { -(self.other * x.x) })
+    }
+}
+
+/// A standard observer for each of the swings.
+#[derive(Clone, Copy, Debug)]
+struct TwoObservers;
+
+impl Observer<f64> for TwoObservers {
+    type State = SVector<f64, 4>;
+    type Measurement = SVector<f64, 2>;
+    type Input = Nothing;
+    const TIMING: Timing = Timing::Predictor;
+    const ESTIMATED: usize = 4;
+    fn initial(&self) -> Self::State {
+        SVector::zeros()
+    }
+    fn advance(
+        &self,
+        z: &mut Self::State,
+        y: &Self::Measurement,
+        u: &Nothing,
+        t: f64,
+        dt: f64,
+    ) -> Status {
+        let before = *z;
+        for (chain, ell) in [(0, 20.0), (1, 30.0)] {
+            let model = Swing { first: chain == 0, other: before[2 - 2 * chain] };
+            let gain = ConstantGain::new(ell).unwrap();
+            let law = StandardObserver::<f64, _, _, 2>::new([2.0, 1.0], gain, model).unwrap();
+            let x_hat = SVector::from([before[2 * chain], before[2 * chain + 1]]);
+            let mut memory = law.initial();
+            memory.x_hat = x_hat;
+            Discretised { law, scheme: Euler }.advance(&mut memory, &y[chain], u, t, dt);
+            z.as_mut_slice()[2 * chain..2 * chain + 2].copy_from_slice(memory.x_hat.as_slice());
+        }
+        Status::of(y)
+    }
+    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [f64] {
+        z.as_slice()
+    }
+    fn innovation(
+        &self,
+        _: f64,
+        z: &Self::State,
+        y: &Self::Measurement,
+        _: &Nothing,
+    ) -> Self::Measurement {
+        y - SVector::from([z[0], z[2]])
+    }
+}
+
+#[test]
+fn a_plant_of_several_outputs_and_an_observer_for_each() {
+    let one = |ell: f64| {
+        format!(
+            "[[observer.observers]]\nkind = 'standard'\nn = 2\nk = [2.0, 1.0]\n\
+             gain = {{ law = 'constant', ell = {ell:?} }}\n"
+        )
+    };
+    let kind = format!(
+        "kind = 'chains'\n{}{}[observer.model]\nkind = 'own'\nform = 'chains'\nn = 4\nn_u = 0\n\
+         orders = [2, 2]\nparameters = []\n[observer.model.table]\ninputs = ['t', 'a', 'b', 'c', 'd']\n\
+         ops = [['sub', 3, 1], ['mul', 1, 3], ['neg', 6]]\noutputs = [5, 7]",
+        one(20.0),
+        one(30.0)
+    );
+    let start: (&[f64], &[f64]) = (&[1.0, 0.0, 0.5, -0.5], &[0.5, 0.0, 0.0, 0.0]);
+    for setup in [normal_held(), Setup { every: 9, ..Setup::default() }] {
+        sampled(&setup, (TwoSwings, TWO_SWINGS), (TwoObservers, &kind), nothing, start);
     }
 }
 

@@ -1,16 +1,17 @@
 //! Models that have no value at some states: the memory is held there, and the sample is named.
 
-use crate::experiment::{Clock, Setup, joint, sampled};
+use crate::experiment::{Clock, Drawn, Setup, joint, sampled};
+use hgo_ir::MAX_INPUTS;
 use hgo_rs::Scalar;
 use hgo_rs::gain::ConstantGain;
 use hgo_rs::injection::{Placed, Placement};
 use hgo_rs::integrate::Integrator;
 use hgo_rs::memory::Memory;
-use hgo_rs::model::{Model, PhaseVariable, SampledModel, last};
-use hgo_rs::models::{Lee, Ship};
+use hgo_rs::model::{Model, PhaseVariable, Plant, SampledModel, StrictFeedback, last, no_input};
+use hgo_rs::models::Lee;
 use hgo_rs::observer::{Current, Discretised, Euler, Observer, Rk4};
 use hgo_rs::observers::{ReducedOrderObserver, SampledDataObserver, StandardObserver};
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 
 /// φ = ln x₁, and the same as f of a sampled-data observer.
 #[derive(Clone, Copy, Debug)]
@@ -91,17 +92,62 @@ fn a_memory_is_held_where_the_model_has_no_value() {
     some_are_undefined(&sampled(&setup(), lee, (observer, SAMPLED), nothing, (x, &[0.1, 0.0])));
 }
 
-/// The yaw of a ship that rests is atan(0/0).
+/// ẋ = z, ż = −1, y = x: a fall, of which the observer believes that ż = ln z.
+#[derive(Clone, Copy, Debug)]
+struct Fall;
+
+const FALL: &str = "kind = 'own-plant'\nn = 2\nparameters = []\n\
+    table = { inputs = ['t', 'x', 'z'], constants = [-1.0], outputs = [2, 3, 1] }";
+
+const FALSE_FALL: &str = "kind = 'reduced-order'\nh_bar = [0.2]\nepsilon = 0.1\n[observer.model]\n\
+    kind = 'own'\nform = 'strict-feedback'\nn = 1\nn_z = 1\nn_u = 0\nparameters = []\n\
+    [observer.model.table]\ninputs = ['t', 'x', 'z']\nconstants = [0.0, 1.0]\nops = [['log', 2]]\n\
+    outputs = [3, 4, 5]";
+
+type One = SVector<f64, 1>;
+
+impl Plant<f64> for Fall {
+    type State = State;
+    type Input = Nothing;
+    type Output = One;
+    const TRUTH: (usize, usize) = (1, 1);
+    fn drift(&self, _: f64, x: &State, _: &Nothing) -> State {
+        State::new(x.y, -1.0)
+    }
+    fn output(&self, _: f64, x: &State, _: &Nothing) -> One {
+        One::new(x.x)
+    }
+    fn truth<'a>(&self, x: &'a State) -> &'a [f64] {
+        &x.as_slice()[1..]
+    }
+    fn control(&self, _: f64, _: &State, _: f64) -> Nothing {
+        no_input()
+    }
+}
+
+impl<const M: usize> StrictFeedback<f64, 1, 1, M> for Fall {
+    fn f1(&self, _: f64, _: &One, _: &SVector<f64, M>) -> One {
+        One::new(0.0)
+    }
+    fn g(&self, _: f64, _: &One, _: &SVector<f64, M>) -> SMatrix<f64, 1, 1> {
+        SMatrix::from_element(1.0)
+    }
+    fn f2(&self, _: f64, _: &One, z: &One, _: &SVector<f64, M>) -> One {
+        One::new(Scalar::ln(z.x))
+    }
+}
+
+/// The memory is held as a whole: the next sample explains the time since the last one that was used.
 #[test]
-fn a_ship_that_rests() {
-    let ship = Ship::new(0.0, [0.0; 3]).unwrap();
-    let observer = ReducedOrderObserver::new([0.1, 0.2, 0.2], 0.1, ship).unwrap();
-    let kind = "kind = 'reduced-order'\nh_bar = [0.1, 0.2, 0.2]\nepsilon = 0.1\n\
-                [observer.model]\nkind = 'ship'";
-    let (mut z, x) = (Vec::new(), [0.0, 10.0, 0.5, 0.5, -0.5, -0.5]);
+fn a_filter_is_held_where_the_model_has_no_value() {
+    let observer = ReducedOrderObserver::<f64, _, 1, 1, MAX_INPUTS>::new([0.2], 0.1, Fall).unwrap();
+    let mut z = Vec::new();
     observer.initial().visit(&mut |value| z.push(value));
-    z[0] = f64::MAX; // beyond all bounds from the start
-    let setup = Setup { clock: Clock::Fixed(0.01), ..setup() };
-    let told = sampled(&setup, (ship, "kind = 'ship'"), (observer, kind), |u| *u, (&x, &z));
-    assert!(told.iter().all(|run| run.diverged_at == Some(0)));
+    z[0] = 0.5;
+    let tell = |_: &Nothing| SVector::zeros();
+    for drawn in [Drawn::Nothing, Drawn::Uniform(-1e-3, 1e-3)] {
+        let setup = Setup { drawn, clock: Clock::Fixed(0.01), truth: Some(vec![1]), ..setup() };
+        let told = sampled(&setup, (Fall, FALL), (observer, FALSE_FALL), tell, (&[0.1, 0.5], &z));
+        some_are_undefined(&told);
+    }
 }
