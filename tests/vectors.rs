@@ -42,7 +42,7 @@ fn larger(largest: f64, value: f64) -> f64 {
     if value.abs() > largest { value.abs() } else { largest }
 }
 
-/// The loop of the Python module over a record.
+/// A loop over a record, as a program may have it.
 #[inline(never)]
 fn over_record<O>(observer: &O, memory: &mut [f64], block: Block<'_>) -> f64
 where

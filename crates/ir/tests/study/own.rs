@@ -1,11 +1,12 @@
 //! Plants and models of the user's own, as tables, against the same equations in Rust; and what was not
 //! possible while plants and observers were compiled in pairs.
 
-use crate::experiment::{Clock, Drawn, FIRST, Kinds, Setup, Starts, normal_held, sampled};
+use crate::experiment::{Clock, Drawn, FIRST, Kinds, Setup, Starts, joint, normal_held, sampled};
 use hgo_ir::study::{LANES, Study};
 use hgo_ir::{Error, Spec, Value};
 use hgo_rs::Scalar;
 use hgo_rs::gain::ConstantGain;
+use hgo_rs::integrate::Integrator;
 use hgo_rs::model::{Model, Plant, StochasticIntegrator, Unknown, last, no_input};
 use hgo_rs::models::{Diffusion, Lee};
 use hgo_rs::observer::{ContinuousLaw, Discretised, Euler, Observer, Status, Timing};
@@ -97,6 +98,9 @@ fn time_reaches_a_plant_and_its_output() {
     ] {
         sampled(&setup, (Driven, DRIVEN), observer, nothing, start);
     }
+    // within a step too, where plant and law are one equation
+    let (law, rk4) = (standard([2.0, 1.0]).law, kind(&[2.0, 1.0]) + "\nmethod = 'rk4'");
+    joint(&setup("rk4", None), (Driven, DRIVEN), (law, &rk4), Integrator::Rk4, start);
 }
 
 /// (t, x₁, x₂, ε, σ) → drift, diffusion, output of Fu, Kang and Li (18).
