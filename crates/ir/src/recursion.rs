@@ -52,7 +52,7 @@ impl<'a> Samples<'a> {
 
 /// Some samples of a record, a row each. Every sample is to be taken.
 pub struct Block<'a> {
-    /// Times of the samples [s].
+    /// Times of the samples, in s.
     pub t: &'a [f64],
     /// Steps to the next samples; the last sample of a record has none.
     pub dt: &'a [f64],
