@@ -49,6 +49,7 @@ if TYPE_CHECKING:
         gap_bound,
     )
     from hgo_rs.simulation import (
+        Controller,
         Noise,
         NormalNoise,
         RecordedNoise,
@@ -72,6 +73,7 @@ __all__ = [
     "Config",
     "ConfigError",
     "ConstantGain",
+    "Controller",
     "Crackle",
     "DeadZoneGain",
     "DesignError",

@@ -614,9 +614,6 @@ impl Kernel<'_> {
         let clock: Vec<Value> = (0..5).map(|at| Self::of_row(p, &row, at)).collect();
         let [t, dt, plant_t, h, sines] = &clock[..] else { return (state, Vec::new()) };
         self.draw(p, &mut state, &row);
-        if !tables.is_current {
-            self.show(p, &mut state, t);
-        }
         for (i, value) in state.z.iter().chain(&state.x).enumerate() {
             let sum = &mut state.worst[i % SUMS];
             *sum = p.bounded(sum, value);
@@ -624,11 +621,18 @@ impl Kernel<'_> {
         let given = [t.clone(), dt.clone(), plant_t.clone(), sines.clone()];
         let inputs: [&[Value]; 4] = [&given, &state.z, &state.x, &state.noise];
         let mut made = p.table(&tables.sample, &inputs, study.samples_are_there).into_iter();
-        let before = state.z.clone();
-        let next = made.by_ref().take(study.layout.z).collect();
-        state.z = Self::each(p, next);
-        let y: Vec<Value> = made.by_ref().take(study.layout.y).collect();
-        let u: Vec<Value> = made.by_ref().take(study.layout.u).collect();
+        let layout = &study.layout;
+        let next = made.by_ref().take(layout.z).collect();
+        let y: Vec<Value> = made.by_ref().take(layout.y).collect();
+        let u: Vec<Value> = made.by_ref().take(layout.u).collect();
+        let now = made.by_ref().take(layout.now).collect();
+        let (plant, later) = (layout.plant, layout.plant + layout.now);
+        let now = Self::each(p, now);
+        state.x.splice(plant..later, now);
+        if !tables.is_current {
+            self.show(p, &mut state, t);
+        }
+        let before = std::mem::replace(&mut state.z, Self::each(p, next));
         if tables.is_current {
             self.show(p, &mut state, t);
         }
@@ -637,8 +641,12 @@ impl Kernel<'_> {
             let z = if tables.is_current { state.z.clone() } else { before };
             shown = [state.x.clone(), z, y].concat();
         }
+        let waiting = made.by_ref().take(layout.x - later).collect();
+        let waiting = Self::each(p, waiting);
+        state.x.splice(later.., waiting);
         if tables.is_joint {
-            state.x = Self::each(p, made.collect());
+            let moved = Self::each(p, made.collect());
+            state.x.splice(..plant, moved);
         }
         if let Some(predict) = &tables.predict {
             let inputs: [&[Value]; 3] = [&[t.clone(), dt.clone()], &state.z, &u];
@@ -732,23 +740,31 @@ impl Kernel<'_> {
     /// A sample in the metrics.
     fn show(&self, p: &mut Printer, state: &mut State, t: &Value) {
         let layout = &self.study.layout;
-        let (zero, signals) = (Printer::constant(0.0), layout.signals);
+        let (zero, signals) = (Printer::constant(0.0), layout.signals());
+        let watched = state.x[layout.watch()..][..layout.watched].to_vec();
+        let values = [&state.z[..layout.errors], &watched].concat();
         let largest = |p: &mut Printer, so_far: &Value, value: &Value| {
             let size = p.intrinsic("fabs", &[value]);
             p.choose(("ogt", &size, so_far), &size, so_far)
         };
         let peaks = if layout.peaks { signals } else { 0 };
-        for i in 0..peaks {
-            state.sums[i] = largest(p, &state.sums[i].clone(), &state.z[i].clone());
+        for (sum, value) in state.sums.iter_mut().zip(&values).take(peaks) {
+            *sum = largest(p, sum, value);
         }
         let settled = peaks;
-        let open = settled + usize::from(layout.settle.is_some());
+        let times = settled + usize::from(layout.settle.is_some());
+        for (at, (signal, threshold)) in layout.settles.iter().enumerate() {
+            let size = p.intrinsic("fabs", &[&watched[*signal]]);
+            let far = ("oge", &size, &Printer::constant(*threshold));
+            state.sums[times + at] = p.choose(far, t, &state.sums[times + at].clone());
+        }
+        let open = times + layout.settles.len();
         if self.open > 0 {
             let errors: Vec<Value> = (0..signals)
                 .map(|i| {
-                    let x = layout.truth.get(i).map(|at| state.x[*at].clone());
-                    let x = x.unwrap_or_else(|| zero.clone());
-                    p.binary("fsub", &state.z[i].clone(), &x)
+                    let known = layout.truth.get(i).filter(|_| i < layout.errors);
+                    let x = known.map(|at| state.x[*at].clone());
+                    p.binary("fsub", &values[i], &x.unwrap_or_else(|| zero.clone()))
                 })
                 .collect();
             let [mean, rms, max] = layout.kinds;
@@ -879,9 +895,11 @@ impl Kernel<'_> {
         if tables.is_random {
             xi = p.normal_pair(&mut state.process);
         }
-        let inputs: [&[Value]; 4] = [&[time.clone(), h.clone()], &state.x, u, &xi];
+        let n = self.study.layout.plant;
+        let inputs: [&[Value]; 4] = [&[time.clone(), h.clone()], &state.x[..n], u, &xi];
         let next = p.table(plant, &inputs, true);
-        state.x = if self.study.plants_are_shared { next } else { Self::each(p, next) };
+        let next = if self.study.plants_are_shared { next } else { Self::each(p, next) };
+        state.x.splice(..n, next);
     }
 
     /// Values that are carried as vectors.

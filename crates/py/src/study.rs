@@ -51,23 +51,46 @@ fn as_dict<'py>(py: Python<'py>, study: &Study, result: StudyResult) -> Result<B
     let rows = runs.len();
     let shared: &[&str] = if study.plants_are_shared { &["plant"] } else { &[] };
     out.set_item("shared", shared)?;
-    let [mean, rms, max] = study.layout.kinds;
+    let layout = &study.layout;
+    let watches = layout.watched > 0;
+    let [mean, rms, max] = layout.kinds;
     for (key, wanted, of) in [
         ("mean", mean, Moments::mean as fn(&Moments<f64>) -> f64),
         ("rms", rms, Moments::rms),
         ("max", max, Moments::max),
     ] {
         if wanted {
-            let values: Vec<f64> = runs.iter().flat_map(|run| run.moments.iter().map(of)).collect();
-            let shape = [rows, plan.windows.len(), signals];
-            out.set_item(key, values.into_pyarray(py).reshape(shape)?)?;
+            let moments = runs.iter().flat_map(|run| run.moments.chunks(signals.max(1)));
+            let [mut of_errors, mut of_watched] = [const { Vec::new() }; 2];
+            for row in moments {
+                let (errors, watched) = row.split_at(layout.errors.min(row.len()));
+                of_errors.extend(errors.iter().map(of));
+                of_watched.extend(watched.iter().map(of));
+            }
+            let windows = plan.windows.len();
+            let errors = of_errors.into_pyarray(py).reshape([rows, windows, layout.errors])?;
+            out.set_item(key, errors)?;
+            if watches {
+                let shape = [rows, windows, layout.watched];
+                let watched = of_watched.into_pyarray(py).reshape(shape)?;
+                out.set_item(format!("signal_{key}"), watched)?;
+            }
         }
     }
     let flat = |of: fn(&hgo_ir::study::RunResult) -> &[f64]| -> Vec<f64> {
         runs.iter().flat_map(|run| of(run).iter().copied()).collect()
     };
-    if study.layout.peaks {
-        out.set_item("peak", matrix(py, flat(|run| &run.peak), rows)?)?;
+    if layout.peaks {
+        let of = |from: usize, to: usize| {
+            runs.iter().flat_map(|run| run.peak[from..to].to_vec()).collect()
+        };
+        out.set_item("peak", matrix(py, of(0, layout.errors), rows)?)?;
+        if watches {
+            out.set_item("signal_peak", matrix(py, of(layout.errors, signals), rows)?)?;
+        }
+    }
+    if watches {
+        out.set_item("signal_settling_time", matrix(py, flat(|run| &run.settled), rows)?)?;
     }
     out.set_item("final_x", matrix(py, flat(|run| &run.final_x), rows)?)?;
     out.set_item("final_memory", matrix(py, flat(|run| &run.final_memory), rows)?)?;

@@ -53,28 +53,34 @@ def brownian(h: float, xi1: Array, xi2: Array) -> tuple[Array, Array]:
     return np.sqrt(h) * xi1, 0.5 * h * np.sqrt(h) * (xi1 + xi2 / np.sqrt(3.0))
 
 
-def euler_maruyama(plant: Plant, x: Array, h: float, dw: Array, dz: Array, t: float) -> Array:
+def euler_maruyama(
+    plant: Plant, x: Array, h: float, dw: Array, dz: Array, t: float, u: Array | None = None
+) -> Array:
     """Euler-Maruyama: Fu, Kang, Li, eq. (4).  Strong order 1/2, 1 for additive noise."""
-    return x + plant.drift(x, None, t) * h + plant.diffusion(x, None, t) * dw
+    return x + plant.drift(x, u, t) * h + plant.diffusion(x, u, t) * dw
 
 
-def milstein(plant: VanDerPol, x: Array, h: float, dw: Array, dz: Array, t: float) -> Array:
+def milstein(
+    plant: VanDerPol, x: Array, h: float, dw: Array, dz: Array, t: float, u: Array | None = None
+) -> Array:
     """Milstein, strong order 1 (one Wiener process)."""
     return (
         x
-        + plant.drift(x, None, t) * h
-        + plant.diffusion(x, None, t) * dw
+        + plant.drift(x, u, t) * h
+        + plant.diffusion(x, u, t) * dw
         + 0.5 * plant.diffusion_derivative(x) * (dw * dw - h)
     )
 
 
-def taylor_15(plant: VanDerPol, x: Array, h: float, dw: Array, dz: Array, t: float) -> Array:
+def taylor_15(
+    plant: VanDerPol, x: Array, h: float, dw: Array, dz: Array, t: float, u: Array | None = None
+) -> Array:
     """Strong order 1.5 Taylor scheme for additive noise, one Wiener process.
 
     x + a h + b dW + (J b) dZ + (J a + 1/2 b'(d2a/dx2) b) h^2/2: Kloeden, Platen (1992), (10.4.5).
     """
-    a = plant.drift(x, None, t)
-    b = plant.diffusion(x, None, t)
+    a = plant.drift(x, u, t)
+    b = plant.diffusion(x, u, t)
     ja = plant.jacobian_times(x, a) + plant.curvature(x)
     return x + a * h + b * dw + plant.jacobian_times(x, b) * dz + ja * (0.5 * h * h)
 

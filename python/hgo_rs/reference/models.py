@@ -446,39 +446,41 @@ class Chain(Plant):
 
 
 class OwnPlant(Plant):
-    """A plant of the user's own: dx = drift dt + diffusion dW, y = h, from a table of (t, x)."""
+    """A plant of the user's own: dx = drift dt + diffusion dW, y = h, from a table of (t, x, u)."""
 
     kind = "own-plant"
 
     def __init__(self, spec: Spec, where: str) -> None:
         self.n = integer(member(spec, "n", where), f"{where}.n", least=1)
-        integer(spec.get("n_u", 0), f"{where}.n_u", least=0, most=0)
+        self.n_u = integer(spec.get("n_u", 0), f"{where}.n_u", least=0)
         self.is_noisy = bool(spec.get("noisy", False))
         self.table, self.parameters = _table(spec, where)
         self.n_y = integer(spec.get("n_y", 1), f"{where}.n_y", least=1)
         outputs = (2 if self.is_noisy else 1) * self.n + self.n_y
-        _fits(self.table, 1 + self.n + len(self.parameters), outputs, where)
+        inputs = 1 + self.n + self.n_u + len(self.parameters)
+        _fits(self.table, inputs, outputs, where)
 
     @property
     def noisy(self) -> bool:
         """Whether the table has a diffusion."""
         return self.is_noisy
 
-    def _rows(self, x: Array, t: float, first: int, count: int) -> Array:
-        values = self.table([t, *x, *self.parameters])[first : first + count]
+    def _rows(self, x: Array, u: Array | None, t: float, first: int, count: int) -> Array:
+        given = np.zeros(self.n_u) if u is None else u
+        values = self.table([t, *x, *given, *self.parameters])[first : first + count]
         return np.stack([np.broadcast_to(value, x.shape[1:]) for value in values])
 
     def drift(self, x: Array, u: Array | None, t: float) -> Array:
         """Outputs 0 to n - 1."""
-        return self._rows(x, t, 0, self.n)
+        return self._rows(x, u, t, 0, self.n)
 
     def diffusion(self, x: Array, u: Array | None, t: float) -> Array:
         """The next n outputs."""
-        return self._rows(x, t, self.n, self.n) if self.noisy else np.zeros_like(x)
+        return self._rows(x, u, t, self.n, self.n) if self.noisy else np.zeros_like(x)
 
     def output(self, x: Array, u: Array | None, t: float) -> Array:
         """The last outputs."""
-        y = self._rows(x, t, len(self.table.outputs) - self.n_y, self.n_y)
+        y = self._rows(x, u, t, len(self.table.outputs) - self.n_y, self.n_y)
         return y if self.n_y > 1 else y[0]
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from . import integrate
 from .error import Array, Spec, choice, columns, fail, integer, known, member, number
+from .feedback import Feedback, SettlingTimes
 from .models import OwnPlant, Plant, VanDerPol, plant_from
 from .noise import MeasurementNoise, ProcessNoise
 from .observers import ContinuousLaw, Law, StandardObserver, law_from
@@ -47,6 +48,7 @@ KEYS = (
     "histogram",
     "every",
     "truth",
+    "feedback",
 )
 METRICS = ("mean", "rms", "max", "peak")
 PLANT_METHODS = (*integrate.DETERMINISTIC, *integrate.STOCHASTIC, "held")
@@ -112,7 +114,7 @@ class _Drive:
             xi1, xi2 = normals
             for i in range(m):
                 dw, dz = integrate.brownian(h, xi1[j * m + i], xi2[j * m + i])
-                x = step(plant, x, h, dw, dz, t + i * h)
+                x = step(plant, x, h, dw, dz, t + i * h, u)
             return x
         if self.method == "euler":
             for i in range(m):
@@ -262,7 +264,7 @@ def simulate(spec: Spec) -> dict[str, Any]:
 
     ``spec`` needs "plant", "observer", "steps", "schedule", "x0" and "memory0"; optional are
     "mode", "plant_schedule", "plant_method", "substeps", "noise", "runs", "seed", "first_run",
-    "windows", "metrics", "settle", "histogram", "every" and "truth".
+    "windows", "metrics", "settle", "histogram", "every", "truth" and "feedback".
 
     Returns "mean", "rms", "max" (runs, windows, signals), signals = error (n) then extras;
     "peak" (runs, memory_len), "settling_time" (runs,) [s], "histogram" (if asked for), "final_x",
@@ -287,7 +289,8 @@ def simulate(spec: Spec) -> dict[str, Any]:
     plant_schedule = schedule
     if spec.get("plant_schedule") is not None:
         plant_schedule = schedule_from(spec["plant_schedule"], "plant_schedule")
-    if law.n_y != plant.n_y or (plant.n_u and law.n_u != plant.n_u):
+    closed = spec.get("feedback") is not None
+    if law.n_y != plant.n_y or (plant.n_u and law.n_u != plant.n_u and not closed):
         raise fail(
             "observer.n_y",
             law.n_y,
@@ -305,18 +308,26 @@ def simulate(spec: Spec) -> dict[str, Any]:
     target = law.target(plant)
     truth: Any = (spec.get("truth") or list(range(plant.n))[target])[: law.n]
 
+    loop = Feedback(spec["feedback"], plant, law, list(truth), runs) if closed else None
+    width = loop.width if loop else 0
     advance: _Sampled | _Joint
     if mode == "joint":
-        advance = _Joint(plant, law, spec, noise, runs)
+        advance = _Joint(plant, law, spec, noise, runs, loop)
     else:
-        advance = _Sampled(plant, law, _Drive(plant, spec, runs, seed, first_run), runs)
+        advance = _Sampled(plant, law, _Drive(plant, spec, runs, seed, first_run), runs, loop)
 
     metrics = _Metrics(spec, runs, len(truth), law.signals, law.signals)
-    sizes = (plant.n, law.memory_len, plant.n_y)
+    watched = settled = None
+    if loop is not None and loop.watched:
+        quiet: dict[str, Any] = {**spec, "settle": None, "histogram": None}
+        watched = _Metrics(quiet, runs, loop.watched, loop.watched, loop.watched)
+        settled = SettlingTimes(loop.settle, runs)
+    sizes = (plant.n + width, law.memory_len, plant.n_y)
     frames = _Frames(every, steps, runs, sizes) if every else None
     diverged_at = np.full(runs, -1, dtype=np.int64)
-    final_x, final_memory = x.copy(), memory.copy()
+    final_x, final_memory = np.vstack([x, np.zeros((width, runs))]), memory.copy()
 
+    held_now = final_x[plant.n : plant.n + (loop.n_u + loop.watched if loop else 0)].copy()
     per_step = runs * (plant.n + law.memory_len + 4 + 2 * advance.normals_per_step)
     block = int(np.clip(_BLOCK_FLOATS // per_step, 8, _BLOCK_STEPS))
     total = steps + 1
@@ -337,7 +348,7 @@ def simulate(spec: Spec) -> dict[str, Any]:
                 plant_dt=plant_schedule.steps(k[:-1]),
                 held=held,
                 v=held + np.reshape(noise.wave(t), (-1, 1, 1)) if noise.sines else held,
-                xs=np.empty((stop - start, plant.n, runs)),
+                xs=np.empty((stop - start, plant.n + width, runs)),
                 ys=np.empty((stop - start, plant.n_y, runs)),
                 memories=np.empty((stop - start, law.memory_len, runs)),
             )
@@ -346,18 +357,33 @@ def simulate(spec: Spec) -> dict[str, Any]:
             length = _find_divergence(
                 start, xs, memories, diverged_at, final_x, final_memory, stop - start
             )
+            if loop is not None:  # of a run that diverged what is of the last sample before
+                last = np.minimum(length, stop - start) - 1
+                reached, now = last >= 0, slice(plant.n, plant.n + loop.n_u + loop.watched)
+                seen = xs[np.maximum(last, 0), now, np.arange(runs)].T
+                final_x[now] = np.where(reached, seen, held_now)
+                held_now = final_x[now].copy()
             errors = memories[:, : len(truth)] - xs[:, truth]
             metrics.update(start, t, errors, memories, length)
+            if loop is not None and watched is not None and settled is not None:
+                first = plant.n + loop.n_u
+                signals = xs[:, first : first + loop.watched]
+                watched.update(start, t, signals, signals, length)
+                settled.update(t, signals, length)
             if frames is not None:
                 frames.update(start, t, [xs, memories, part.ys], length)
             if np.all(diverged_at >= 0):
                 break
     running = diverged_at < 0
-    final_x = np.where(running, x, final_x)
+    final_x = np.where(running, x if loop is None else np.vstack([x, loop.row()]), final_x)
     final_memory = np.where(running, memory, final_memory)
     out = metrics.result()
+    if watched is not None and settled is not None:
+        of_signals = watched.result() | {"settling_time": np.ascontiguousarray(settled.last.T)}
+        out |= {f"signal_{name}": values for name, values in of_signals.items()}
     for name in set(METRICS) - set(asked):
         del out[name]
+        out.pop(f"signal_{name}", None)
     out["final_x"] = np.ascontiguousarray(final_x.T)
     out["final_memory"] = np.ascontiguousarray(final_memory.T)
     out["diverged_at"] = diverged_at
@@ -414,30 +440,46 @@ class _Block:
 class _Sampled:
     """The observer sees y(k); the plant moves in between."""
 
-    def __init__(self, plant: Plant, law: Law, drive: _Drive, runs: int) -> None:
-        self.plant, self.law, self.drive = plant, law, drive
+    def __init__(
+        self, plant: Plant, law: Law, drive: _Drive, runs: int, loop: Feedback | None
+    ) -> None:
+        self.plant, self.law, self.drive, self.loop = plant, law, drive, loop
         self.undefined_at = np.full(runs, -1, dtype=np.int64)
         self.normals_per_step = drive.substeps if drive.process is not None else 0
 
     def through(self, part: _Block, x: Array, memory: Array) -> tuple[Array, Array]:
         """Steps through a block; the study's last sample is measured only."""
-        plant, law = self.plant, self.law
+        plant, law, loop = self.plant, self.law, self.loop
         count, last = len(part.t), part.last
         normals = self.drive.draw(count - last)
         times, steps, plant_steps = part.t.tolist(), part.dt.tolist(), part.plant_dt.tolist()
         v = part.v[:, 0] if plant.n_y == 1 else part.v
         for j in range(count):
             t, dt = times[j], steps[j]
-            part.xs[j] = x
-            u = plant.control(x, dt, t) if plant.n_u else None
+            part.xs[j, : plant.n] = x
+            u = None
+            if loop is not None:
+                u = loop.u
+            elif plant.n_u:
+                u = plant.control(x, dt, t)
             y = plant.output(x, u, t) + v[j]
             part.ys[j] = y
             if law.is_current:
                 memory = self._settled(j + part.start, memory, law.correct(memory, y, t))
             part.memories[j] = memory
+            told = u
+            if loop is not None:
+                u = loop.close(t, x, y, memory)
+                told = loop.told(u, law.n_u)
+                part.xs[j, plant.n :] = loop.row()
             if last and j == count - 1:
                 break
-            new = law.predict(memory, u, t, dt) if law.is_current else law.step(memory, y, u, t, dt)
+            if law.is_current:
+                new = law.predict(memory, told, t, dt)
+            else:
+                new = law.step(memory, y, told, t, dt)
+            if loop is not None:
+                loop.move(t, dt, x, y, memory)
             memory = self._settled(j + part.start, memory, new)
             x = self.drive.advance(x, u, t, plant_steps[j], normals, j)
         return x, memory
@@ -455,11 +497,18 @@ class _Joint:
     normals_per_step = 0
 
     def __init__(
-        self, plant: Plant, law: Law, spec: Spec, noise: MeasurementNoise, runs: int
+        self,
+        plant: Plant,
+        law: Law,
+        spec: Spec,
+        noise: MeasurementNoise,
+        runs: int,
+        loop: Feedback | None,
     ) -> None:
         if not isinstance(law, ContinuousLaw):
             raise fail("mode", "joint", "'sampled' for a sampled law", "set mode = 'sampled'")
         self.law: ContinuousLaw = law
+        self.loop = loop
         choice(law.method, "observer.method (mode 'joint')", tuple(integrate.DETERMINISTIC))
         self.plant = plant
         self.undefined_at = np.full(runs, -1, dtype=np.int64)  # continuous laws are never so
@@ -470,34 +519,48 @@ class _Joint:
     def through(self, part: _Block, x: Array, memory: Array) -> tuple[Array, Array]:
         """Steps through a block; the study's last sample is measured only."""
         plant, law, scheme, noise = self.plant, self.law, self.scheme, self.noise
-        nx = plant.n
+        loop, nx = self.loop, plant.n
+        end = nx + law.memory_len
         times, steps = part.t.tolist(), part.dt.tolist()
         held = part.held[:, 0]
         value = held[0]
-        state = np.concatenate((x, memory))
+        parts = (x, memory) if loop is None else (x, memory, loop.c)
+        state = np.concatenate(parts)
         with_sines, still = bool(noise.sines), self.still
 
         def rate(time: float, s: Array) -> Array:
-            x, memory = s[:nx], s[nx:]
-            y = plant.output(x, None, time) + value
-            if with_sines:
-                y = y + noise.wave(time)
+            x, memory = s[:nx], s[nx:end]
+            added = value + noise.wave(time) if with_sines else value
+            y = plant.output(x, None, time) + added
+            u = told = None
             out = np.empty_like(s)
-            out[:nx] = 0.0 if still else plant.drift(x, None, time)
-            out[nx:] = law.rate(memory, law.innovation(memory, y), None, time)
+            if loop is not None:
+                u, out[end:] = loop.control(time, x, y, memory, s[end:])
+                told = loop.told(u, law.n_u)
+                y = plant.output(x, u, time) + added
+            out[:nx] = 0.0 if still else plant.drift(x, u, time)
+            out[nx:end] = law.rate(memory, law.innovation(memory, y), told, time)
             return out
 
         for j in range(len(times)):
-            part.xs[j] = state[:nx]
-            part.ys[j] = plant.output(state[:nx], None, times[j]) + part.v[j, 0]
-            part.memories[j] = state[nx:]
+            part.xs[j, :nx] = x = state[:nx]
+            part.ys[j] = plant.output(x, None, times[j]) + part.v[j, 0]
+            part.memories[j] = memory = state[nx:end]
+            if loop is not None:
+                loop.c = state[end:]
+                u, _ = loop.control(times[j], x, part.ys[j], memory, loop.c)
+                part.ys[j] = plant.output(x, u, times[j]) + part.v[j, 0]
+                loop.show(times[j], x, u, part.ys[j], memory)
+                part.xs[j, nx:] = loop.row()
             if part.last and j == len(times) - 1:
                 break
             value = held[j]
             state = scheme(rate, times[j], state, steps[j])
             if law.gain_rows:
-                law.clamp(state[nx:])
-        return state[:nx], state[nx:]
+                law.clamp(state[nx:end])
+        if loop is not None:
+            loop.c = state[end:]
+        return state[:nx], state[nx:end]
 
 
 def coupled_paths(spec: Spec) -> dict[str, Array]:

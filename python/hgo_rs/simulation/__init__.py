@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hgo_rs.simulation.experiment import simulate
+from hgo_rs.simulation.feedback import Controller
 from hgo_rs.simulation.noise import (
     Noise,
     NormalNoise,
@@ -14,6 +15,7 @@ from hgo_rs.simulation.noise import (
 from hgo_rs.simulation.result import SimulationResult
 
 __all__ = [
+    "Controller",
     "Noise",
     "NormalNoise",
     "RecordedNoise",

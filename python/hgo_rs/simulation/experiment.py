@@ -17,7 +17,8 @@ from hgo_rs.errors import HgoError, check, check_array, check_choice, check_inte
 from hgo_rs.models import Ship, System, VanDerPol
 from hgo_rs.models.own.callables import runnable
 from hgo_rs.observers import FixedStep, Observer, StochasticApproximation
-from hgo_rs.read_only import ReadOnlyDict
+from hgo_rs.read_only import ReadOnlyDict, shown
+from hgo_rs.simulation.feedback import Controller, Loop, close
 from hgo_rs.simulation.llvm import check_engine, kernel_for
 from hgo_rs.simulation.noise import Noise, RecordedNoise
 from hgo_rs.simulation.result import SimulationResult
@@ -55,11 +56,14 @@ class Experiment:
         Order of the observer.
     shapes : dict
         Shape that each named output has for one run; a piece of R runs gives (R, *shape).
+    loop : Loop
+        Names of what stands behind the plant's states.
     """
 
     spec: dict[str, Any]
     n: int
     shapes: dict[str, tuple[int, ...]]
+    loop: Loop
 
     @property
     def numbers(self) -> int:
@@ -100,6 +104,13 @@ def simulate(
     settle: float | None = None,
     histogram: tuple[float, float] | None = None,
     every: int = 0,
+    feedback: Controller | Mapping[str, Any] | None = None,
+    feedback_from: str = "estimate",
+    feedback_delay: int = 0,
+    signals: Mapping[str, Any] | Sequence[str] | None = None,
+    settle_signals: Mapping[str, float] | None = None,
+    cost: Any = None,
+    converged: float | Mapping[str, float] | None = None,
     allow_unstable: bool = False,
     backend: str = "rust",
     engine: str = "auto",
@@ -147,6 +158,26 @@ def simulate(
         Window in which the distribution of ||x_hat - x||^2 is collected.
     every : int
         Keep each `every`-th frame of every run; 0 keeps none.
+    feedback : dict of input: expression, or Controller, optional
+        What gives the plant's inputs: of t, the measured output `y` and the estimates, each called
+        as its state with `_hat`: {"u": "saturate(-x1_hat - 2*x2_hat, -1, 1)"}. In mode "sampled" it
+        is evaluated at each sample, on the estimate that the observer's timing gives there, and
+        held; in mode "joint" at every moment. The observer's model is told the input in force.
+    feedback_from : "estimate" or "state"
+        "state": the true states stand where the feedback names estimates; what is to be recovered.
+    feedback_delay : int
+        Sampling periods between a sample and the use of the input that is computed from it; 0 until
+        then.
+    signals : list of names or dict of name: expression, optional
+        What else has metrics and frames, see `SimulationResult.of`: of t, the plant's states and
+        inputs, y, estimates and the controller's states. Default in a loop: the states and inputs.
+    settle_signals : dict of signal: threshold, optional
+        Last time at which the magnitude of a signal was at or above its threshold.
+    cost : expression of t, states and inputs of a Plant, optional
+        Its integral over the run, by the plant's scheme, is the result's `cost`.
+    converged : float, or dict of signal: bound, optional
+        Whether a run stayed finite and ended within the bound of the norm of the plant's state, or
+        of the magnitude of each signal: the result's `converged`.
     allow_unstable : bool
         Allow a step beyond the stability limit.
     backend : "rust" or "numpy"
@@ -193,10 +224,30 @@ def plan(
     settle: float | None,
     histogram: tuple[float, float] | None,
     every: int,
+    feedback: Controller | Mapping[str, Any] | None,
+    feedback_from: str,
+    feedback_delay: int,
+    signals: Mapping[str, Any] | Sequence[str] | None,
+    settle_signals: Mapping[str, float] | None,
+    cost: Any,
+    converged: float | Mapping[str, float] | None,
     allow_unstable: bool,
 ) -> Experiment:
     """The arguments of `simulate`, checked."""
     n_y = _check_fit(plant, observer)
+    nx, m = 6 if isinstance(plant, Ship) else plant.order or observer.n, len(observer.memory)
+    loop = close(
+        plant,
+        observer,
+        (nx, n_y),
+        feedback=feedback,
+        feedback_from=feedback_from,
+        feedback_delay=feedback_delay,
+        signals=signals,
+        settle_signals=settle_signals,
+        cost=cost,
+        converged=converged,
+    )
     if check_choice("mode", mode, ("sampled", "joint")) == "joint":
         method = observer.spec.get("method", "a recursion")
         one, remedy = "euler, rk4 or bogacki-shampine in mode 'joint'", "or take mode 'sampled'"
@@ -226,7 +277,6 @@ def plan(
     runs = check_integer(runs, "runs", least=1, most=_LARGEST)
     every = check_integer(every, "every", least=0, most=_LONGEST)
 
-    nx, m = 6 if isinstance(plant, Ship) else plant.order or observer.n, len(observer.memory)
     x0 = _start(x0, "x0", nx, runs)
     start = observer.initial_memory() if memory0 is None else _start(memory0, "memory0", m, runs)
     observer._check_start(start, told=memory0 is not None)
@@ -236,11 +286,13 @@ def plan(
             "with a surge speed that is not 0"
         )
     pairs = check_array(windows, "windows")
+    if loop.has_cost:
+        x0 = np.concatenate([x0, np.zeros((*x0.shape[:-1], 1))], axis=-1)
     listed = pairs.size == 0 or (pairs.ndim == 2 and pairs.shape[1] == 2)
     check(listed, "windows", windows, "pairs (from, to)", "give a list of them")
     seed = int(rng.integers(2**63)) if isinstance(rng, np.random.Generator) else rng
     spec: dict[str, Any] = {
-        "plant": runnable(plant.spec, plant),
+        "plant": runnable(loop.plant.spec, loop.plant),
         "observer": runnable(observer.spec, observer.model),
         "mode": mode,
         "steps": steps,
@@ -260,8 +312,12 @@ def plan(
         check(known, "metrics", metrics, f"a list of {', '.join(METRICS)}", "choose among them")
         spec["metrics"] = list(metrics)
     truth = _truth(plant, observer)
+    if truth is None and loop.has_cost:
+        truth = list(range(nx))
     if truth is not None:
         spec["truth"] = truth
+    if loop.spec is not None:
+        spec["feedback"] = loop.spec
     if plant_schedule is not None:
         spec["plant_schedule"] = plant_schedule.spec
     if settle is not None:
@@ -269,16 +325,24 @@ def plan(
     if histogram is not None:
         spec["histogram"] = _window(check_array(histogram, "histogram"), "histogram", period, steps)
     # a ship's filters are no signals, nor is what current timing holds beside the law's memory
-    signals = observer.n if isinstance(plant, Ship) else observer._law_len
-    return Experiment(ReadOnlyDict(spec), observer.n, _shapes(spec, signals, nx, m, n_y))
+    errors = observer.n if isinstance(plant, Ship) else observer._law_len
+    sizes = (errors, len(loop.columns), m)
+    shapes = _shapes(spec, sizes, n_y, len(loop.signals))
+    return Experiment(ReadOnlyDict(spec), observer.n, shapes, loop)
 
 
-def _shapes(spec: Mapping[str, Any], signals: int, nx: int, m: int, n_y: int) -> dict[str, Any]:
+def _shapes(
+    spec: Mapping[str, Any], sizes: tuple[int, int, int], n_y: int, watched: int
+) -> dict[str, Any]:
     """Shape of each output of one run."""
-    window = (len(spec["windows"]), signals)
-    shapes = {"mean": window, "rms": window, "max": window, "peak": (signals,)}
+    (errors, nx, m), windows = sizes, len(spec["windows"])
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("mean", "rms", "max"), (windows, errors))
+    shapes["peak"] = (errors,)
     asked = spec.get("metrics")
     out: dict[str, Any] = {k: v for k, v in shapes.items() if asked is None or k in asked}
+    if watched:
+        out |= {f"signal_{name}": (*shape[:-1], watched) for name, shape in out.items()}
+        out["signal_settling_time"] = (watched,)
     out |= dict.fromkeys(("settling_time", "diverged_at", "undefined_at"), ())
     out |= {"final_x": (nx,), "final_memory": (m,)}
     if spec["every"]:
@@ -318,21 +382,31 @@ def execute(
 
 def result_of(out: dict[str, Any], experiment: Experiment) -> SimulationResult:
     """The outputs of an experiment with their names."""
+    states = len(experiment.loop.states)
+    columns = out.get("x")
     return SimulationResult(
-        metrics={name: out[name] for name in METRICS if name in out},
+        metrics={
+            name: out[name]
+            for key in METRICS
+            for name in (key, f"signal_{key}", "signal_settling_time")
+            if name in out
+        },
         settling_time=out["settling_time"],
         diverged_at=out["diverged_at"],
         undefined_at=out["undefined_at"],
-        final_x=out["final_x"],
+        final_x=shown(out["final_x"][..., :states]),
         final_memory=out["final_memory"],
         time=out.get("t"),
-        x=out.get("x"),
+        x=None if columns is None else shown(columns[..., :states]),
         memory=out.get("memory"),
         y=out.get("y"),
         histogram=out.get("histogram"),
         n=experiment.n,
         spec=experiment.spec,
         shared=tuple(out.get("shared", ())),
+        loop=experiment.loop,
+        final_columns=out["final_x"],
+        columns=columns,
     )
 
 

@@ -9,7 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, check_integer, check_number
+from hgo_rs.expressions.grammar import unknown
 from hgo_rs.read_only import shown
+from hgo_rs.simulation.feedback import COST, Loop
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,6 +43,9 @@ class SimulationResult:
         The experiment as plain data, read-only.
     shared : tuple of str
         What moved alike in all runs and so was moved once: "plant", or nothing.
+    loop : Loop
+        Names of the plant's states, and of inputs, signals and the controller's states: those of
+        `columns` (R, F, ·), kept frames, and `final_columns` (R, ·). `of(name)` has all of one.
     """
 
     metrics: dict[str, Array]
@@ -57,6 +62,9 @@ class SimulationResult:
     n: int
     spec: dict[str, Any]
     shared: tuple[str, ...] = ()
+    loop: Loop | None = None
+    final_columns: Array | None = None
+    columns: Array | None = None
 
     @property
     def timing(self) -> str:
@@ -73,7 +81,7 @@ class SimulationResult:
 
     def _metric(self, name: str) -> Array:
         if name not in self.metrics:
-            asked = ", ".join(self.metrics) or "none"
+            asked = ", ".join(key for key in self.metrics if "signal" not in key) or "none"
             raise HgoError(f"{name} was not asked for: metrics = {asked}; add {name!r} to metrics")
         return self.metrics[name]
 
@@ -106,6 +114,61 @@ class SimulationResult:
     def x_hat(self) -> Array | None:
         """Estimates at the kept frames, (R, F, n); a part of `memory`, read-only."""
         return None if self.memory is None else shown(self.memory[..., : self.n])
+
+    @property
+    def cost(self) -> Array:
+        """Integral of the cost over each run, (R,); until it diverged where it did."""
+        return self._column(COST, "simulate was called without cost=")
+
+    @property
+    def converged(self) -> npt.NDArray[np.bool_]:
+        """Whether each run ended within its bound, (R,)."""
+        bounds = None if self.loop is None else self.loop.converged
+        if bounds is None:
+            raise HgoError("converged: simulate was called without converged=")
+        good = np.asarray(self.diverged_at < 0)
+        for name, bound in bounds.items():
+            if name:
+                size = np.abs(self._column(name, ""))
+            else:
+                with np.errstate(over="ignore"):  # of a run that diverged
+                    size = np.linalg.norm(self.final_x, axis=-1)
+            good = good & (size <= bound)
+        return good
+
+    def _column(self, name: str, missing: str) -> Array:
+        """The last value of a column of the loop."""
+        if self.loop is None or self.final_columns is None or name not in self.loop.columns:
+            raise HgoError(f"{name}: {missing}")
+        return shown(self.final_columns[:, self._place(name)])
+
+    def _place(self, name: str) -> int:
+        assert self.loop is not None
+        if name in self.loop.signals:
+            return self.loop.places(name)[0]
+        return self.loop.columns.index(name)
+
+    def of(self, name: str) -> dict[str, Array]:
+        """All of a signal, an input in force, or a state of the plant or of the controller.
+
+        `final` (R,) and, with `every`, `frames` (R, F). A signal has besides: what was asked for of
+        `mean`, `rms`, `max` (R, W) and `peak` (R,), and `settling_time` (R,) [s], NaN without a
+        threshold.
+        """
+        if self.loop is None or self.final_columns is None:
+            raise HgoError(f"of({name!r}): there are no signals here")
+        if name not in self.loop.columns:
+            raise HgoError(f"of: {unknown(name, self.loop.columns, 'signal')}")
+        place = self._place(name)
+        found = {"final": shown(self.final_columns[:, place])}
+        if self.columns is not None:
+            found["frames"] = shown(self.columns[..., place])
+        if name in self.loop.signals:
+            i = self.loop.signals.index(name)
+            for key, values in self.metrics.items():
+                if key.startswith("signal_"):
+                    found[key.removeprefix("signal_")] = shown(values[..., i])
+        return found
 
     def quantile(self, q: float) -> float:
         """Quantile of ||x_hat - x||^2 over all runs in the histogram's window (to about 1 %)."""

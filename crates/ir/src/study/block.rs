@@ -31,8 +31,14 @@ const LONG_SPAN: u64 = 256;
 /// Where each number of a run stands among the columns of a block.
 #[derive(Clone, Debug)]
 pub struct Layout {
-    /// Entries of the plant's state, of the memory, of the measurement and of the plant's input.
+    /// Entries of the plant's state and of the feedback's columns behind it.
     pub x: usize,
+    /// Entries of the plant's state.
+    pub plant: usize,
+    /// Columns of the feedback that are computed at a sample: inputs in force and watched signals.
+    pub now: usize,
+    /// Watched signals, the last of them.
+    pub watched: usize,
     /// Memory of the observer.
     pub z: usize,
     /// Measured outputs.
@@ -40,7 +46,7 @@ pub struct Layout {
     /// Inputs of the plant.
     pub u: usize,
     /// Entries of the memory that have metrics.
-    pub signals: usize,
+    pub errors: usize,
     /// The plant's states that the first entries of the memory estimate.
     pub truth: Vec<usize>,
     /// Kinds of moments that are wanted: the sum, the sum of squares, the largest magnitude.
@@ -49,6 +55,8 @@ pub struct Layout {
     pub peaks: bool,
     /// The threshold of the settling time.
     pub settle: Option<f64>,
+    /// Watched signals with a settling time, and its threshold.
+    pub settles: Vec<(usize, f64)>,
 }
 
 impl Layout {
@@ -64,17 +72,26 @@ impl Layout {
     pub fn peak(&self) -> usize {
         self.noise() + self.y
     }
-    /// Column of the last time at which the error was at or above the threshold.
+    /// Signals that have metrics: entries of the memory, then what is watched.
+    pub fn signals(&self) -> usize {
+        self.errors + self.watched
+    }
+    /// First column of what is watched.
+    pub fn watch(&self) -> usize {
+        self.plant + self.now - self.watched
+    }
+    /// Column of the last time at which the error was at or above the threshold; then that of each watched
+    /// signal with a threshold.
     pub fn settled(&self) -> usize {
-        self.peak() + if self.peaks { self.signals } else { 0 }
+        self.peak() + if self.peaks { self.signals() } else { 0 }
     }
     /// First column of the moments of the windows that are open.
     pub fn open(&self) -> usize {
-        self.settled() + usize::from(self.settle.is_some())
+        self.settled() + usize::from(self.settle.is_some()) + self.settles.len()
     }
     /// Columns of the moments of one window.
     pub fn moments(&self) -> usize {
-        self.kinds.iter().filter(|wanted| **wanted).count() * self.signals
+        self.kinds.iter().filter(|wanted| **wanted).count() * self.signals()
     }
 }
 
@@ -442,26 +459,34 @@ fn result<const L: usize>(
 ) -> RunResult {
     let (plan, layout) = (&study.plan, &study.layout);
     let column = |at: usize| block.columns.get(at).map_or(0.0, |column| column.0[lane]);
-    let mut moments = Vec::with_capacity(plan.windows.len() * layout.signals);
+    let signals = layout.signals();
+    let mut moments = Vec::with_capacity(plan.windows.len() * signals);
     for (number, window) in plan.windows.iter().enumerate() {
         let count = window.to.min(sound).saturating_sub(window.from);
-        for signal in 0..layout.signals {
+        for signal in 0..signals {
             let mut at = number * layout.moments() + signal;
             let values = layout.kinds.map(|wanted| {
                 let value =
                     if wanted { stored.get(at).map_or(0.0, |row| row.0[lane]) } else { 0.0 };
-                at += if wanted { layout.signals } else { 0 };
+                at += if wanted { signals } else { 0 };
                 value
             });
             let [sum, squares, max] = values;
             moments.push(Moments::from_sums(count, sum, squares, max));
         }
     }
-    let peaks = 0..layout.signals;
+    let times = layout.settled() + usize::from(layout.settle.is_some());
+    let mut settled = vec![f64::NAN; layout.watched];
+    for (at, (signal, _)) in layout.settles.iter().enumerate() {
+        settled[*signal] = column(times + at);
+    }
     let undefined_at = block.undefined_at.0[lane];
     RunResult {
         moments,
-        peak: peaks.map(|i| if layout.peaks { column(layout.peak() + i) } else { 0.0 }).collect(),
+        peak: (0..signals)
+            .map(|i| if layout.peaks { column(layout.peak() + i) } else { 0.0 })
+            .collect(),
+        settled,
         settling_time: layout.settle.map_or(f64::NAN, |_| column(layout.settled())),
         final_x: (0..layout.x).map(column).collect(),
         final_memory: (layout.memory()..layout.noise()).map(column).collect(),

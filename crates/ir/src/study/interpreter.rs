@@ -161,15 +161,18 @@ impl<'a, const L: usize> Interpreter<'a, L> {
         let (layout, tables) = (&study.layout, &study.tables);
         let (memory, noise) = (layout.memory(), layout.noise());
         draw(study, block, span, number);
-        if !tables.is_current {
-            show(layout, block, (at.t, span, number));
-        }
         look(&block.columns[..noise], &mut block.worst);
         let (x, rest) = block.columns.split_at(memory);
         let (z, rest) = rest.split_at(layout.z);
         self.sample.put(&[at.t, at.dt, at.plant_t, at.sines], &[z, x, &rest[..layout.y]]);
         self.sample.evaluate()?;
-        self.sample.take(layout.z + layout.y, &mut self.u);
+        let of_u = layout.z + layout.y;
+        let of_now = of_u + layout.u;
+        self.sample.take(of_u, &mut self.u);
+        self.sample.take(of_now, &mut block.columns[layout.plant..layout.plant + layout.now]);
+        if !tables.is_current {
+            show(layout, block, (at.t, span, number));
+        }
         let frames = !block.shown.is_empty();
         if frames {
             block.shown[..noise].copy_from_slice(&block.columns[..noise]);
@@ -179,7 +182,8 @@ impl<'a, const L: usize> Interpreter<'a, L> {
             self.held.copy_from_slice(&block.columns[memory..noise]);
             self.sample.take(0, &mut block.columns[memory..noise]);
             if tables.is_joint {
-                self.sample.take(layout.z + layout.y + layout.u, &mut block.columns[..memory]);
+                let moved = of_now + layout.x - layout.plant;
+                self.sample.take(moved, &mut block.columns[..layout.plant]);
             }
             hold(layout, block, &self.held, k);
         }
@@ -190,6 +194,8 @@ impl<'a, const L: usize> Interpreter<'a, L> {
             show(layout, block, (at.t, span, number));
         }
         if more {
+            let later = layout.plant + layout.now;
+            self.sample.take(of_now + layout.now, &mut block.columns[later..memory]);
             self.predict(block, at, k)?;
             self.plants(block, at)?;
         }
@@ -214,7 +220,7 @@ impl<'a, const L: usize> Interpreter<'a, L> {
     #[inline(always)]
     fn plants(&mut self, block: &mut Block<L>, at: &Instant) -> Result<()> {
         let Some(plant) = &mut self.plant else { return Ok(()) };
-        let (study, n) = (self.study, self.study.layout.x);
+        let (study, n) = (self.study, self.study.layout.plant);
         for i in 0..study.plan.substeps {
             let time = at.plant_t + f64::from(i) * at.h;
             if let Some((program, r)) = &mut self.shared {
@@ -302,22 +308,34 @@ fn show<const L: usize>(
     let (states, sums) = block.columns.split_at_mut(layout.noise());
     let (x, z) = states.split_at(layout.x);
     let sums = &mut sums[layout.y..];
-    let (peaks, sums) = sums.split_at_mut(if layout.peaks { layout.signals } else { 0 });
-    for (peak, z) in peaks.iter_mut().zip(z) {
-        largest(&mut peak.0, &z.0, &[0.0; L]);
+    let (errors, watched) = (layout.errors, &x[layout.watch()..][..layout.watched]);
+    let (peaks, sums) = sums.split_at_mut(if layout.peaks { layout.signals() } else { 0 });
+    for (peak, value) in peaks.iter_mut().zip(z[..errors].iter().chain(watched)) {
+        largest(&mut peak.0, &value.0, &[0.0; L]);
     }
-    let (settled, open) = sums.split_at_mut(usize::from(layout.settle.is_some()));
+    let (settled, sums) = sums.split_at_mut(usize::from(layout.settle.is_some()));
+    let (times, open) = sums.split_at_mut(layout.settles.len());
+    for (last, (signal, threshold)) in times.iter_mut().zip(&layout.settles) {
+        for lane in 0..L {
+            let far = watched[*signal].0[lane].abs() >= *threshold;
+            last.0[lane] = if far { t } else { last.0[lane] };
+        }
+    }
     let zeros = Lane([0.0; L]);
     let truth = |i: usize| layout.truth.get(i).and_then(|at| x.get(*at)).unwrap_or(&zeros);
     let [mean, rms, max] = layout.kinds;
     for window in open.chunks_exact_mut(layout.moments().max(1)) {
-        let mut kinds = window.chunks_exact_mut(layout.signals.max(1));
+        let mut kinds = window.chunks_exact_mut(layout.signals().max(1));
         // a name, so that the loop over the runs is compiled for it
         macro_rules! each {
             ($($wanted:ident: $take:ident),+) => {$(
                 if let Some(rows) = $wanted.then(|| kinds.next()).flatten() {
-                    for (i, (row, z)) in rows.iter_mut().zip(z).enumerate() {
+                    let (of_errors, of_watched) = rows.split_at_mut(errors);
+                    for (i, (row, z)) in of_errors.iter_mut().zip(z).enumerate() {
                         $take(&mut row.0, &z.0, &truth(i).0);
+                    }
+                    for (row, value) in of_watched.iter_mut().zip(watched) {
+                        $take(&mut row.0, &value.0, &zeros.0);
                     }
                 }
             )+};

@@ -4,6 +4,7 @@
 //! compiled of the same tables, takes its place where there is one, with the same bits.
 
 mod block;
+mod feedback;
 mod interpreter;
 mod kernel;
 mod plan;
@@ -18,6 +19,7 @@ use crate::trace::{PlacedGains, Setting};
 use crate::vectors::Vectors;
 use block::Frames;
 pub use block::{Block, Instant, LANES, Layout, Span};
+pub use feedback::Feedback;
 use hgo_rs::integrate::Integrator;
 use hgo_rs::metrics::{LogHistogram, Moments, Window};
 use hgo_rs::observer::{Discretisation, Hold, RungeKutta};
@@ -40,13 +42,15 @@ const SAMPLED_ONLY: &str = "mode = 'joint' is not allowed: this observer is a re
 /// What a run gave.
 #[derive(Clone, Debug)]
 pub struct RunResult {
-    /// Of each window each signal's: the errors x̂ − x, then the rest of the memory.
+    /// Of each window each signal's: the errors x̂ − x, then the rest of the memory, then what is watched.
     pub moments: Vec<Moments<f64>>,
-    /// Largest magnitude of each entry of the memory.
+    /// Largest magnitude of each entry of the memory, then of what is watched.
     pub peak: Vec<f64>,
     /// Last time at which ‖x̂ − x‖ was at or above the threshold, in s.
     pub settling_time: f64,
-    /// Last state of the plant.
+    /// For each watched signal the last time at which its magnitude was at or above its threshold, in s.
+    pub settled: Vec<f64>,
+    /// Last state of the plant, then the feedback's columns.
     pub final_x: Vec<f64>,
     /// Last memory of the observer.
     pub final_memory: Vec<f64>,
@@ -61,7 +65,7 @@ pub struct RunResult {
 pub struct AllFrames {
     /// Times of the frames, in s.
     pub t: Vec<f64>,
-    /// Numbers in a frame of the plant's state, the memory and the measurement.
+    /// Numbers in a frame of the plant's state with the feedback's columns, the memory and the measurement.
     pub widths: [usize; 3],
     /// Plant states, memories, measurements.
     pub values: [Vec<f64>; 3],
@@ -72,7 +76,7 @@ pub struct AllFrames {
 pub struct StudyResult {
     /// Run by run.
     pub runs: Vec<RunResult>,
-    /// Signals that have moments.
+    /// Signals that have moments, what is watched among them.
     pub signals: usize,
     /// Counts of the histogram of ‖x̂ − x‖², empty without.
     pub counts: Vec<u64>,
@@ -89,7 +93,8 @@ impl StudyResult {
                 bits.extend([moments.mean(), moments.rms(), moments.max()].map(f64::to_bits));
             }
             let numbers = run.peak.iter().chain(&run.final_x).chain(&run.final_memory);
-            bits.extend(numbers.chain([&run.settling_time]).map(|value| value.to_bits()));
+            let times = run.settled.iter().chain([&run.settling_time]);
+            bits.extend(numbers.chain(times).map(|value| value.to_bits()));
             bits.extend([run.diverged_at, run.undefined_at].map(|k| k.unwrap_or(u64::MAX)));
         }
         bits.extend(self.frames.values.iter().flatten().map(|value| value.to_bits()));
@@ -138,29 +143,55 @@ impl Study {
                 plant.n_y
             )));
         }
-        let plan = plan.starting(spec, (plant.n, observer.memory_len()))?;
+        let feedback = if spec.has("feedback") {
+            Some(Feedback::read(&spec.sub("feedback")?, &plant, observer.n())?)
+        } else if plant.open > 0 {
+            return Err(refused(format!(
+                "feedback is missing: it gives the plant's {} inputs",
+                plant.open
+            )));
+        } else {
+            None
+        };
+        let mut plan = plan.starting(spec, (plant.n, observer.memory_len()))?;
+        let alike = plan.x0.len() == plant.n;
+        if let Some(feedback) = &feedback {
+            if plan.joint {
+                feedback.check_joint(&plant)?;
+            }
+            let rows = plan.x0.chunks(plant.n.max(1));
+            plan.x0 = rows.flat_map(|row| [row, &feedback.starts()].concat()).collect();
+        }
         if let (PlacedGains::For(dt), true) = (gains, observer.is_current())
             && waits(&plan, &plant, observer.memory_len(), dt)
         {
             observer = Tables::read(&of_observer, usual)?;
         }
         let joint = if plan.joint { Some(integrator(&of_observer)?) } else { None };
-        let tables = StudyTables::of(&plan, &observer, &plant, joint)?;
+        let tables = StudyTables::of(&plan, &observer, &plant, feedback.as_ref(), joint)?;
         let known = plant.truth.len().min(observer.n());
+        let closed = feedback.as_ref();
         let layout = Layout {
-            x: plant.n,
+            x: plant.n + closed.map_or(0, Feedback::columns),
+            plant: plant.n,
+            now: closed.map_or(0, Feedback::now),
+            watched: closed.map_or(0, |feedback| feedback.watched),
             z: observer.memory_len(),
             y: plant.n_y,
             u: plant.n_u,
-            signals: observer.signals(),
+            errors: observer.signals(),
             truth: plant.truth[..known].to_vec(),
             kinds: [plan.wanted.mean, plan.wanted.rms, plan.wanted.max],
             peaks: plan.wanted.peak,
             settle: plan.settle,
+            settles: closed.map_or_else(Vec::new, |feedback| {
+                let levels = feedback.settle.iter().enumerate();
+                levels.filter_map(|(i, level)| Some((i, (*level)?))).collect()
+            }),
         };
         let programs = Programs::of(&tables)?;
         let moves = tables.plant.as_ref().is_some_and(|plant| plant.calls.is_empty());
-        let alike = plan.x0.len() == plant.n && plant.n_u == 0 && !tables.is_random;
+        let alike = alike && feedback.is_none() && plant.n_u == 0 && !tables.is_random;
         let plants_are_shared = moves && alike;
         let measured = plant.output.outputs.iter().skip(plant.n_u);
         let plain = { measured }.all(|output| *output < plant.output.inputs.len());
@@ -258,7 +289,7 @@ impl Study {
         let runs = done.into_iter().flat_map(|(runs, _)| runs).collect();
         self.close(&mut frames, (length, reached));
         let counts = pooled.into_iter().map(AtomicU64::into_inner).collect();
-        Ok(StudyResult { runs, signals: self.layout.signals, counts, frames })
+        Ok(StudyResult { runs, signals: self.layout.signals(), counts, frames })
     }
 
     /// Frames of a run.

@@ -148,7 +148,7 @@ fn window(values: &[f64], name: &str) -> Result<Window> {
 }
 
 impl Plan {
-    const KEYS: [&'static str; 20] = [
+    const KEYS: [&'static str; 21] = [
         "plant",
         "observer",
         "mode",
@@ -169,6 +169,7 @@ impl Plan {
         "histogram",
         "every",
         "truth",
+        "feedback",
     ];
 
     /// From a spec; `also` are keys that the caller reads. The starts are read by [`Self::starting`], once

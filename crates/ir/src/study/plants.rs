@@ -1,7 +1,7 @@
 //! Floor 6. Plants as tables: the papers' and the user's own.
 
 use crate::error::{Result, refused};
-use crate::order::CHAINS;
+use crate::order::{CHAINS, MAX_INPUTS};
 use crate::spec::Spec;
 use crate::systems::AnyPlant;
 use crate::table::Table;
@@ -9,7 +9,7 @@ use crate::trace::{self, Setting, Traced, input, inputs, named, trace};
 use hgo_rs::Scalar;
 use hgo_rs::integrate::{PlantScheme, WienerIncrement, plant_step};
 use hgo_rs::memory::Memory;
-use hgo_rs::model::{Plant, StochasticIntegrator, no_input};
+use hgo_rs::model::{Plant, StochasticIntegrator};
 use nalgebra::SVector;
 
 /// States that a plant of the user's own may have.
@@ -21,6 +21,8 @@ pub struct PlantTables {
     pub n: usize,
     /// Inputs.
     pub n_u: usize,
+    /// How many of them a feedback has to give: all, or none where the plant gives its own.
+    pub open: usize,
     /// Outputs.
     pub n_y: usize,
     /// Whether it has process noise.
@@ -29,7 +31,8 @@ pub struct PlantTables {
     supports: [bool; 3],
     /// The states that an observer is asked for.
     pub truth: Vec<usize>,
-    /// (t, dt, x) → (u, y): the input that is held over the period dt, and the output.
+    /// (t, dt, x, open inputs) → (own inputs, y): the inputs that the plant gives itself, held over the
+    /// period dt, and the output under the inputs that are in force.
     pub output: Table,
     /// (t, h, x, u, ξ₁, ξ₂) → x⁺.
     pub step: Table,
@@ -52,7 +55,7 @@ impl PlantTables {
         if spec.text("kind")? == "own-plant" {
             let own = OwnPlant::read(spec, scheme)?;
             let truth = own.estimated(truth)?;
-            let tables = Self::of(own.n, scheme, truth, || Ok(Tabled(&own)))?;
+            let tables = Self::of((own.n, own.n_u), scheme, truth, || Ok(Tabled(&own)))?;
             return own.with_outputs(tables);
         }
         if truth.is_some() {
@@ -79,11 +82,12 @@ impl PlantTables {
         P: Plant<Traced>,
     {
         let (first, count) = P::TRUTH;
-        Self::of(P::State::LEN, scheme, (first..first + count).collect(), build)
+        let sizes = (P::State::LEN, P::Input::LEN);
+        Self::of(sizes, scheme, (first..first + count).collect(), build)
     }
 
     fn of<P>(
-        n: usize,
+        (n, n_u): (usize, usize),
         scheme: PlantScheme,
         truth: Vec<usize>,
         build: impl Fn() -> Result<P>,
@@ -93,7 +97,7 @@ impl PlantTables {
     {
         use StochasticIntegrator::{EulerMaruyama, Milstein, Taylor15};
         let setting = Setting::usual(false);
-        let (n_u, n_y) = (P::Input::LEN, P::Output::LEN);
+        let n_y = P::Output::LEN;
         let (mut noisy, mut supports) = (false, [false; 3]);
         trace(setting, || {
             let plant = build()?;
@@ -127,7 +131,7 @@ impl PlantTables {
             let (rate, y) = (plant.drift(t, &x, &u), plant.output(t, &x, &u));
             Ok([named("x", &flat(&rate, n)), named("y", &flat(&y, n_y))].concat())
         })?;
-        Ok(Self { n, n_u, n_y, noisy, supports, truth, output, step, drift })
+        Ok(Self { n, n_u, open: 0, n_y, noisy, supports, truth, output, step, drift })
     }
 }
 
@@ -141,9 +145,10 @@ pub fn flat<M: Memory<Traced>>(memory: &M, count: usize) -> Vec<Traced> {
 /// A plant of the user's own.
 struct OwnPlant {
     n: usize,
+    n_u: usize,
     n_y: usize,
     noisy: bool,
-    /// (t, x, parameters) → (drift, diffusion if there is noise, outputs).
+    /// (t, x, u, parameters) → (drift, diffusion if there is noise, outputs).
     table: Table,
     /// Its derivatives, and theirs, where the scheme needs them.
     slopes: Option<[Table; 2]>,
@@ -156,6 +161,12 @@ impl OwnPlant {
         spec.only(&["kind", "n", "n_u", "n_y", "noisy", "table", "parameters", "names"])?;
         let (n, noisy) = (spec.count("n")?, spec.flag_or("noisy", false)?);
         let n_y = if spec.has("n_y") { spec.count("n_y")? } else { 1 };
+        let n_u = if spec.has("n_u") { spec.count("n_u")? } else { 0 };
+        if n_u > MAX_INPUTS {
+            return Err(refused(format!(
+                "n_u = {n_u} is not allowed: a plant has at most {MAX_INPUTS} inputs"
+            )));
+        }
         if !(1..=CHAINS).contains(&n_y) {
             return Err(refused(format!(
                 "n_y = {n_y} is not allowed: a plant has 1 to {CHAINS} outputs"
@@ -171,7 +182,7 @@ impl OwnPlant {
         if let Some(bad) = parameters.iter().find(|value| !value.is_finite()) {
             return Err(refused(format!("a parameter of the plant is {bad}; it must be finite")));
         }
-        let (given, made) = (1 + n + parameters.len(), n + usize::from(noisy) * n + n_y);
+        let (given, made) = (1 + n + n_u + parameters.len(), n + usize::from(noisy) * n + n_y);
         if table.inputs.len() != given || table.outputs.len() != made {
             return Err(refused(format!(
                 "the plant's table has {} inputs and {} outputs; it must have {given} and {made}",
@@ -187,7 +198,7 @@ impl OwnPlant {
             }
             _ => None,
         };
-        Ok(Self { n, n_y, noisy, table, slopes, parameters })
+        Ok(Self { n, n_u, n_y, noisy, table, slopes, parameters })
     }
 
     /// The states that an observer estimates: those that are named, or the first.
@@ -209,56 +220,61 @@ impl OwnPlant {
     }
 
     /// Inputs of the table.
-    fn inputs(&self, t: Traced, x: &[Traced]) -> Vec<Traced> {
-        [t].into_iter().chain(x[..self.n].iter().copied()).chain(self.parameters()).collect()
+    fn inputs(&self, t: Traced, x: &[Traced], u: &[Traced]) -> Vec<Traced> {
+        let given = [&[t], &x[..self.n], &u[..self.n_u]].concat();
+        given.into_iter().chain(self.parameters()).collect()
     }
 
     /// Drift, diffusion if there is noise, output: within a trace.
-    fn outputs(&self, t: Traced, x: &[Traced]) -> Vec<Traced> {
-        trace::inline(&self.table, &self.inputs(t, x))
+    fn outputs(&self, t: Traced, x: &[Traced], u: &[Traced]) -> Vec<Traced> {
+        trace::inline(&self.table, &self.inputs(t, x, u))
     }
 
-    /// With all its outputs.
+    /// With all its outputs, and inputs that are open.
     fn with_outputs(&self, tables: PlantTables) -> Result<PlantTables> {
         let setting = Setting::usual(false);
         let last = |made: &[Traced]| named("y", &made[made.len() - self.n_y..]);
         let output = trace(setting, || {
             let (t, _, x) = (input("t"), input("dt"), inputs("x", self.n));
-            Ok(last(&self.outputs(t, &x)))
+            Ok(last(&self.outputs(t, &x, &inputs("u", self.n_u))))
         })?;
         let drift = trace(setting, || {
             let (t, x) = (input("t"), inputs("x", self.n));
-            let made = self.outputs(t, &x);
+            let made = self.outputs(t, &x, &inputs("u", self.n_u));
             Ok([named("x", &made[..self.n]), last(&made)].concat())
         })?;
-        Ok(PlantTables { n_y: self.n_y, output, drift, ..tables })
+        Ok(PlantTables { n_y: self.n_y, open: self.n_u, output, drift, ..tables })
     }
 
     /// A direction in the inputs.
     fn direction(&self, t: Traced, x: &[Traced]) -> Vec<Traced> {
-        let mut direction = vec![Traced::ZERO; 1 + self.n + self.parameters.len()];
+        let mut direction = vec![Traced::ZERO; 1 + self.n + self.n_u + self.parameters.len()];
         direction[0] = t;
         direction[1..=self.n].copy_from_slice(&x[..self.n]);
         direction
     }
 
     /// The derivatives of all outputs in a direction.
-    fn slopes(&self, at: (Traced, &[Traced]), direction: &[Traced]) -> Vec<Traced> {
-        let Some([first, _]) = &self.slopes else { return self.outputs(at.0, at.1) };
-        trace::inline(first, &[self.inputs(at.0, at.1), direction.to_vec()].concat())
+    fn slopes(&self, at: Point<'_>, direction: &[Traced]) -> Vec<Traced> {
+        let (t, x, u) = at;
+        let Some([first, _]) = &self.slopes else { return self.outputs(t, x, u) };
+        trace::inline(first, &[self.inputs(t, x, u), direction.to_vec()].concat())
     }
 
     /// The second derivatives of all outputs, twice in a direction.
-    fn curvatures(&self, at: (Traced, &[Traced]), direction: &[Traced]) -> Vec<Traced> {
-        let Some([_, second]) = &self.slopes else { return self.outputs(at.0, at.1) };
+    fn curvatures(&self, at: Point<'_>, direction: &[Traced]) -> Vec<Traced> {
+        let (t, x, u) = at;
+        let Some([_, second]) = &self.slopes else { return self.outputs(t, x, u) };
         let still = vec![Traced::ZERO; direction.len()];
-        let point = [self.inputs(at.0, at.1), direction.to_vec()].concat();
+        let point = [self.inputs(t, x, u), direction.to_vec()].concat();
         trace::inline(second, &[point, direction.to_vec(), still].concat())
     }
 }
 
 type State = SVector<Traced, MAX_STATES>;
-type NoInput = SVector<Traced, 0>;
+type Input = SVector<Traced, MAX_INPUTS>;
+/// Time, state and input.
+type Point<'a> = (Traced, &'a [Traced], &'a [Traced]);
 
 /// An own plant behind the trait of all plants.
 #[derive(Clone, Copy)]
@@ -273,20 +289,21 @@ impl Tabled<'_> {
 
 impl Plant<Traced> for Tabled<'_> {
     type State = State;
-    type Input = NoInput;
+    type Input = Input;
     type Output = Traced;
     const TRUTH: (usize, usize) = (0, MAX_STATES);
-    fn drift(&self, t: Traced, x: &State, _: &NoInput) -> State {
-        State::read(&self.0.outputs(t, x.as_slice())[..self.0.n])
+    fn drift(&self, t: Traced, x: &State, u: &Input) -> State {
+        State::read(&self.0.outputs(t, x.as_slice(), u.as_slice())[..self.0.n])
     }
-    fn output(&self, t: Traced, x: &State, _: &NoInput) -> Traced {
-        self.0.outputs(t, x.as_slice()).last().copied().unwrap_or_default()
+    fn output(&self, t: Traced, x: &State, u: &Input) -> Traced {
+        self.0.outputs(t, x.as_slice(), u.as_slice()).last().copied().unwrap_or_default()
     }
     fn truth<'a>(&self, x: &'a State) -> &'a [Traced] {
         x.as_slice()
     }
-    fn control(&self, _: Traced, _: &State, _: Traced) -> NoInput {
-        no_input()
+    /// A feedback gives the inputs.
+    fn control(&self, _: Traced, _: &State, _: Traced) -> Input {
+        Input::zero()
     }
     fn has_process_noise(&self) -> bool {
         self.0.noisy
@@ -297,26 +314,26 @@ impl Plant<Traced> for Tabled<'_> {
         let steady = || {
             let diffusion = own.n..2 * own.n;
             own.table.outputs.get(diffusion).is_some_and(|outputs| {
-                let depends = own.table.depends(|input| input <= own.n);
+                let depends = own.table.depends(|input| input <= own.n + own.n_u);
                 outputs.iter().all(|output| !depends[*output])
             })
         };
         own.noisy && (scheme != StochasticIntegrator::Taylor15 || steady())
     }
-    fn diffusion(&self, t: Traced, x: &State, _: &NoInput) -> State {
-        self.diffusion_of(&self.0.outputs(t, x.as_slice()))
+    fn diffusion(&self, t: Traced, x: &State, u: &Input) -> State {
+        self.diffusion_of(&self.0.outputs(t, x.as_slice(), u.as_slice()))
     }
-    fn diffusion_slope(&self, t: Traced, x: &State, u: &NoInput) -> State {
+    fn diffusion_slope(&self, t: Traced, x: &State, u: &Input) -> State {
         let b = self.diffusion(t, x, u);
         let direction = self.0.direction(Traced::ZERO, b.as_slice());
-        self.diffusion_of(&self.0.slopes((t, x.as_slice()), &direction))
+        self.diffusion_of(&self.0.slopes((t, x.as_slice(), u.as_slice()), &direction))
     }
-    fn jacobian_times(&self, t: Traced, x: &State, _: &NoInput, v: &State) -> State {
+    fn jacobian_times(&self, t: Traced, x: &State, u: &Input, v: &State) -> State {
         let direction = self.0.direction(Traced::ZERO, v.as_slice());
-        State::read(&self.0.slopes((t, x.as_slice()), &direction)[..self.0.n])
+        State::read(&self.0.slopes((t, x.as_slice(), u.as_slice()), &direction)[..self.0.n])
     }
-    fn curvature(&self, t: Traced, x: &State, u: &NoInput) -> State {
-        let (at, still) = ((t, x.as_slice()), [Traced::ZERO; MAX_STATES]);
+    fn curvature(&self, t: Traced, x: &State, u: &Input) -> State {
+        let (at, still) = ((t, x.as_slice(), u.as_slice()), [Traced::ZERO; MAX_STATES]);
         let in_time = self.0.slopes(at, &self.0.direction(Traced::ONE, &still));
         let b = self.diffusion(t, x, u);
         let twice = self.0.curvatures(at, &self.0.direction(Traced::ZERO, b.as_slice()));

@@ -1,5 +1,6 @@
 //! Floor 7. What a study evaluates, as tables.
 
+use super::feedback::{CONTROLLER, Feedback, Seen};
 use super::plan::{AnySchedule, DrawKind, Plan};
 use super::plants::{MAX_STATES, PlantTables};
 use crate::error::{Result, refused};
@@ -14,15 +15,16 @@ use hgo_rs::noise::Sine;
 use hgo_rs::schedule::Schedule;
 use nalgebra::SVector;
 
-/// Room for a plant's state and an observer's memory in a joint study.
-const BOTH: usize = MAX_STATES + 64;
+/// Room for a plant's state, an observer's memory and a controller's states in a joint study.
+const ALL: usize = MAX_STATES + 64 + CONTROLLER;
 
 /// The tables of a study.
 #[allow(clippy::struct_excessive_bools)] // four answers to four questions
 pub struct StudyTables {
-    /// (t, dt, the plant's time, sines, z, x, noise) → (z⁺, y, u) and, where plant and observer are one
-    /// differential equation, x⁺. z⁺ is the memory after the use of the sample, with predictor timing at
-    /// the next one.
+    /// (t, dt, the plant's time, sines, z, x, noise) → (z⁺, y, u), the feedback's columns of this sample,
+    /// those of the next one and, where plant and observer are one differential equation, x⁺. z⁺ is the
+    /// memory after the use of the sample, with predictor timing at the next one. x is the plant's state,
+    /// then the feedback's columns.
     pub sample: Table,
     /// With current timing (t, dt, z, u) → z⁺ at the next sample.
     pub predict: Option<Table>,
@@ -52,12 +54,13 @@ impl StudyTables {
         plan: &Plan,
         observer: &Tables,
         plant: &PlantTables,
+        feedback: Option<&Feedback>,
         joint: Option<Integrator>,
     ) -> Result<Self> {
         let random = matches!(plan.plant_scheme, PlantScheme::Stochastic(_));
         let both = PlantScheme::Stochastic(StochasticIntegrator::Taylor15);
         let moves = joint.is_none() && plan.plant_scheme != PlantScheme::Held;
-        let study = Making { plan, observer, plant };
+        let study = Making { plan, observer, plant, feedback };
         Ok(Self {
             sample: match joint {
                 None => study.sample()?,
@@ -97,6 +100,19 @@ struct Making<'a> {
     plan: &'a Plan,
     observer: &'a Tables,
     plant: &'a PlantTables,
+    feedback: Option<&'a Feedback>,
+}
+
+/// The state part of a run's columns.
+struct Columns {
+    /// The plant's state.
+    x: Vec<Traced>,
+    /// Inputs that are in force.
+    u: Vec<Traced>,
+    /// Inputs that wait, the next one first.
+    waiting: Vec<Traced>,
+    /// The controller's states.
+    c: Vec<Traced>,
 }
 
 impl Making<'_> {
@@ -106,8 +122,35 @@ impl Making<'_> {
 
     /// What the observer is told of the plant's input: as many entries as it takes, 0 beyond.
     fn told(&self, u: &[Traced]) -> Vec<Traced> {
+        if let Some(feedback) = self.feedback {
+            return feedback.told(u, self.observer.n_u());
+        }
         let zeros = std::iter::repeat(Traced::ZERO);
         u.iter().copied().chain(zeros).take(self.observer.n_u()).collect()
+    }
+
+    /// A run's columns of the plant and the feedback.
+    fn columns(&self) -> Columns {
+        let count = self.feedback.map_or(0, Feedback::columns);
+        let mut x = inputs("x", self.plant.n + count);
+        let mut rest = x.split_off(self.plant.n);
+        let Some(feedback) = self.feedback else {
+            return Columns { x, u: Vec::new(), waiting: Vec::new(), c: Vec::new() };
+        };
+        let mut later = rest.split_off(feedback.now());
+        let c = later.split_off(feedback.delay * feedback.n_u);
+        rest.truncate(feedback.n_u);
+        Columns { x, u: rest, waiting: later, c }
+    }
+
+    /// The inputs that come into force at a sample, those that wait then, and the controller's next states.
+    fn closed(&self, seen: Seen<'_>, waiting: &[Traced], dt: Traced) -> (Vec<Traced>, Vec<Traced>) {
+        let Some(feedback) = self.feedback else { return (Vec::new(), Vec::new()) };
+        let (new, _) = feedback.law(seen);
+        let mut queue = [waiting, &new].concat();
+        let mut later = queue.split_off(feedback.n_u);
+        later.extend(feedback.next(seen, dt));
+        (queue, later)
     }
 
     fn parameters(&self) -> Vec<Traced> {
@@ -134,15 +177,36 @@ impl Making<'_> {
             let (t, dt) = (input("t"), length(self.plan.schedule, "dt", 1.0));
             let (plant_t, sines) = (input("plant_t"), self.sines());
             let z = inputs("z", self.observer.memory_len());
-            let (x, noise) = (inputs("x", self.plant.n), self.noise());
-            let made = trace::inline(&self.plant.output, &[&[plant_t, dt], x.as_slice()].concat());
-            let (u, output) = made.split_at(self.plant.n_u);
+            let (Columns { x, u: held, waiting, c }, noise) = (self.columns(), self.noise());
+            let given = [&[plant_t, dt], x.as_slice(), &held].concat();
+            let made = trace::inline(&self.plant.output, &given);
+            let (own, output) = made.split_at(self.plant.n_u - self.plant.open);
             let y: Vec<Traced> =
                 output.iter().zip(&noise).map(|(output, noise)| *output + *noise + sines).collect();
-            let given = [&[t, dt], z.as_slice(), &y, &self.told(u), &self.parameters()].concat();
-            let mut next = trace::inline(&taking, &given);
-            next.truncate(z.len());
-            Ok([named("z", &next), named("y", &y), named("u", u)].concat())
+            let take = |u: &[Traced]| {
+                let told = self.told(u);
+                let given = [&[t, dt], z.as_slice(), &y, &told, &self.parameters()].concat();
+                let mut next = trace::inline(&taking, &given);
+                next.truncate(z.len());
+                next
+            };
+            let Some(feedback) = self.feedback else {
+                let next = take(own);
+                return Ok([named("z", &next), named("y", &y), named("u", own)].concat());
+            };
+            // a correction belongs to the input until now, a recursion over the coming step to the new one
+            let corrected = self.observer.is_current().then(|| take(&held));
+            let shown = corrected.as_ref().unwrap_or(&z);
+            let x_hat = feedback.seen_of(&self.plant.truth, &x, shown);
+            let seen = Seen { t, x: &x, y: &y, x_hat: &x_hat, c: &c };
+            let (u, later) = self.closed(seen, &waiting, dt);
+            let x_hat = &shown[..self.observer.n()];
+            let signals = feedback.signals(Seen { x_hat, ..seen }, &u);
+            let next = corrected.clone().unwrap_or_else(|| take(&u));
+            let closed = [named("u", &u), named("now", &[u, signals].concat())];
+            let parts =
+                [named("z", &next), named("y", &y), closed.concat(), named("later", &later)];
+            Ok(parts.concat())
         })
     }
 
@@ -183,7 +247,7 @@ impl Making<'_> {
             let (t, dt) = (input("t"), length(self.plan.schedule, "dt", 1.0));
             let (_, now) = (input("plant_t"), self.sines());
             let z = inputs("z", self.observer.memory_len());
-            let (x, held) = (inputs("x", self.plant.n), self.noise());
+            let (Columns { x, c, .. }, held) = (self.columns(), self.noise());
             let of = |sine: &Sine<f64>| Sine {
                 amplitude: Traced::from_f64(sine.amplitude),
                 omega: Traced::from_f64(sine.omega),
@@ -191,35 +255,65 @@ impl Making<'_> {
             };
             let sines: Vec<Sine<Traced>> = self.plan.sines.iter().map(of).collect();
             let parameters = self.parameters();
-            let made = trace::inline(&self.plant.output, &[&[t, dt], x.as_slice()].concat());
-            let (u, output) = made.split_at(self.plant.n_u);
-            let told = self.told(u);
-            let y: Vec<Traced> =
+            // an input that the plant gives itself is held; a feedback's is that of the moment
+            let open = vec![Traced::ZERO; self.plant.open];
+            let made = trace::inline(&self.plant.output, &[&[t, dt], x.as_slice(), &open].concat());
+            let (own, output) = made.split_at(self.plant.n_u - self.plant.open);
+            let at_sample: Vec<Traced> =
                 output.iter().zip(&held).map(|(output, noise)| *output + *noise + now).collect();
+            let close = |t: Traced, x: &[Traced], z: &[Traced], c: &[Traced], y: &[Traced]| {
+                let Some(feedback) = self.feedback else { return (own.to_vec(), Vec::new()) };
+                let x_hat = feedback.seen_of(&self.plant.truth, x, z);
+                feedback.law(Seen { t, x, y, x_hat: &x_hat, c })
+            };
             let frozen = self.plan.plant_scheme == PlantScheme::Held;
-            let system = |t: Traced, both: &SVector<Traced, BOTH>| {
-                let (z, x) = both.as_slice().split_at(z.len());
-                let x = &x[..self.plant.n];
-                let made = trace::inline(&self.plant.drift, &[&[t], x, u].concat());
-                let (drift, output) = made.split_at(self.plant.n);
+            let system = |t: Traced, all: &SVector<Traced, ALL>| {
+                let (z, rest) = all.as_slice().split_at(z.len());
+                let (x, rest) = rest.split_at(x.len());
+                let c = &rest[..c.len()];
                 let sum = Sine::sum(&sines, t);
-                let y = output.iter().zip(&held).map(|(output, held)| *output + *held + sum);
-                let y: Vec<Traced> = y.collect();
-                let given = [&[t], z, &y, told.as_slice(), &parameters].concat();
+                let measured = |output: &[Traced]| -> Vec<Traced> {
+                    output.iter().zip(&held).map(|(y, held)| *y + *held + sum).collect()
+                };
+                let of_plant =
+                    |u: &[Traced]| trace::inline(&self.plant.drift, &[&[t], x, u].concat());
+                let without = if self.feedback.is_some() {
+                    measured(&of_plant(&open)[self.plant.n..]) // either y or u needs the other
+                } else {
+                    Vec::new()
+                };
+                let (u, moved) = close(t, x, z, c, &without);
+                let made = of_plant(&u);
+                let (drift, output) = made.split_at(self.plant.n);
+                let given = [&[t], z, &measured(output), &self.told(&u), &parameters].concat();
                 let mut rates = trace::inline(rate, &given);
                 if frozen {
                     rates.extend(vec![Traced::ZERO; x.len()]);
                 } else {
                     rates.extend_from_slice(drift);
                 }
+                rates.extend(moved);
                 SVector::read(&rates)
             };
-            let start = SVector::read(&[z.as_slice(), &x].concat());
+            let start = SVector::read(&[z.as_slice(), &x, &c].concat());
             let end = integrator.step(system, t, &start, dt);
-            let (next, moved) = end.as_slice().split_at(z.len());
+            let (next, rest) = end.as_slice().split_at(z.len());
             let next = trace::inline(admissible, next);
-            let moved = named("x", &moved[..x.len()]);
-            Ok([named("z", &next), named("y", &y), named("u", u), moved].concat())
+            let (moved, later) = (named("x", &rest[..x.len()]), &rest[x.len()..x.len() + c.len()]);
+            let Some(feedback) = self.feedback else {
+                let parts = [named("z", &next), named("y", &at_sample), named("u", own), moved];
+                return Ok(parts.concat());
+            };
+            let (u, _) = close(t, &x, &z, &c, &at_sample);
+            let given = [&[t, dt], x.as_slice(), &u].concat();
+            let output = trace::inline(&self.plant.output, &given);
+            let y: Vec<Traced> =
+                output.iter().zip(&held).map(|(output, noise)| *output + *noise + now).collect();
+            let x_hat = &z[..self.observer.n()];
+            let signals = feedback.signals(Seen { t, x: &x, y: &y, x_hat, c: &c }, &u);
+            let closed = [named("u", &u), named("now", &[u, signals].concat())].concat();
+            let later = named("later", later);
+            Ok([named("z", &next), named("y", &y), closed, later, moved].concat())
         })
     }
 }

@@ -384,7 +384,7 @@ fn compare<X: Memory<f64>, Z: Memory<f64>>(
         assert_eq!(z.len(), Z::LEN, "{kinds:?}");
         let start = (X::read(&x), Z::read(&z));
         let (mut expected, counts) =
-            alone(setup, study.layout.signals, |watch| one(run, start, watch));
+            alone(setup, study.layout.errors, |watch| one(run, start, watch));
         counted.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
         // a run that ended has no frames any more, as long as others have
         let width = 1 + X::LEN + Z::LEN + study.layout.y;

@@ -120,7 +120,7 @@ class Model(OwnSystem):
         return Model(**{**self._arguments(), **left, **sides})
 
     def plant(self, *, diffusion: Any = None) -> Plant:
-        """The system itself, to simulate.
+        """The system itself, to simulate: its inputs are a feedback's to give.
 
         Parameters
         ----------
@@ -130,11 +130,8 @@ class Model(OwnSystem):
         Raises
         ------
         HgoError
-            A model with inputs (see `with_inputs`), with several outputs, or not compiled.
+            A model with several outputs, or not compiled.
         """
-        if self.inputs:
-            remedy = f'write model.with_inputs({self.inputs[0]}="sin(t)").plant()'
-            raise HgoError(explain("inputs", list(self.inputs), "expressions of t", remedy))
         if len(self.outputs) > 1:
             remedy = "give hgo_rs.Plant the equations, with one output"
             raise HgoError(explain("outputs", list(self.outputs), "one", remedy))
@@ -143,6 +140,7 @@ class Model(OwnSystem):
             diffusion = sides.get("g")
         return Plant(
             states=self.states,
+            inputs=self.inputs,
             parameters=self.parameters,
             drift=self.drift,
             diffusion=diffusion,

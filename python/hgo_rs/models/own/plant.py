@@ -13,21 +13,24 @@ from hgo_rs.models.own.sources import Arguments, read_group
 
 
 class Plant(OwnSystem):
-    """A system of your own to simulate: dx = drift(t, x) dt + diffusion(t, x) dW, y = output(t, x).
+    """A system of your own: dx = drift(t, x, u) dt + diffusion(t, x, u) dW, y = output(t, x, u).
 
-    An input is written out as an expression of t and the states.
+    What a feedback gives is an input; what is a known function of t and the states is written out.
 
     Parameters
     ----------
     states : list of names
+    inputs : list of names, optional
+        What `simulate(..., feedback=)` gives.
     parameters : dict of name -> value, optional
         Constants that have names, see `with_parameters`.
-    drift : list of n expressions, or a callable (t, x) or (t, x, p)
+    drift : list of n expressions, or a callable (t, x) or (t, x, p); (t, x, u) with inputs
         Expressions as in `Model`.
     diffusion : the same, optional
         With one Wiener process W. Default: none.
     output : expression, or a list of them, optional
-        What is measured, one expression an output. Default: the first state.
+        What is measured, one expression an output. Default: the first state. One that depends on
+        an input is measured under the input that is in force when the sample is taken.
 
     Raises
     ------
@@ -39,28 +42,36 @@ class Plant(OwnSystem):
         self,
         *,
         states: Sequence[str],
+        inputs: Sequence[str] = (),
         parameters: Mapping[str, float] | None = None,
         drift: Any,
         diffusion: Any = None,
         output: Any = None,
     ) -> None:
-        names = self._names = Names.of(states, (), parameters)
+        names = self._names = Names.of(states, inputs, parameters)
         names.leave_alone(("t",))
-        arguments = Arguments((("t", None), ("x", names.states)))
+        arguments = self.arguments_of_sides
         h = names.states[0] if output is None else output
         given: dict[str, tuple[Any, tuple[int, ...]]] = {"drift": (drift, (self.n,))}
         if diffusion is not None:
             given["diffusion"] = (diffusion, (self.n,))
         several = isinstance(h, (list, tuple))
         given["output"] = (h, (len(h),) if several else ())
-        inputs = {"t": "t", **{name: f"x[{i}]" for i, name in enumerate(names.states)}}
+        of_table = {"t": "t", **{name: f"x[{i}]" for i, name in enumerate(names.states)}}
+        of_table |= {name: f"u[{i}]" for i, name in enumerate(names.inputs)}
         self._compile(
-            inputs,
+            of_table,
             [
                 read_group(name, side, arguments, names, shape)
                 for name, (side, shape) in given.items()
             ],
         )
+
+    @property
+    def arguments_of_sides(self) -> Arguments:
+        """What its right-hand sides may use."""
+        groups = (("t", None), ("x", self.states))
+        return Arguments((*groups, ("u", self.inputs)) if self.inputs else groups)
 
     @property
     def order(self) -> int:
@@ -120,5 +131,5 @@ class Plant(OwnSystem):
     @property
     def spec(self) -> dict[str, Any]:
         """What the core reads, read-only; "table" is None where it is not compiled."""
-        kind = {"kind": "own-plant", "n": self.n, "n_u": 0, "noisy": self.noisy}
+        kind = {"kind": "own-plant", "n": self.n, "n_u": self.n_u, "noisy": self.noisy}
         return self._spec(**kind, n_y=max(1, math.prod(self._groups["output"].shape)))

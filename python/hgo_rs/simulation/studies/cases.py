@@ -19,8 +19,9 @@ Parameters = dict[str, Any]
 RESERVED = frozenset(
     (
         *("case", "run", "runs", "diverged", "finished", "time", "checksum"),
-        *("window", "signal", "entry", "state", "frame", "output"),
+        *("window", "signal", "entry", "state", "frame", "output", "watched", "cost", "converged"),
         *("mean", "rms", "max", "peak", "settling_time", "diverged_at", "undefined_at"),
+        *("signal_mean", "signal_rms", "signal_max", "signal_peak", "signal_settling_time"),
         *("final_x", "final_memory", "x", "memory", "y"),
     )
 )

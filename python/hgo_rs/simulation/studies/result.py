@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -116,22 +116,39 @@ class StudyResult:
         runs that did not diverge of each metric, and after it, with `_se`, its standard error (NaN
         for fewer than two runs). Metrics are called `rms_e2` (with several windows `rms_e2_w0`,
         ...), `peak_x_hat1`, `settling_time`; entries of the memory beyond x_hat `memory3`, ....
+        In a loop those of its signals are `rms_u`, `peak_u`, `settling_time_x1`; then come `cost`
+        and, of all finished runs, `converged`.
         """
         good = self.finished & (self._of_runs("diverged_at") < 0)
         out = self._parameter_columns()
         out["runs"] = self.finished.sum(axis=1)
         out["diverged"] = out["runs"] - good.sum(axis=1)
         for case, mask in enumerate(good):
-            for key in (*METRICS, "settling_time"):
-                if key not in self.outputs[case] or (
-                    key == "settling_time" and "settle" not in self.experiments[case].spec
+            for name, values in self._measured(case, mask):
+                for column, value in zip(
+                    (name, f"{name}_se"), _mean_and_error(values), strict=True
+                ):
+                    out.setdefault(column, np.full(len(self), np.nan))[case] = value
+        return out
+
+    def _measured(self, case: int, good: npt.NDArray[np.bool_]) -> Iterator[tuple[str, Array]]:
+        """Name and numbers, one a run, of each metric of a case."""
+        out, one = self.outputs[case], self[case]
+        for key in (*METRICS, "settling_time"):
+            for name in (key, f"signal_{key}"):
+                if name not in out or (
+                    name == "settling_time" and "settle" not in self.experiments[case].spec
                 ):
                     continue
-                means, errors = _mean_and_error(_flat(self.outputs[case][key][mask]))
-                for name, mean, error in zip(self._names(case, key), means, errors, strict=True):
-                    for column, value in ((name, mean), (f"{name}_se", error)):
-                        out.setdefault(column, np.full(len(self), np.nan))[case] = value
-        return out
+                for column, values in zip(self._names(case, name), _flat(out[name]).T, strict=True):
+                    unasked = name == "signal_settling_time" and np.isnan(values[good]).all()
+                    if not unasked:
+                        yield column, values[good]
+        loop = self.experiments[case].loop
+        if loop.has_cost:
+            yield "cost", one.cost[good]
+        if loop.converged is not None:
+            yield "converged", one.converged[self.finished[case]].astype(float)
 
     def run_table(self) -> dict[str, Array]:
         """Columns with a row for each finished run: case, run, parameters, numbers of the run."""
@@ -166,7 +183,14 @@ class StudyResult:
         shape = experiment.shapes[key]
         if not shape:
             return [key]
-        entries = entry_names(key, shape[-1], experiment.n)
+        loop = experiment.loop
+        if key == "final_x" and loop.spec is not None:
+            return [f"final_{name}" for name in loop.columns_apart]
+        watched = key.startswith("signal_")
+        key = key.removeprefix("signal_")
+        entries = list(loop.signals) if watched else entry_names(key, shape[-1], experiment.n)
+        if watched and key == "settling_time":
+            return [f"settling_time_{name}" for name in entries]
         if len(shape) == 1:
             prefix = {"peak": "peak_", "final_memory": "final_"}.get(key, "")
             return [prefix + entry for entry in entries]
@@ -221,6 +245,9 @@ class StudyResult:
             for dim, key in (("signal", "rms"), ("entry", "final_memory")):
                 if dim in sizes:
                     coords[dim] = entry_names(key, sizes[dim], n)
+        loops = {experiment.loop.columns_apart for experiment in self.experiments}
+        if len(loops) == 1 and "watched" in sizes:
+            coords["state"], coords["watched"] = *loops, self.experiments[0].loop.signals
         return xr.Dataset(data, coords=coords, attrs={"seed": str(self.seed)})
 
     def plot(self, metric: str, x: str | None = None, figure: Figure | None = None) -> Figure:
@@ -281,6 +308,11 @@ DIMENSIONS = {
     "rms": ("window", "signal"),
     "max": ("window", "signal"),
     "peak": ("entry",),
+    "signal_mean": ("window", "watched"),
+    "signal_rms": ("window", "watched"),
+    "signal_max": ("window", "watched"),
+    "signal_peak": ("watched",),
+    "signal_settling_time": ("watched",),
     "final_x": ("state",),
     "final_memory": ("entry",),
     "t": ("frame",),
@@ -309,13 +341,11 @@ def _flat(values: Array) -> Array:
     return values.reshape(len(values), math.prod(values.shape[1:]))
 
 
-def _mean_and_error(values: Array) -> tuple[Array, Array]:
-    """Mean over rows and its standard error."""
-    count, width = values.shape
-    mean = values.mean(axis=0) if count else np.full(width, np.nan)
-    if count < 2:
-        return mean, np.full(width, np.nan)
-    return mean, values.std(axis=0, ddof=1) / math.sqrt(count)
+def _mean_and_error(values: Array) -> tuple[float, float]:
+    """Mean and its standard error."""
+    count = len(values)
+    mean = float(values.mean()) if count else math.nan
+    return mean, float(values.std(ddof=1)) / math.sqrt(count) if count > 1 else math.nan
 
 
 def _stack(arrays: list[Array | None], key: str, sizes: Sequence[int]) -> Array:
