@@ -494,16 +494,34 @@ struct State {
 }
 
 impl Kernel<'_> {
+    /// Columns of the state, the memory and the noise that a sample needs of the one before. The others are
+    /// computed anew, also by the interpreter, which takes the last sample and all of a run that diverges.
+    fn carried(&self) -> Vec<usize> {
+        let (layout, plan) = (&self.study.layout, &self.study.plan);
+        let now = layout.plant..layout.plant + layout.now;
+        let holds =
+            matches!(plan.draw, DrawKind::Uniform(..) | DrawKind::Normal(..)) && plan.hold > 1;
+        let noise = if holds { layout.y } else { 0 };
+        let anew = |column: &usize| now.contains(column) && !self.study.needs(*column);
+        (0..layout.noise() + noise).filter(|column| !anew(column)).collect()
+    }
+
     /// Every number that is carried, with its kind, where it is kept, and whether it is uniform.
     fn places(&self) -> Vec<(Kind, &'static str, usize, bool)> {
         let layout = &self.study.layout;
         let shared = self.study.plants_are_shared;
         let column = |at: usize| (Kind::Float, "columns", at * LANES, false);
-        let mut places: Vec<_> = (0..layout.x)
-            .map(|i| if shared { (Kind::Float, "shared", i, true) } else { column(i) })
-            .collect();
-        places.extend((layout.memory()..layout.noise()).map(column));
-        places.extend((layout.noise()..layout.noise() + layout.y).map(column));
+        let carried = self.carried().into_iter();
+        let mut places: Vec<_> =
+            carried
+                .map(|i| {
+                    if shared && i < layout.x {
+                        (Kind::Float, "shared", i, true)
+                    } else {
+                        column(i)
+                    }
+                })
+                .collect();
         for name in ["measurement", "process"] {
             places.extend((0..4).map(|i| (Kind::Bits, name, i * LANES, false)));
         }
@@ -521,7 +539,14 @@ impl Kernel<'_> {
         let four = |values: Vec<Value>| -> [Value; 4] {
             std::array::from_fn(|i| values.get(i).cloned().unwrap_or(Printer::constant(0.0)))
         };
-        let (x, z, noise) = (take(layout.x), take(layout.z), take(layout.y));
+        let carried = self.carried();
+        let mut columns = vec![Printer::constant(0.0); layout.noise() + layout.y];
+        for (column, value) in carried.iter().zip(take(carried.len())) {
+            columns[*column] = value;
+        }
+        let noise = columns.split_off(layout.noise());
+        let z = columns.split_off(layout.memory());
+        let x = columns;
         let (measurement, process) = (four(take(4)), four(take(4)));
         let mut sums = take(values.len());
         let worst = sums.split_off(sums.len().saturating_sub(SUMS));
@@ -530,10 +555,11 @@ impl Kernel<'_> {
         State { x, z, noise, measurement, process, sums, worst }
     }
 
-    fn values(state: State) -> Vec<Value> {
+    fn values(&self, state: State) -> Vec<Value> {
         let State { x, z, noise, measurement, process, sums, worst } = state;
-        let parts = [x, z, noise, measurement.into(), process.into(), sums, worst.into()];
-        parts.concat()
+        let columns = [x, z, noise].concat();
+        let carried: Vec<Value> = self.carried().iter().map(|at| columns[*at].clone()).collect();
+        [carried, measurement.into(), process.into(), sums, worst.into()].concat()
     }
 
     fn print(&self, lanes: usize, copies: usize) -> Printer {
@@ -564,7 +590,7 @@ impl Kernel<'_> {
             now.push(if *uniform { Value::Uniform(names[0].clone()) } else { Value::Each(names) });
         }
         let (next, shown) = self.sample(p, self.state(&now));
-        let next = Self::values(next);
+        let next = self.values(next);
         p.line("  %k.next = add i64 %k, 1".into());
         p.line("  %more = icmp ult i64 %k.next, %n".into());
         p.line("  br i1 %more, label %loop, label %done".into());
@@ -614,7 +640,10 @@ impl Kernel<'_> {
         let clock: Vec<Value> = (0..5).map(|at| Self::of_row(p, &row, at)).collect();
         let [t, dt, plant_t, h, sines] = &clock[..] else { return (state, Vec::new()) };
         self.draw(p, &mut state, &row);
-        for (i, value) in state.z.iter().chain(&state.x).enumerate() {
+        let later = study.layout.plant + study.layout.now;
+        let (x, _) = state.x.split_at(study.layout.plant);
+        let waiting = state.x.iter().skip(later);
+        for (i, value) in state.z.iter().chain(x).chain(waiting).enumerate() {
             let sum = &mut state.worst[i % SUMS];
             *sum = p.bounded(sum, value);
         }

@@ -49,6 +49,7 @@ KEYS = (
     "every",
     "truth",
     "feedback",
+    "errors",
 )
 METRICS = ("mean", "rms", "max", "peak")
 PLANT_METHODS = (*integrate.DETERMINISTIC, *integrate.STOCHASTIC, "held")
@@ -161,7 +162,7 @@ class _Metrics:
             if a >= b:
                 continue
             kept = self.sum.shape[1]
-            parts = [error[a:b], memory[a:b, n:kept]] if kept > n else [error[a:b]]
+            parts = [error[a:b], memory[a:b, n:kept]] if kept > n else [error[a:b, :kept]]
             row = 0
             for part in parts:
                 rows = slice(row, row + part.shape[1])
@@ -264,7 +265,8 @@ def simulate(spec: Spec) -> dict[str, Any]:
 
     ``spec`` needs "plant", "observer", "steps", "schedule", "x0" and "memory0"; optional are
     "mode", "plant_schedule", "plant_method", "substeps", "noise", "runs", "seed", "first_run",
-    "windows", "metrics", "settle", "histogram", "every", "truth" and "feedback".
+    "windows", "metrics", "settle", "histogram", "every", "truth", "feedback" and
+    "errors".
 
     Returns "mean", "rms", "max" (runs, windows, signals), signals = error (n) then extras;
     "peak" (runs, memory_len), "settling_time" (runs,) [s], "histogram" (if asked for), "final_x",
@@ -316,7 +318,8 @@ def simulate(spec: Spec) -> dict[str, Any]:
     else:
         advance = _Sampled(plant, law, _Drive(plant, spec, runs, seed, first_run), runs, loop)
 
-    metrics = _Metrics(spec, runs, len(truth), law.signals, law.signals)
+    entries = law.signals if spec.get("errors", True) else 0
+    metrics = _Metrics(spec, runs, len(truth), entries, entries)
     watched = settled = None
     if loop is not None and loop.watched:
         quiet: dict[str, Any] = {**spec, "settle": None, "histogram": None}

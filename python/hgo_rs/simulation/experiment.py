@@ -101,6 +101,7 @@ def simulate(
     rng: int | np.random.Generator = 0,
     windows: Sequence[tuple[float, float]] = (),
     metrics: Sequence[str] | None = None,
+    errors: bool = True,
     settle: float | None = None,
     histogram: tuple[float, float] | None = None,
     every: int = 0,
@@ -152,6 +153,9 @@ def simulate(
         indices for other schedules; half open.
     metrics : sequence of str, optional
         Which of `METRICS` are computed (default: all); the others cost nothing.
+    errors : bool
+        Whether the errors and the rest of the observer's memory have `metrics`; False leaves them to
+        `signals`, as in signals={"e2": "x2_hat - x2"}.
     settle : float, optional
         Threshold of ||x_hat - x|| for the settling time.
     histogram : (from, to), optional
@@ -221,6 +225,7 @@ def plan(
     rng: int | np.random.Generator,
     windows: Sequence[tuple[float, float]],
     metrics: Sequence[str] | None,
+    errors: bool,
     settle: float | None,
     histogram: tuple[float, float] | None,
     every: int,
@@ -307,6 +312,9 @@ def plan(
         "windows": [_window(pair, "windows", period, steps) for pair in pairs],
         "every": every,
     }
+    check(isinstance(errors, bool), "errors", errors, "True or False", "choose one of them")
+    if not errors:
+        spec["errors"] = False
     if metrics is not None:
         known = not isinstance(metrics, str) and all(name in METRICS for name in metrics)
         check(known, "metrics", metrics, f"a list of {', '.join(METRICS)}", "choose among them")
@@ -325,8 +333,8 @@ def plan(
     if histogram is not None:
         spec["histogram"] = _window(check_array(histogram, "histogram"), "histogram", period, steps)
     # a ship's filters are no signals, nor is what current timing holds beside the law's memory
-    errors = observer.n if isinstance(plant, Ship) else observer._law_len
-    sizes = (errors, len(loop.columns), m)
+    entries = observer.n if isinstance(plant, Ship) else observer._law_len
+    sizes = (entries if errors else 0, len(loop.columns), m)
     shapes = _shapes(spec, sizes, n_y, len(loop.signals))
     return Experiment(ReadOnlyDict(spec), observer.n, shapes, loop)
 

@@ -60,6 +60,11 @@ pub struct Layout {
 }
 
 impl Layout {
+    /// Columns that a run is carried on by: all of the state but what is computed at each sample, and the
+    /// memory.
+    pub fn states(&self) -> impl Iterator<Item = usize> + use<> {
+        (0..self.plant).chain(self.plant + self.now..self.noise())
+    }
     /// First column of the memory.
     pub fn memory(&self) -> usize {
         self.x
@@ -96,7 +101,7 @@ impl Layout {
 }
 
 /// What is the same for all runs at one sample: a row of eight numbers, as a kernel reads it.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct Instant {
     /// Time of the observers, in s.
@@ -196,9 +201,11 @@ impl<const L: usize> Block<L> {
         choose(&mut self.undefined_at, &from.undefined_at, which);
     }
 
-    /// Whether plant and observer of a run are within bounds.
-    fn is_sound(&self, states: usize, lane: usize) -> bool {
-        self.columns.iter().take(states).all(|column| column.0[lane].abs() <= DIVERGED)
+    /// Whether plant, controller and observer of a run are within bounds.
+    fn is_sound(&self, layout: &Layout, lane: usize) -> bool {
+        layout
+            .states()
+            .all(|at| self.columns.get(at).is_some_and(|column| column.0[lane].abs() <= DIVERGED))
     }
 
     fn assign(&mut self, from: &Self) {
@@ -226,6 +233,8 @@ pub struct Frames<'a> {
 /// The clock of a block, the same for all.
 struct Clock<'a> {
     plan: &'a Plan,
+    /// Whether nobody reads the time.
+    timeless: bool,
     t: f64,
     plant_t: f64,
     instants: Vec<Instant>,
@@ -235,7 +244,9 @@ impl Clock<'_> {
     /// The samples from `from` to `to`; the clock stands at the first and is moved to the end.
     fn advance(&mut self, from: u64, to: u64) {
         let plan = self.plan;
-        self.instants.clear();
+        if !self.timeless {
+            self.instants.clear();
+        }
         if let (AnySchedule::Fixed(fixed), None, true) =
             (plan.schedule, plan.plant_schedule, plan.is_plain())
         {
@@ -244,12 +255,20 @@ impl Clock<'_> {
             let h = dt / f64::from(plan.substeps);
             let more = if to > plan.steps { 0.0 } else { 1.0 };
             let usual = Instant { dt, h, fresh: 1.0, more, ..Instant::default() };
+            if self.timeless {
+                if self.instants.first().is_some_and(|first| *first != usual) {
+                    self.instants.clear();
+                }
+                self.instants.resize(usize::try_from(to - from).unwrap_or(0), usual);
+                return;
+            }
             self.instants.extend((from..to).map(|k| {
                 let t = k as f64 * dt;
                 Instant { t, plant_t: t, ..usual }
             }));
             return;
         }
+        self.instants.clear();
         let plants = plan.plant_schedule.unwrap_or(plan.schedule);
         for k in from..to {
             let (dt, plant_dt) = (plan.schedule.dt(k), plants.dt(k));
@@ -293,7 +312,6 @@ pub fn run<const L: usize, E: Engine<L>>(
 ) -> Result<(Vec<RunResult>, usize)> {
     let (plan, layout) = (&study.plan, &study.layout);
     let runs = L.min(plan.runs - first);
-    let states = layout.x + layout.z;
     let moments = layout.moments();
     let mut block = start::<L>(study, first);
     let mut before = block.clone();
@@ -302,10 +320,12 @@ pub fn run<const L: usize, E: Engine<L>>(
     let mut recorded = Vec::new();
     let mut frames = frames;
     let mut kept = 0;
-    let mut clock = Clock { plan, t: 0.0, plant_t: 0.0, instants: Vec::new() };
+    let timeless =
+        study.tables.are_timeless() && plan.settle.is_none() && layout.settles.is_empty();
+    let mut clock = Clock { plan, timeless, t: 0.0, plant_t: 0.0, instants: Vec::new() };
     let (mut dead, mut sound) = (Lane([false; L]), Lane([u64::MAX; L]));
     for lane in 0..L {
-        if !block.is_sound(states, lane) {
+        if !block.is_sound(layout, lane) {
             (dead.0[lane], sound.0[lane]) = (true, 0);
         }
     }
@@ -342,7 +362,7 @@ pub fn run<const L: usize, E: Engine<L>>(
         engine.span(&mut block, &span)?;
         let mut fell = Lane([false; L]);
         for lane in 0..L {
-            let stands = block.worst.0[lane] <= DIVERGED && block.is_sound(states, lane);
+            let stands = block.worst.0[lane] <= DIVERGED && block.is_sound(layout, lane);
             fell.0[lane] = !dead.0[lane] && !stands;
         }
         if to - k > 1 && fell.0.contains(&true) {

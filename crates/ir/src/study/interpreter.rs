@@ -161,7 +161,7 @@ impl<'a, const L: usize> Interpreter<'a, L> {
         let (layout, tables) = (&study.layout, &study.tables);
         let (memory, noise) = (layout.memory(), layout.noise());
         draw(study, block, span, number);
-        look(&block.columns[..noise], &mut block.worst);
+        look(layout, block);
         let (x, rest) = block.columns.split_at(memory);
         let (z, rest) = rest.split_at(layout.z);
         self.sample.put(&[at.t, at.dt, at.plant_t, at.sines], &[z, x, &rest[..layout.y]]);
@@ -260,8 +260,10 @@ impl<const L: usize> Engine<L> for Interpreter<'_, L> {
 
 /// `worst` becomes the largest magnitude so far.
 #[inline(always)]
-fn look<const L: usize>(columns: &[Lane<f64, L>], worst: &mut Lane<f64, L>) {
-    for column in columns {
+fn look<const L: usize>(layout: &Layout, block: &mut Block<L>) {
+    let (columns, worst) = (&block.columns, &mut block.worst);
+    let later = &columns[layout.plant + layout.now..layout.noise()];
+    for column in columns[..layout.plant].iter().chain(later) {
         let so_far = worst.0; // a copy: what is chosen is stored, not where
         for lane in 0..L {
             let size = column.0[lane].abs();
@@ -288,7 +290,7 @@ fn hold<const L: usize>(layout: &Layout, block: &mut Block<L>, held: &[Lane<f64,
         let inside = |column: &Lane<f64, L>| column.0[lane].abs() <= DIVERGED;
         if !spoilt[lane].is_finite()
             && held.iter().all(inside)
-            && block.columns[..memory].iter().all(inside)
+            && layout.states().take_while(|at| *at < memory).all(|at| inside(&block.columns[at]))
         {
             for (column, held) in block.columns[memory..noise].iter_mut().zip(held) {
                 column.0[lane] = held.0[lane];

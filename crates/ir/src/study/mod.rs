@@ -179,7 +179,7 @@ impl Study {
             z: observer.memory_len(),
             y: plant.n_y,
             u: plant.n_u,
-            errors: observer.signals(),
+            errors: if plan.errors { observer.signals() } else { 0 },
             truth: plant.truth[..known].to_vec(),
             kinds: [plan.wanted.mean, plan.wanted.rms, plan.wanted.max],
             peaks: plan.wanted.peak,
@@ -260,6 +260,14 @@ impl Study {
         }
         self.plan = whole;
         Ok(agree)
+    }
+
+    /// Whether a sample needs what stood in a column of the state before it.
+    pub(crate) fn needs(&self, column: usize) -> bool {
+        let sample = &self.tables.sample;
+        let given = sample.inputs.len() - self.layout.y - self.layout.x + column;
+        let depends = sample.depends(|input| input == given);
+        sample.outputs.iter().any(|output| depends[*output])
     }
 
     /// Runs in blocks of L, which `go` moves: from the first run of each, with the counts of its

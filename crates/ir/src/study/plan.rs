@@ -110,6 +110,8 @@ pub struct Plan {
     pub windows: Vec<Window>,
     /// Which metrics.
     pub wanted: Wanted,
+    /// Whether the errors and the rest of the memory have metrics, besides what is watched.
+    pub errors: bool,
     /// Threshold of the settling time.
     pub settle: Option<f64>,
     /// Window of the histogram.
@@ -148,7 +150,7 @@ fn window(values: &[f64], name: &str) -> Result<Window> {
 }
 
 impl Plan {
-    const KEYS: [&'static str; 21] = [
+    const KEYS: [&'static str; 22] = [
         "plant",
         "observer",
         "mode",
@@ -170,6 +172,7 @@ impl Plan {
         "every",
         "truth",
         "feedback",
+        "errors",
     ];
 
     /// From a spec; `also` are keys that the caller reads. The starts are read by [`Self::starting`], once
@@ -246,6 +249,7 @@ impl Plan {
             first_run: spec.whole_or("first_run", 0)?,
             windows,
             wanted: read_wanted(spec)?,
+            errors: spec.flag_or("errors", true)?,
             settle,
             histogram,
             every: spec.whole_or("every", 0)?,

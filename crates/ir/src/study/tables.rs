@@ -82,6 +82,17 @@ impl StudyTables {
         tables.any(|table| !table.calls.is_empty())
     }
 
+    /// Whether no table depends on the time.
+    pub fn are_timeless(&self) -> bool {
+        let free = |table: &Table, clocks: &[usize]| {
+            let depends = table.depends(|input| clocks.contains(&input));
+            !table.outputs.iter().any(|output| depends[*output])
+        };
+        let free_of_t =
+            |table: &Option<Table>| table.as_ref().is_none_or(|table| free(table, &[0]));
+        free(&self.sample, &[0, 2]) && free_of_t(&self.predict) && free_of_t(&self.plant)
+    }
+
     /// The largest number of values that a table needs at a time.
     pub fn width(&self) -> usize {
         let tables = [Some(&self.sample), self.predict.as_ref(), self.plant.as_ref()];
