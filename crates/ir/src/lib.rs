@@ -12,7 +12,7 @@
 //! # Floors
 //!
 //! A file imports lower floors only, and of other crates `hgo_rs`: `error` (0); `value`, `order`,
-//! `recursion`, `vectors` (1); `spec`, `design` (2); `table`, `choices`, `systems` (3); `trace`, `compile`,
+//! `recursion`, `vectors`, `sparing` (1); `spec`, `design` (2); `table`, `choices`, `systems` (3); `trace`, `compile`,
 //! `elementary` (4); `model`, `tabled`, `derivative` (5); `tables` (6); `laws`, `step` (7); `called` (8);
 //! `observer` (9); `study`, `config` (10); `llvm` (11). Files of a folder may lie lower than the folder.
 
@@ -34,6 +34,7 @@ mod model;
 pub mod observer;
 pub mod order;
 pub mod recursion;
+mod sparing;
 pub mod spec;
 mod step;
 pub mod study;

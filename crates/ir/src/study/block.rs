@@ -201,11 +201,16 @@ impl<const L: usize> Block<L> {
         choose(&mut self.undefined_at, &from.undefined_at, which);
     }
 
-    /// Whether plant, controller and observer of a run are within bounds.
-    fn is_sound(&self, layout: &Layout, lane: usize) -> bool {
-        layout
-            .states()
-            .all(|at| self.columns.get(at).is_some_and(|column| column.0[lane].abs() <= DIVERGED))
+    /// Whether plant, controller and observer of each run are within bounds.
+    fn sound(&self, layout: &Layout) -> Lane<bool, L> {
+        let mut sound = Lane([true; L]);
+        let later = &self.columns[layout.plant + layout.now..layout.noise()];
+        for column in self.columns[..layout.plant].iter().chain(later) {
+            for lane in 0..L {
+                sound.0[lane] &= column.0[lane].abs() <= DIVERGED;
+            }
+        }
+        sound
     }
 
     fn assign(&mut self, from: &Self) {
@@ -324,8 +329,9 @@ pub fn run<const L: usize, E: Engine<L>>(
         study.tables.are_timeless() && plan.settle.is_none() && layout.settles.is_empty();
     let mut clock = Clock { plan, timeless, t: 0.0, plant_t: 0.0, instants: Vec::new() };
     let (mut dead, mut sound) = (Lane([false; L]), Lane([u64::MAX; L]));
+    let begun = block.sound(layout);
     for lane in 0..L {
-        if !block.is_sound(layout, lane) {
+        if !begun.0[lane] {
             (dead.0[lane], sound.0[lane]) = (true, 0);
         }
     }
@@ -360,9 +366,9 @@ pub fn run<const L: usize, E: Engine<L>>(
         let (instants, recorded) = (clock.instants.as_slice(), recorded.as_slice());
         let span = Span { first: k, instants, recorded, distances, open: open.len(), careful };
         engine.span(&mut block, &span)?;
-        let mut fell = Lane([false; L]);
+        let (mut fell, stands) = (Lane([false; L]), block.sound(layout));
         for lane in 0..L {
-            let stands = block.worst.0[lane] <= DIVERGED && block.is_sound(layout, lane);
+            let stands = stands.0[lane] && block.worst.0[lane] <= DIVERGED;
             fell.0[lane] = !dead.0[lane] && !stands;
         }
         if to - k > 1 && fell.0.contains(&true) {
