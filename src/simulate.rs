@@ -165,12 +165,57 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
     where
         O: Observer<T, Measurement = P::Output>,
     {
+        let own = |t: T, x: &P::State, dt: T, _: &P::Input| self.plant.control(t, x, dt);
+        let given = |_: T, _: &P::Output, _: &[T], u: &P::Input| *u;
+        self.moved((observer, tell), (own, given), run, (x0, z0), probe)
+    }
+
+    /// The same with a feedback in place of the plant's own input: `control(t, y, x_hat)` at each sample,
+    /// on the estimate that the observer's timing gives there, then held. A sample is measured under the
+    /// input that has been in force until then, which is 0 at the start. What the feedback follows, and
+    /// states of its own, it holds itself.
+    #[inline(always)]
+    pub fn closed<O>(
+        &self,
+        observer: &O,
+        mut control: impl FnMut(T, &P::Output, &[T]) -> P::Input,
+        tell: impl Fn(&P::Input) -> O::Input,
+        run: u64,
+        (x0, z0): (P::State, O::State),
+        probe: &mut impl Probe<T>,
+    ) -> Finish<P::State, O::State>
+    where
+        O: Observer<T, Measurement = P::Output>,
+    {
+        let held = |_: T, _: &P::State, _: T, u: &P::Input| *u;
+        let given = |t: T, y: &P::Output, x_hat: &[T], _: &P::Input| control(t, y, x_hat);
+        self.moved((observer, tell), (held, given), run, (x0, z0), probe)
+    }
+
+    /// A run whose input is what `before` says at a sample, then what `after` makes of it once the sample
+    /// is there.
+    #[inline(always)]
+    fn moved<O>(
+        &self,
+        (observer, tell): (&O, impl Fn(&P::Input) -> O::Input),
+        (before, mut after): (
+            impl Fn(T, &P::State, T, &P::Input) -> P::Input,
+            impl FnMut(T, &P::Output, &[T], &P::Input) -> P::Input,
+        ),
+        run: u64,
+        (x0, z0): (P::State, O::State),
+        probe: &mut impl Probe<T>,
+    ) -> Finish<P::State, O::State>
+    where
+        O: Observer<T, Measurement = P::Output>,
+    {
         let mut measurement = Stream::new(self.seed, run, Channel::Measurement);
         let mut process = Stream::new(self.seed, run, Channel::Process);
         let mut held = P::Output::fill(|| T::ZERO);
         let mut end = Finish { x: x0, z: z0, diverged_at: None, undefined_at: None };
         let (mut t, mut plant_t) = (T::ZERO, T::ZERO);
         let bound = T::from_f64(DIVERGED);
+        let mut u = P::Input::zero();
         for k in 0..=self.steps {
             if !(end.x.within(bound) && end.z.within(bound)) {
                 end.diverged_at = Some(k);
@@ -179,10 +224,11 @@ impl<T: Scalar, P: Plant<T>, S: Schedule<T>> Experiment<'_, T, P, S> {
             let dt = self.schedule.dt(k);
             held = self.noise.draw(&mut measurement, k, held);
             let sines = self.noise.sines(t);
-            let u = self.plant.control(plant_t, &end.x, dt);
+            u = before(plant_t, &end.x, dt, &u);
             let output = self.plant.output(plant_t, &end.x, &u);
             let y = output.plus(held).plus(P::Output::fill(|| sines));
             let mut status = observer.correct(&mut end.z, &y, t);
+            u = after(t, &y, observer.estimate(&end.z), &u);
             probe.sample(&Sample {
                 k,
                 t,

@@ -327,15 +327,17 @@ impl Probe<f64> for Watch<'_> {
     }
 }
 
-/// Run number `run` of a study, as it is told of one alone.
-fn of_study(result: &StudyResult, run: usize) -> Told {
+/// Run number `run` of a study of plants of n states, as it is told of one alone.
+fn of_study(result: &StudyResult, run: usize, n: usize) -> Told {
     let RunResult { moments, peak, settling_time, final_x, final_memory, .. } = &result.runs[run];
     let frames = &result.frames;
     let frame = |(k, t): (usize, &f64)| {
         let mut all = vec![*t];
-        for (values, width) in frames.values.iter().zip(frames.widths) {
+        for (values, width) in frames.values.iter().zip(&frames.widths) {
             let at = (run * frames.t.len() + k) * width;
-            all.extend_from_slice(&values[at..at + width]);
+            // behind a plant's state stand the feedback's columns
+            let kept = if all.len() == 1 { n } else { *width };
+            all.extend_from_slice(&values[at..at + kept]);
         }
         all.into_iter().map(bits).collect()
     };
@@ -344,7 +346,7 @@ fn of_study(result: &StudyResult, run: usize) -> Told {
         moments: moments.iter().map(|m| [m.mean(), m.rms(), m.max()].map(bits)).collect(),
         peak: all(peak),
         settled: bits(*settling_time),
-        x: all(final_x),
+        x: all(&final_x[..n]),
         z: all(final_memory),
         diverged_at: result.runs[run].diverged_at,
         undefined_at: result.runs[run].undefined_at,
@@ -392,7 +394,7 @@ fn compare<X: Memory<f64>, Z: Memory<f64>>(
             let nothing = vec![f64::NAN; width - 1];
             expected.frames.push([vec![*t], nothing].concat().into_iter().map(bits).collect());
         }
-        let mut told = of_study(&result, run);
+        let mut told = of_study(&result, run, study.layout.plant);
         keep_wanted(&mut told, setup.metrics.as_ref());
         keep_wanted(&mut expected, setup.metrics.as_ref());
         assert_eq!(told, expected, "run {run} of {runs}: {kinds:?}, {setup:?}");
@@ -444,6 +446,28 @@ where
         let experiment = setup.experiment(plant, run);
         experiment.check().unwrap();
         experiment.sampled(&Holding(observer), tell, FIRST + run as u64, x, z, watch)
+    })
+}
+
+/// A loop of an observer in discrete time: the study's feedback stands behind its observer.
+pub fn closed<P, O>(
+    setup: &Setup,
+    (plant, plant_kind): (P, &str),
+    (observer, observer_kind): (O, &str),
+    control: impl Fn(f64, &P::Output, &[f64]) -> P::Input + Copy,
+    tell: impl Fn(&P::Input) -> O::Input + Copy,
+    start: (&[f64], &[f64]),
+) -> Vec<Told>
+where
+    P: Plant<f64>,
+    O: Observer<f64, Measurement = P::Output>,
+{
+    let kinds = Kinds { plant: plant_kind, observer: observer_kind, joint: false };
+    in_all_sizes(setup, kinds, start, false, |run, start, watch| {
+        let experiment = setup.experiment(plant, run);
+        experiment.check().unwrap();
+        let run = FIRST + run as u64;
+        experiment.closed(&Holding(observer), control, tell, run, start, watch)
     })
 }
 

@@ -4,6 +4,7 @@
 
 mod derivatives;
 mod experiment;
+mod feedback;
 mod laws;
 mod missing;
 mod own;
