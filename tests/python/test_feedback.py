@@ -398,6 +398,9 @@ def test_study_of_loops_has_columns_of_their_signals(tmp_path):
         np.testing.assert_array_equal(again[case].of("u")["rms"], one.of("u")["rms"])
     alone = hgo.simulate(**build(0.05), runs=12)
     np.testing.assert_array_equal(study[0].of("x1")["rms"], alone.of("x1")["rms"])
+    data = study.to_xarray()
+    rms = data["signal_rms"].sel(epsilon=0.02, watched="u").values[:, 0]
+    np.testing.assert_array_equal(rms, study[1].of("u")["rms"][:, 0])
     assert list(study.run_table()) == list(dict.fromkeys(study.run_table()))
 
 

@@ -247,7 +247,8 @@ class StudyResult:
                     coords[dim] = entry_names(key, sizes[dim], n)
         loops = {experiment.loop.columns_apart for experiment in self.experiments}
         if len(loops) == 1 and "watched" in sizes:
-            coords["state"], coords["watched"] = *loops, self.experiments[0].loop.signals
+            coords["state"] = list(*loops)
+            coords["watched"] = list(self.experiments[0].loop.signals)
         return xr.Dataset(data, coords=coords, attrs={"seed": str(self.seed)})
 
     def plot(self, metric: str, x: str | None = None, figure: Figure | None = None) -> Figure:
