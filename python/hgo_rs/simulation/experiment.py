@@ -154,8 +154,8 @@ def simulate(
     metrics : sequence of str, optional
         Which of `METRICS` are computed (default: all); the others cost nothing.
     errors : bool
-        Whether the errors and the rest of the observer's memory have `metrics`; False leaves them to
-        `signals`, as in signals={"e2": "x2_hat - x2"}.
+        Whether the errors and the rest of the observer's memory have `metrics`; False leaves them
+        to `signals`, as in signals={"gap": "x2_hat - x2"}.
     settle : float, optional
         Threshold of ||x_hat - x|| for the settling time.
     histogram : (from, to), optional
