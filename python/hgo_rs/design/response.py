@@ -164,14 +164,20 @@ def _covariance_of_model(
     """Covariances of x_1 - x_hat_1 with the errors of all states before the sample is used (scaled
     by powers of the gain), and variances of the shown errors.
     """
-    from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
+    from scipy.linalg import (
+        solve_continuous_lyapunov,
+        solve_discrete_lyapunov,
+        solve_sylvester,
+    )
 
     law = continuous(observer, gain=gain)
     system = _system(observer, dt, gain)
-    n, size = law.n, law.g.size
+    n = law.n
     factor = law.ell ** (1.0 - 2.0 * n)
+    # on a chain's own motion, x' = A x, every state follows it: z = L x
+    lift = solve_sylvester(law.closed, -np.eye(n, k=1), -np.outer(law.g, np.eye(n)[0]))
     if isinstance(system, Continuous):
-        end = (law.power == n - 1).astype(float)  # x_n and, in low-power laws, eta_{n-1}
+        end = lift[:, -1]  # x_n and, in low-power laws, eta_{n-1}
         p = solve_continuous_lyapunov(law.closed, -np.outer(end, end))
         # in time of 1/ell and scaled by ell^(n-1) the noise has the density ell^(1-2n)
         errors = law.scale**2 * np.diag(p) * factor
@@ -182,9 +188,7 @@ def _covariance_of_model(
     left = np.arange(n - 1, -1, -1)
     each = step**left / np.array([math.factorial(j) for j in left])
     covariance = step * np.outer(each, each) / (left[:, None] + left + 1.0)
-    # z_i - x_j, where z_i estimates x_j; a method that moves the chain inexactly errs more.
-    lift = np.zeros((size, n))
-    lift[np.arange(size), law.power.astype(int)] = 1.0
+    # z - L x; a method that moves the chain inexactly errs more.
     spread = lift @ covariance @ lift.T
     p = solve_discrete_lyapunov(a, spread)
     shown = np.diag(c @ p @ c.T)
