@@ -2,10 +2,10 @@
 
 A law with a constant gain, its model left out and its saturations at rest, is a linear filter of y.
 In coordinates scaled by powers of the gain (state i holds z_i = x_hat_i / ell^(i-1), time runs in
-1/ell) it is the law at gain 1, and one step depends on c = ell dt alone.  So the compiled law itself
-is stepped over c at gain 1, from memories that are 1 in one entry and 0 in the others and once by
-y = 1: what comes out are the columns of the step's matrices, whatever law, method and timing.  A step
-of forward Euler gives the law in continuous time,
+1/ell) it is the law at gain 1, and one step depends on c = ell dt alone.  So the compiled law is
+stepped over c at gain 1, from memories that are 1 in one entry and 0 in the others and once by
+y = 1: what comes out are the columns of the step's matrices, whatever law, method and timing.  A
+step of forward Euler gives the law in continuous time,
 
     z' = M z + G y,        M = F - G C,        C = (1, 0, ..., 0):    z+ = z + c (M z + G y),
 
@@ -144,6 +144,23 @@ def continuous(observer: Mapping[str, Any], *, gain: float | None = None) -> Con
     ell = _frozen(observer, gain)
     f, g, power = rates(unit(observer))
     return Continuous(f, g, power, sizes(observer)[0], ell)
+
+
+def following(observer: Mapping[str, Any]) -> Array:
+    """L, (m, n): on the chain's own motion x' = A x, y = x_1, the memory of a continuous law of one
+    chain is z = L x.  Estimates are x, eta of the low-power laws too; states of a filter are 0.
+
+    M L - L A + G C = 0, in scaled coordinates, which are also those of the law at gain 1.
+    """
+    f, g, _ = rates(unit(observer))
+    n, m = sizes(observer)[0], len(g)
+    closed, given = f.copy(), np.zeros((m, n))
+    closed[:, 0] -= g
+    given[:, 0] = g
+    sum_of = np.kron(np.eye(n), closed) - np.kron(np.eye(n, k=1).T, np.eye(m))
+    found = np.linalg.solve(sum_of, -given.ravel(order="F")).reshape(m, n, order="F")
+    whole = np.rint(found)
+    return np.where(np.abs(found - whole) < 1e-6, whole, found)
 
 
 def discrete(observer: Mapping[str, Any], dt: float, *, gain: float | None = None) -> Discrete:

@@ -81,10 +81,10 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
     """The largest stable step of the observer that the spec ``observer`` describes.
 
     - continuous laws: the step of the law itself, without a model and with its saturations at rest.
-    - peaking-free: also each block alone (E_i, -alpha_n), which is what is left while the saturations
-      are active.  For a complex pair of E_1 forward Euler's limit is c = alpha_1/beta_1.
-    - collection, modified: copies that are alike, and their differences (if these decay in continuous
-      time: else no step is to blame).
+    - peaking-free: also each block alone (E_i, -alpha_n), which is what is left while the
+      saturations are active.  For a complex pair of E_1 forward Euler's limit is alpha_1/beta_1.
+    - collection, modified: copies that are alike, and their differences (if these decay in
+      continuous time: else no step is to blame).
     - zoh: none.  bilinear: |lambda| dt < 200, where rounding takes over.  peaking-free: bounded at
       any step; ``c`` is up to where it was seen to converge from anywhere, default coefficients.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with

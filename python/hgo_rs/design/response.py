@@ -16,7 +16,7 @@ import numpy as np
 
 from . import _checks
 from ._checks import Array
-from .discrete import Continuous, Discrete, continuous, discrete
+from .discrete import Continuous, Discrete, continuous, discrete, following
 
 _POINTS = 300  # frequencies looked at before a crossing is refined
 _LONGEST = 2**20  # samples of a decay
@@ -164,18 +164,13 @@ def _covariance_of_model(
     """Covariances of x_1 - x_hat_1 with the errors of all states before the sample is used (scaled
     by powers of the gain), and variances of the shown errors.
     """
-    from scipy.linalg import (
-        solve_continuous_lyapunov,
-        solve_discrete_lyapunov,
-        solve_sylvester,
-    )
+    from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
 
     law = continuous(observer, gain=gain)
     system = _system(observer, dt, gain)
     n = law.n
     factor = law.ell ** (1.0 - 2.0 * n)
-    # on a chain's own motion, x' = A x, every state follows it: z = L x
-    lift = solve_sylvester(law.closed, -np.eye(n, k=1), -np.outer(law.g, np.eye(n)[0]))
+    lift = following(observer)  # z = L x without errors
     if isinstance(system, Continuous):
         end = lift[:, -1]  # x_n and, in low-power laws, eta_{n-1}
         p = solve_continuous_lyapunov(law.closed, -np.outer(end, end))

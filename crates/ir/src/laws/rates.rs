@@ -69,14 +69,16 @@ impl<'a> Described<'a> {
         let (lists, manner, gain) =
             (lists.collect::<Result<_>>()?, Manner::read(spec)?, spec.sub("gain")?);
         let triangular = match given {
-            Given::Own(own) => own.form == "triangular",
-            Given::Paper(Some(model)) => model.text("kind")? == "sanfelice-praly",
-            _ => false,
+            Given::Own(own) if own.form == "triangular" => Some("a triangular model".to_owned()),
+            Given::Paper(Some(model)) if model.text("kind")? == "sanfelice-praly" => {
+                Some(format!("model = {:?}", model.text("kind")?))
+            }
+            _ => None,
         };
-        if law.form == Form::Phase && triangular {
+        if let (Form::Phase, Some(model)) = (law.form, triangular) {
             return Err(refused(format!(
-                "a triangular model is not allowed here: the {} needs a phase-variable model (known \
-                 terms in the last equation only); use the standard observer",
+                "{model} is not allowed here: the {} needs a phase-variable model (known terms in the \
+                 last equation only); use the standard observer",
                 law.title
             )));
         }
