@@ -139,9 +139,10 @@ class OnlineObserver(_core.Online):
         moves = isinstance(law, dict) and law["law"] != "constant"
         if not moves:
             return None
-        row = LAWS.get(self.spec["kind"])
+        row = LAWS[self.spec["kind"]]
+        m = self.spec[row.size[0]] if row.size else 0
         before = 0
-        for name, count in row.memory_counts(self.n, moves=True).items() if row else ():
+        for name, count in row.memory_counts(self.n, m, moves=True).items():
             if name == "r":
                 return before
             before += count
