@@ -47,7 +47,7 @@ pub fn laws(py: Python<'_>) -> Result<Vec<Bound<'_, PyDict>>> {
 }
 
 fn found(kind: &str) -> Result<&'static Law> {
-    Ok(Law::find(LAWS, kind).ok_or_else(|| refused(&format!("kind = {kind:?} is not known")))?)
+    Law::find(LAWS, kind).ok_or_else(|| refused(&format!("kind = {kind:?} is not known")))
 }
 
 /// Entries of each list of coefficients and of each part of the memory, and how many poles make the
