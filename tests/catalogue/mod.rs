@@ -189,6 +189,18 @@ impl Numbers {
     }
 }
 
+/// The smallest of these sizes.
+const fn smallest(sizes: &[usize]) -> usize {
+    let (mut smallest, mut i) = (usize::MAX, 0);
+    while i < sizes.len() {
+        if sizes[i] < smallest {
+            smallest = sizes[i];
+        }
+        i += 1;
+    }
+    smallest
+}
+
 /// A function that shows the laws of the list, of order 2 and, where that is built, 5.
 macro_rules! list {
     (
@@ -223,14 +235,14 @@ macro_rules! list {
                     let numbers = Numbers::new($kind, N, K)?;
                     <$law>::new($(numbers.list(stringify!($name)),)* $(given.$taken.into()),*)
                 }
-                const K: usize = list!(@size $($first)?);
+                const K: usize = list!(@size $($first $($others)*)?);
                 list!(@orders $orders $kind, $placed, visitor, adaptive, K, [$($taken)*]);
             })*
             Ok(())
         }
     };
     (@size) => { 0 };
-    (@size $first:literal) => { $first };
+    (@size $($value:literal)+) => { smallest(&[$($value),+]) };
     (@orders [2] $($rest:tt)*) => {
         list!(@moving $($rest)*);
     };

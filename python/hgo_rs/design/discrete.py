@@ -131,7 +131,7 @@ class Discrete:
 def continuous(observer: Mapping[str, Any], *, gain: float | None = None) -> Continuous:
     """The linear part of a continuous law.
 
-    ``observer``: the spec of a standard, low-power or peaking-free law (its saturations at rest).
+    ``observer``: the spec of a law of one chain; saturations are at rest.
     ``gain``: the value [1/s] at which a gain that moves is frozen; needed there, refused elsewhere.
     """
     kind = choice(observer, "kind", tuple(LAWS))
