@@ -4,6 +4,7 @@
 //! Whatever has to know all laws asks the list: [`LAWS`] at run time, the macro at compile time.
 
 mod collection;
+mod filtered;
 mod low_power;
 mod peaking_free;
 mod reduced_order;
@@ -11,6 +12,7 @@ mod sampled_data;
 mod standard;
 
 pub use collection::{CopyState, ModifiedObserver, ModifiedState, RepelledCollection};
+pub use filtered::{FilteredObserver, FilteredState, filter_from_poles};
 pub use low_power::{BlockGains, LowPower, LowPowerObserver, LowPowerState};
 pub use peaking_free::PeakingFreeObserver;
 pub use reduced_order::{ReducedOrderObserver, ReducedOrderState};
@@ -89,6 +91,16 @@ macro_rules! for_each_law {
                 form: Phase, placed: true,
                 memory: [x_hat(n) eta(n - 1) r(moves)],
                 source: "Astolfi, Marconi, Praly and Teel (11)",
+            }
+            rates {
+                kind: "filtered", title: "observer behind a filter of its innovation",
+                law: $crate::observers::FilteredObserver<T, G, Md, N, K, M>,
+                new: [c(m) k(n)] [gain, model],
+                orders: [1 2 3 4 5 6], size: [filters 1 2 3],
+                design: [(n + m) $crate::observers::filter_from_poles, $crate::observers::equidistant],
+                form: Triangular, placed: false,
+                memory: [x_hat(n) eta(m) r(moves)],
+                source: "Treangle, Farza and M'Saad (2019); Astolfi, Zaccarian and Jungers (2021)",
             }
             rates {
                 kind: "collection", title: "collection of observers that repel each other",
