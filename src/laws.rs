@@ -11,7 +11,7 @@ pub struct Law {
     pub title: &'static str,
     /// Lists of coefficients, by their names in specs.
     pub coefficients: &'static [Part],
-    /// A second size beside the order: its name in specs, and what it may be.
+    /// A second size beside the order: its name in specs, and what it may be, the usual value first.
     pub size: Option<(&'static str, &'static [usize])>,
     /// Orders that are built at run time.
     pub orders: &'static [usize],
@@ -68,6 +68,8 @@ pub struct Design {
     pub poles: Part,
     /// The coefficients.
     pub place: Place,
+    /// The poles of a design that names none.
+    pub usual: fn(&mut [(f64, f64)]),
 }
 
 /// Writes a law's coefficients, list after list, from poles (real part, imaginary part).

@@ -113,11 +113,13 @@ def table(counts: Counts) -> str:
 
 
 def differences(stated: Counts, now: Counts) -> list[str]:
-    """In which observers two counts differ, in full digits."""
+    """In which of the stated observers two counts differ, in full digits; a law that is new since
+    then has no count yet.
+    """
     a = {(one.law, one.scheme): one.instructions for one in stated.counts}
     b = {(one.law, one.scheme): one.instructions for one in now.counts}
     return [
-        f"{law}, {scheme}: {a.get((law, scheme))} stated, {b.get((law, scheme))} counted"
-        for law, scheme in sorted(a.keys() | b.keys())
-        if a.get((law, scheme)) != b.get((law, scheme))
+        f"{law}, {scheme}: {a[law, scheme]} stated, {b.get((law, scheme))} counted"
+        for law, scheme in sorted(a)
+        if a[law, scheme] != b.get((law, scheme))
     ]

@@ -4,6 +4,7 @@
 //! Whatever has to know all laws asks the list: [`LAWS`] at run time, the macro at compile time.
 
 mod collection;
+mod filtered;
 mod low_power;
 mod peaking_free;
 mod reduced_order;
@@ -11,6 +12,7 @@ mod sampled_data;
 mod standard;
 
 pub use collection::{CopyState, ModifiedObserver, ModifiedState, RepelledCollection};
+pub use filtered::{FilteredObserver, FilteredState, filter_from_poles};
 pub use low_power::{BlockGains, LowPower, LowPowerObserver, LowPowerState};
 pub use peaking_free::PeakingFreeObserver;
 pub use reduced_order::{ReducedOrderObserver, ReducedOrderState};
@@ -39,10 +41,11 @@ pub const MAX_ORDER: usize = 12;
 /// - `law`: its type, of a scalar `T`, a gain law `G`, a model `Md`, a saturation `S`, an order `N`, a second
 ///   size `K` and inputs `M`, which the callback gives a meaning;
 /// - `new`: what its constructor takes: lists of coefficients with their counts, then a gain law (`gain`, or
-///   `adaptive` where it takes no other), a `model`, a saturation (`saturation`, or `no_saturation`);
+///   `adaptive` where it takes no other), a `model`, a saturation (`saturation`, or `no_saturation` where it
+///   must be the one that does nothing);
 /// - `orders`: those built at run time;
-/// - `size`: name and values of the second size, or nothing;
-/// - `design`: how many poles make the coefficients, and by which function; or nothing;
+/// - `size`: name and values of the second size, the usual one first; or nothing;
+/// - `design`: how many poles make the coefficients, by which function, and the usual poles; or nothing;
 /// - `form`: of the model; `placed`: whether `zoh` and `bilinear` are defined;
 /// - `memory`: its parts with their counts;
 /// - `source`: paper and equations.
@@ -58,17 +61,20 @@ macro_rules! for_each_law {
                 law: $crate::observers::StandardObserver<T, G, Md, N, M>,
                 new: [k(n)] [gain, model],
                 orders: [1 2 3 4 5 6 7 8 9 10 11 12], size: [],
-                design: [(n) $crate::observers::chain_from_poles],
+                design: [(n) $crate::observers::chain_from_poles, $crate::observers::equidistant],
                 form: Triangular, placed: true,
                 memory: [x_hat(n) r(moves)],
                 source: "Sanfelice and Praly (5)-(7); Astolfi et al. (2); Lee, Choi and Khalil (39)",
             }
             rates {
                 kind: "low-power", title: "low-power observer",
-                law: $crate::observers::LowPower<T, G, Md, $crate::observers::NoSaturation, N, M>,
+                law: $crate::observers::LowPower<T, G, Md, S, N, M>,
                 new: [alpha(n) beta(n - 1)] [gain, model, no_saturation],
                 orders: [1 2 3 4 5 6 7 8 9 10 11 12], size: [],
-                design: [(2 n - 1) $crate::observers::blocks_from_poles],
+                design: [
+                    (2 n - 1) $crate::observers::blocks_from_poles,
+                    $crate::observers::equidistant_blocks
+                ],
                 form: Phase, placed: true,
                 memory: [x_hat(n) eta(n - 1) r(moves)],
                 source: "Astolfi, Marconi, Praly and Teel (5)",
@@ -78,16 +84,29 @@ macro_rules! for_each_law {
                 law: $crate::observers::LowPower<T, G, Md, S, N, M>,
                 new: [alpha(n) beta(n - 1)] [gain, model, saturation],
                 orders: [1 2 3 4 5 6 7 8 9 10 11 12], size: [],
-                design: [(2 n - 1) $crate::observers::blocks_from_poles],
+                design: [
+                    (2 n - 1) $crate::observers::blocks_from_poles,
+                    $crate::observers::equidistant_blocks
+                ],
                 form: Phase, placed: true,
                 memory: [x_hat(n) eta(n - 1) r(moves)],
                 source: "Astolfi, Marconi, Praly and Teel (11)",
             }
             rates {
+                kind: "filtered", title: "observer behind a filter of its innovation",
+                law: $crate::observers::FilteredObserver<T, G, Md, N, K, M>,
+                new: [c(m) k(n)] [gain, model],
+                orders: [1 2 3 4 5 6], size: [filters 1 2 3],
+                design: [(n + m) $crate::observers::filter_from_poles, $crate::observers::equidistant],
+                form: Triangular, placed: false,
+                memory: [x_hat(n) eta(m) r(moves)],
+                source: "Treangle, Farza and M'Saad (2019); Astolfi, Zaccarian and Jungers (2021)",
+            }
+            rates {
                 kind: "collection", title: "collection of observers that repel each other",
                 law: $crate::observers::RepelledCollection<T, Md, N, K, M>,
                 new: [k(n) k_bar(n)] [adaptive, model],
-                orders: [2], size: [copies 2 3 4 5],
+                orders: [2], size: [copies 3 2 4 5],
                 design: [],
                 form: Triangular, placed: false,
                 memory: [copies(m (n + 1))],
@@ -97,7 +116,7 @@ macro_rules! for_each_law {
                 kind: "modified", title: "observer with the nominal gain of a collection",
                 law: $crate::observers::ModifiedObserver<T, Md, N, K, M>,
                 new: [k(n) k_bar(n)] [adaptive, model],
-                orders: [2], size: [copies 2 3 4 5],
+                orders: [2], size: [copies 3 2 4 5],
                 design: [],
                 form: Triangular, placed: false,
                 memory: [x_hat(n) r(1) copies(m (n + 1))],
@@ -147,7 +166,7 @@ macro_rules! table {
             law: $law:ty,
             new: [$($name:ident $count:tt)*] [$gain:ident, model $(, $saturation:ident)?],
             orders: [$($order:literal)*], size: [$($size:ident $($value:literal)*)?],
-            design: [$($poles:tt $place:path)?],
+            design: [$($poles:tt $place:path, $usual:path)?],
             form: $form:ident, placed: $placed:literal,
             memory: [$($part:ident $len:tt)*],
             source: $source:literal,
@@ -168,7 +187,9 @@ macro_rules! table {
                 coefficients: &[$(part!($name $count)),*],
                 size: table!(@first $((stringify!($size), &[$($value),*]))?),
                 orders: &[$($order),*],
-                design: table!(@first $(Design { poles: part!(poles $poles), place: $place })?),
+                design: table!(@first $(
+                    Design { poles: part!(poles $poles), place: $place, usual: $usual }
+                )?),
                 gain: taken!($gain),
                 saturated: taken!($($saturation)?),
                 form: Form::$form,
@@ -227,6 +248,23 @@ pub fn blocks_from_poles(
         *slot = value;
     }
     Ok(())
+}
+
+/// Equidistant poles from −1 to −2: see [`Design::usual`].
+pub fn equidistant(poles: &mut [(f64, f64)]) {
+    let last = poles.len().saturating_sub(1);
+    let step = -1.0 / last.max(1) as f64;
+    for (i, pole) in poles.iter_mut().enumerate() {
+        *pole = (if i > 0 && i == last { -2.0 } else { i as f64 * step - 1.0 }, 0.0);
+    }
+}
+
+/// Equidistant poles from −1 to −2 of the blocks of order two, and −2, the last one's own.
+pub fn equidistant_blocks(poles: &mut [(f64, f64)]) {
+    if let Some((last, blocks)) = poles.split_last_mut() {
+        equidistant(blocks);
+        *last = (-2.0, 0.0);
+    }
 }
 
 /// Coefficients that are finite, for an order within 1 to [`MAX_ORDER`].

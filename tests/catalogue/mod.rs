@@ -141,12 +141,12 @@ impl<T: Scalar, const N: usize> Model<T, N, 1> for Swing {
 }
 
 /// What constructors of the list take.
-struct Given<T, G, const N: usize> {
+struct Given<T, G, S> {
     gain: G,
     adaptive: AdaptiveGain<T>,
     model: Swing,
-    saturation: HardClip<T, N>,
-    no_saturation: NoSaturation,
+    saturation: S,
+    no_saturation: S,
 }
 
 /// Coefficients of a law of the list, for poles between −1 and −2.
@@ -161,7 +161,7 @@ impl Numbers {
         let law = Law::find(LAWS, kind).unwrap();
         let sizes = Sizes { n, m, ..Sizes::default() };
         let mut values = [0.0; 24];
-        if let Some(Design { poles, place }) = law.design {
+        if let Some(Design { poles, place, .. }) = law.design {
             let (count, mut given) = ((poles.len)(&sizes), [(0.0, 0.0); 24]);
             for (i, pole) in given.iter_mut().enumerate() {
                 pole.0 = -1.0 - i as f64 / count as f64;
@@ -189,6 +189,18 @@ impl Numbers {
     }
 }
 
+/// The smallest of these sizes.
+const fn smallest(sizes: &[usize]) -> usize {
+    let (mut smallest, mut i) = (usize::MAX, 0);
+    while i < sizes.len() {
+        if sizes[i] < smallest {
+            smallest = sizes[i];
+        }
+        i += 1;
+    }
+    smallest
+}
+
 /// A function that shows the laws of the list, of order 2 and, where that is built, 5.
 macro_rules! list {
     (
@@ -212,25 +224,25 @@ macro_rules! list {
             let adaptive = AdaptiveGain::new(c(10.0), c(0.0025), c(0.183))?;
             $({
                 fn build<T, G, Md, S, const N: usize, const K: usize, const M: usize>(
-                    given: Given<T, G, N>,
+                    given: Given<T, G, S>,
                 ) -> Result<$law, DesignError>
                 where
                     T: Scalar,
                     G: GainLaw<T>,
                     Md: PhaseVariable<T, N, M> + Model<T, N, M> + From<Swing>,
-                    S: Saturation<T> + From<HardClip<T, N>>,
+                    S: Saturation<T>,
                 {
                     let numbers = Numbers::new($kind, N, K)?;
                     <$law>::new($(numbers.list(stringify!($name)),)* $(given.$taken.into()),*)
                 }
-                const K: usize = list!(@size $($first)?);
-                list!(@orders $orders $kind, $placed, visitor, adaptive, K);
+                const K: usize = list!(@size $($first $($others)*)?);
+                list!(@orders $orders $kind, $placed, visitor, adaptive, K, [$($taken)*]);
             })*
             Ok(())
         }
     };
     (@size) => { 0 };
-    (@size $first:literal) => { $first };
+    (@size $($value:literal)+) => { smallest(&[$($value),+]) };
     (@orders [2] $($rest:tt)*) => {
         list!(@moving $($rest)*);
     };
@@ -243,22 +255,30 @@ macro_rules! list {
         let gain = ConstantGain::new(T::from_f64(4.0))?;
         list!(@gain $n, gain, concat!($kind, ", n = ", $n), $($rest)*);
     };
-    (@moving $kind:literal, $placed:ident, $visitor:ident, $adaptive:ident, $k:ident) => {
-        list!(@gain 2, $adaptive, concat!($kind, ", adaptive"), $placed, $visitor, $adaptive, $k);
+    (@moving $kind:literal, $placed:ident, $visitor:ident, $adaptive:ident, $k:ident, $taken:tt) => {
+        let name = concat!($kind, ", adaptive");
+        list!(@gain 2, $adaptive, name, $placed, $visitor, $adaptive, $k, $taken);
     };
     (
         @gain $n:literal, $gain:expr, $name:expr,
-        $placed:ident, $visitor:ident, $adaptive:ident, $k:ident
+        $placed:ident, $visitor:ident, $adaptive:ident, $k:ident, $taken:tt
     ) => {
+        let saturation = list!(@saturation $taken, $n);
         let given = Given {
             gain: $gain,
             adaptive: $adaptive,
             model: Swing,
-            saturation: HardClip::new([T::from_f64(3.0); $n])?,
-            no_saturation: NoSaturation,
+            saturation,
+            no_saturation: saturation,
         };
-        let law = build::<T, _, Swing, HardClip<T, $n>, $n, $k, 1>(given)?;
+        let law = build::<T, _, Swing, _, $n, $k, 1>(given)?;
         list!(@placed $placed, $visitor, $name, law);
+    };
+    (@saturation [$gain:ident model saturation], $n:literal) => {
+        HardClip::new([T::from_f64(3.0); $n])?
+    };
+    (@saturation $taken:tt, $n:literal) => {
+        NoSaturation
     };
     (@placed true, $visitor:ident, $name:expr, $law:ident) => {
         each_placement($visitor, $name, $law, fill::<T, 1>)?;

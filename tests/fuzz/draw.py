@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from hgo_rs.laws import LAWS
+
 METHODS = (
     "zoh", "bilinear", "euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine",
 )  # fmt: skip
@@ -203,26 +205,27 @@ class _Draw:
 
     def law(self, n: int, model: str, timing: str, ell: float, own_timing: bool = True) -> str:
         """An observer of one output."""
-        kinds = ["StandardObserver"]
-        kinds += ["LowPowerObserver", "PeakingFreeObserver"] if n > 1 else []
-        kind, gain = self.pick(*kinds), self.gain(ell)
-        methods = METHODS
-        if self.moves and kind != "StandardObserver":
+        fits = [law for law in LAWS.values() if law.single and n in law.orders]
+        law = self.pick(*[law for law in fits if n > 1 or law.form != "phase"])
+        gain, methods, m = self.gain(ell), METHODS, 0
+        if not law.placed or (self.moves and law.form == "phase"):
             methods = METHODS[2:]
-        elif n > (6 if kind == "StandardObserver" else 4):
+        elif n > (4 if law.form == "phase" else 6):
             methods = tuple(method for method in METHODS if method != "bilinear")
         options = [f"method={self.pick(*methods)!r}", f"timing={timing!r}"]
+        if law.size:
+            m = self.pick(*law.size[1])
+            options.append(f"{law.size[0]}={m}")
         if self.chance(0.3):
-            count = n if kind == "StandardObserver" else 2 * n - 1
-            options.append(f"poles={self.poles(count)}")
-        if kind == "PeakingFreeObserver":
+            options.append(f"poles={self.poles(law.pole_count(n, m))}")
+        if law.saturated:
             levels = [self.power(-1, 2) for _ in range(n - 1)]
             options.append(f"saturation={levels}, clip={self.pick('hard', 'smooth')!r}")
         if model:
             options.append(f"model={model}")
         if self.unstable:
             options.append("allow_unstable=True")
-        return f"hgo.{kind}({n}, {gain}, {', '.join(options)})"
+        return f"hgo.HighGainObserver({law.kind!r}, {n}, {gain}, {', '.join(options)})"
 
     def poles(self, count: int) -> list[complex]:
         found: list[complex] = []

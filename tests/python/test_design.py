@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hgo_rs import design
+from hgo_rs import LowPowerObserver, design
 from hgo_rs.design import _checks, discretisation
 from hgo_rs.errors import DesignError, HgoError, MissingExtraError, check_integer, check_number
 from hgo_rs.reference import Observer
@@ -726,6 +726,32 @@ def test_step_limits_of_the_paper(method: str, expected: tuple[float, float, flo
         assert found.c <= found.bounded
 
 
+@pytest.mark.parametrize(
+    ("law", "timing", "expected"),
+    [
+        ("standard", "predictor", (1.0, 0.34925, 1.392646, 0.44949, 1.256372)),
+        ("standard", "current", (0.359051, 0.34925, 0.353959, 0.353959, 0.353959)),
+        ("complex", "predictor", (0.4, 0.424527, 1.18651, 0.718096, 1.134333)),
+        ("complex", "current", (0.460197, 0.424527, 0.440394, 0.440394, 0.440394)),
+        ("low-power", "predictor", (1.0, 0.552467, 1.392646, 0.637537, 1.256372)),
+        ("low-power", "current", (0.385783, 0.391192, 0.424494, 0.424494, 0.414749)),
+    ],
+)
+def test_step_limits_of_matrices(law: str, timing: str, expected: tuple[float, ...]) -> None:
+    """The law's own steps against figures from its matrices, A - K C and M_n written out, and from
+    each method's polynomial in them.
+    """
+    complex_pair = design.observer_coefficients([-1, -1 + 2j, -1 - 2j])
+    spec: dict[str, Any] = {
+        "standard": {**STANDARD, "n": 3, "k": design.observer_coefficients([-1, -1.5, -2])},
+        "complex": {**STANDARD, "n": 3, "k": complex_pair},
+        "low-power": LowPowerObserver(5, 1.0).spec,
+    }[law]
+    for method, c in zip(METHODS, expected, strict=True):
+        found = design.step_limit({**spec, "method": method, "timing": timing})
+        assert found.c == pytest.approx(c, rel=1e-4)
+
+
 def test_block_1_decides_while_saturated() -> None:
     euler = design.step_limit({**PEAKING_FREE, "method": "euler"})
     assert euler.parts["block 1"] == pytest.approx(3.0 / 8.5714, rel=1e-4)  # alpha_1/beta_1
@@ -799,9 +825,10 @@ def test_collection_counts_the_motion_of_the_copies() -> None:
     apart = design.schur_limit(design.companion(SP_K - 3 * k_bar))
     assert found.parts["linear"] == pytest.approx(1.0, rel=1e-5)
     assert found.c == found.parts["copies apart"] == pytest.approx(apart, rel=1e-5)
-    assert design.step_limit({**spec, "kind": "modified"}) == found
+    modified = design.step_limit({**spec, "kind": "modified"})
+    assert modified.parts == pytest.approx(dict(found.parts), rel=1e-12)
     strong = design.step_limit({**spec, "k_bar": [0.7, 0.7]})  # repulsion beyond any step's fault
-    assert strong.parts == {"linear": found.parts["linear"]}
+    assert strong.parts == {"linear": pytest.approx(found.parts["linear"], rel=1e-12)}
 
 
 def test_reduced_order_limit_is_assumption_a5() -> None:
@@ -842,13 +869,12 @@ def test_step_limit_is_quick() -> None:
         for method in METHODS:
             times = []
             for _ in range(10):
-                discretisation._chain_limit.cache_clear()
-                discretisation._low_power_limit.cache_clear()
+                discretisation._critical.cache_clear()
                 start = time.thread_time()
                 design.step_limit({**spec, "method": method})
                 times.append(time.thread_time() - start)
-            # 1 to 2 ms on an idle core; the rest is for one that is shared
-            assert min(times) < 20e-3, (spec["kind"], method)
+            # 3 to 14 ms on an idle core; the rest is for one that is shared
+            assert min(times) < 60e-3, (spec["kind"], method)
 
 
 @pytest.mark.parametrize(
@@ -856,7 +882,8 @@ def test_step_limit_is_quick() -> None:
     [
         ({"kind": "kalman"}, "kind = 'kalman': must be one of 'standard'"),
         ({"method": "heun"}, "method = 'heun'"),
-        ({"k": [1.0, -1.0]}, "eigenvalues of A - K C"),
+        ({"k": [1.0, -1.0]}, r"k = \[1.0, -1.0\]: must be of shape \(5,\)"),
+        ({"n": 2, "k": [1.0, -1.0]}, r"k = 1 is not allowed: .* left half plane"),
         ({"gain": {"law": "constant", "ell": 0.0}}, "gain.ell = 0.0"),
         ({"gain": {"law": "switched"}}, "law = 'switched'"),
         ({"gain": {}}, "law = None: must be given; add 'law' to the spec"),

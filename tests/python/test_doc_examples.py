@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from hgo_rs import scenarios
+from hgo_rs.laws import LAWS
 from hgo_rs.scenarios import base
 
 ROOT = Path(__file__).parents[2]
@@ -25,6 +26,15 @@ def test_python_blocks_run(page, tmp_path, monkeypatch):
         # Blank lines in front, so that a traceback gives the page's own line.
         line = text.count("\n", 0, block.start(1))
         exec(compile("\n" * line + block[1], str(page), "exec"), namespace)
+
+
+def test_every_law_has_a_page():
+    """Of its name, or of its class, which the index names."""
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    of_other_name = {"modified": "collection"}
+    for kind in LAWS:
+        page = of_other_name.get(kind, kind)
+        assert (ROOT / "docs" / f"{page}.md").is_file() and f"({page}.md)" in index, kind
 
 
 def test_the_readme_has_an_example_in_both_languages():

@@ -17,6 +17,7 @@ FLOORS = (
     "errors",
     "files",
     "read_only",
+    "laws",
     "reference",
     "plots",
     "expressions",

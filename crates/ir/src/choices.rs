@@ -1,12 +1,12 @@
 //! Floor 3. What a spec chooses by name: gain law, saturation, method and timing.
 
-use crate::error::Result;
+use crate::error::{Error, Result, refused};
 use crate::spec::Spec;
 use hgo_rs::Scalar;
 use hgo_rs::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
 use hgo_rs::injection::Placement;
 use hgo_rs::observer::{BogackiShampine, Discretisation, Rk4, Rk4InnovationHeld, Timing};
-use hgo_rs::observers::{HardClip, NoSaturation, Saturation, SmoothSaturation};
+use hgo_rs::observers::{HardClip, LAWS, NoSaturation, Saturation, SmoothSaturation};
 
 /// The adaptive and the dead-zone law behind one memory r.
 #[derive(Clone, Copy)]
@@ -115,15 +115,8 @@ impl<T: Scalar, const N: usize> Saturation<T> for AnySaturation<N, T> {
 }
 
 impl<T: Scalar, const N: usize> AnySaturation<N, T> {
-    /// The saturation of a low-power (none) or peaking-free observer, whose keys are checked.
-    pub fn read(spec: &Spec<'_>, saturated: bool) -> Result<Self> {
-        let mut known = vec!["kind", "n", "alpha", "beta", "gain", "model", "method", "timing"];
-        if !saturated {
-            spec.only(&known)?;
-            return Ok(Self::None);
-        }
-        known.extend(["saturation", "clip"]);
-        spec.only(&known)?;
+    /// The saturation that a spec gives: levels, and how they are kept.
+    pub fn read(spec: &Spec<'_>) -> Result<Self> {
         let levels = spec.vector::<N>("saturation", N - 1)?.map(T::from_f64);
         let clip = spec.text_or("clip", "hard")?;
         match clip.as_str() {
@@ -149,9 +142,15 @@ const METHODS: [(&str, AnyMethod); 7] = {
     ]
 };
 
-/// Why a law has no placed step.
-pub const NOT_PLACED: &str = "method = 'zoh' or 'bilinear' is not allowed here: it is defined for the \
-    standard, the low-power and the peaking-free law; choose another method";
+/// Refusal of a placed step by a law that has none.
+pub fn not_placed() -> Error {
+    let placed: Vec<&str> = LAWS.iter().filter(|law| law.placed).map(|law| law.kind).collect();
+    refused(format!(
+        "method = 'zoh' or 'bilinear' is not allowed here: it is defined for the laws {}; choose another \
+         method",
+        placed.join(", ")
+    ))
+}
 
 /// How a continuous law is stepped.
 #[derive(Clone, Copy)]

@@ -21,43 +21,46 @@
 //! - `[log]` is handed on as it is: no file of samples is read here.
 //! - No step is compared with a stability limit, so that `allow_unstable` changes nothing.
 
-use crate::design::{coefficients_from_poles, low_power_coefficients_from_poles};
+use crate::design::of_law;
 use crate::error::{Result, refused};
 use crate::observer::build;
 use crate::recursion::AnyObserver;
 use crate::spec::Spec;
 use crate::systems::AnyModel;
 use crate::value::{Numbers, Value};
+use hgo_rs::laws::{Form, Gain, Law, Sizes};
+use hgo_rs::observers::LAWS;
 use std::sync::Arc;
 
 /// The format of `observer.toml` that is read.
 pub const FORMAT: u64 = 1;
 
-/// Each structure, with the keys that say what it is.
-const OBSERVERS: [(&str, &[&str]); 8] = [
-    ("standard", &["order", "gain", "epsilon", "poles", "k", "method", "timing"]),
-    ("low-power", &["order", "gain", "epsilon", "poles", "alpha", "beta", "method", "timing"]),
-    (
-        "peaking-free",
-        &[
-            "order",
-            "gain",
-            "epsilon",
-            "poles",
-            "alpha",
-            "beta",
-            "method",
-            "timing",
-            "saturation",
-            "clip",
-        ],
-    ),
-    ("collection", &["gain", "k", "k_bar", "copies", "method", "timing"]),
-    ("modified", &["gain", "k", "k_bar", "copies", "method", "timing"]),
-    ("sampled-data", &["gain"]),
-    ("reduced-order", &["epsilon", "h_bar"]),
-    ("chains", &["observers"]),
-];
+/// The keys that say what a structure is.
+fn keys(kind: &str) -> Option<Vec<&'static str>> {
+    let law = match kind {
+        "sampled-data" => return Some(vec!["gain"]),
+        "reduced-order" => return Some(vec!["epsilon", "h_bar"]),
+        "chains" => return Some(vec!["observers"]),
+        _ => Law::find(LAWS, kind)?,
+    };
+    let mut keys = vec!["gain"];
+    if law.orders.len() > 1 {
+        keys.push("order");
+    }
+    if law.gain == Gain::Any {
+        keys.push("epsilon");
+    }
+    if law.design.is_some() {
+        keys.push("poles");
+    }
+    keys.extend(law.coefficients.iter().map(|list| list.name));
+    keys.extend(law.size.map(|(name, _)| name));
+    keys.extend(["method", "timing"]);
+    if law.saturated {
+        keys.extend(["saturation", "clip"]);
+    }
+    Some(keys)
+}
 
 /// Keys of a model's expressions.
 const EXPRESSIONS: [&str; 7] = ["phi", "f", "f1", "g", "f2", "h", "K_T"];
@@ -176,12 +179,14 @@ impl Config {
         let kind = spec.text("kind")?;
         let moves = matches!(spec.get("gain"), Some(Value::Map(_)))
             && spec.sub("gain")?.text("law")? != "constant";
-        match kind.as_str() {
-            "low-power" | "peaking-free" if moves => Ok(2 * n - 1),
-            _ if moves => Ok(n),
-            _ => {
-                Err(refused("start[\"r\"] is not allowed: the gain of this observer does not move"))
-            }
+        let Some(law) = Law::find(LAWS, &kind).filter(|_| moves) else {
+            let message = "start[\"r\"] is not allowed: the gain of this observer does not move";
+            return Err(refused(message));
+        };
+        let sizes = Sizes { n, moves, ..Sizes::default() };
+        match law.memory.iter().position(|part| part.name == "r") {
+            Some(r) => Ok(law.memory.iter().take(r).map(|part| (part.len)(&sizes)).sum()),
+            None => Ok(n), // of the first copy
         }
     }
 }
@@ -218,10 +223,11 @@ impl Map {
 /// The spec of a law; `also` are keys beside its own.
 fn law(spec: &Spec<'_>, model: Option<&Value>, also: &[&str]) -> Result<Value> {
     let kind = spec.text("observer")?;
-    let Some((_, keys)) = OBSERVERS.iter().find(|(known, _)| *known == kind) else {
-        return Err(spec.unknown("observer", &kind, &OBSERVERS.map(|(known, _)| known)));
+    let Some(keys) = keys(&kind) else {
+        let known: Vec<&str> = LAWS.iter().map(|law| law.kind).chain(["chains"]).collect();
+        return Err(spec.unknown("observer", &kind, &known));
     };
-    spec.only(&[&["observer", "allow_unstable"], *keys, also].concat())?;
+    spec.only(&[&["observer", "allow_unstable"], keys.as_slice(), also].concat())?;
     spec.flag_or("allow_unstable", false)?;
     let mut made = Map::default();
     made.put("kind", text(&kind));
@@ -236,37 +242,7 @@ fn law(spec: &Spec<'_>, model: Option<&Value>, also: &[&str]) -> Result<Value> {
             let inner: Result<Vec<Value>> = inner.iter().map(|one| law(one, None, &[])).collect();
             made.put("observers", Value::List(inner?));
         }
-        "collection" | "modified" => {
-            made.put("n", whole(2));
-            for key in ["k", "k_bar"] {
-                made.put(key, numbers(spec.vector::<2>(key, 2)?.to_vec()));
-            }
-            made.put("copies", spec.get("copies").cloned().unwrap_or(whole(3)));
-            made.put("gain", gain(spec)?);
-            manner(&mut made, spec, "rk4")?;
-        }
-        _ => {
-            let n = order(spec, model)?;
-            made.put("n", whole(n));
-            let law = gain(spec)?;
-            let moves = Spec::new(&law, "gain")?.text("law")? != "constant";
-            made.put("gain", law);
-            if kind == "standard" {
-                made.put("k", numbers(k(spec, n)?));
-                manner(&mut made, spec, METHOD)?;
-            } else {
-                let (alpha, beta) = alpha_beta(spec, n)?;
-                made.put("alpha", numbers(alpha));
-                made.put("beta", numbers(beta));
-                manner(&mut made, spec, if moves { "rk4" } else { METHOD })?;
-            }
-            if kind == "peaking-free" {
-                let levels = spec.numbers("saturation")?.values.clone();
-                let levels = if levels.len() == 1 { vec![levels[0]; n - 1] } else { levels };
-                made.put("saturation", numbers(levels));
-                made.put_given(spec, "clip");
-            }
-        }
+        _ => rates(&mut made, spec, model)?,
     }
     match model {
         Some(model) => made.put("model", model.clone()),
@@ -292,6 +268,58 @@ fn order(spec: &Spec<'_>, model: Option<&Value>) -> Result<usize> {
         _ => None,
     };
     of_model.map_or_else(|| spec.count("order"), Ok)
+}
+
+/// A law of the list that is given by a rate.
+fn rates(made: &mut Map, spec: &Spec<'_>, model: Option<&Value>) -> Result<()> {
+    let kind = spec.text("observer")?;
+    let Some(law) = Law::find(LAWS, &kind) else { return Ok(()) };
+    let n = if let [only] = law.orders { *only } else { order(spec, model)? };
+    let m = match law.size {
+        Some((name, [usual, ..])) if !spec.has(name) => *usual,
+        Some((name, _)) => spec.count(name)?,
+        None => 0,
+    };
+    made.put("n", whole(n));
+    if let Some((name, _)) = law.size {
+        made.put(name, whole(m));
+    }
+    let gain = gain(spec)?;
+    let moves = Spec::new(&gain, "gain")?.text("law")? != "constant";
+    made.put("gain", gain);
+    for (list, values) in law.coefficients.iter().zip(coefficients(law, spec, n, m)?) {
+        made.put(list.name, numbers(values));
+    }
+    let placed = law.placed && !(moves && law.form == Form::Phase);
+    manner(made, spec, if placed { METHOD } else { "rk4" })?;
+    if law.saturated {
+        let levels = spec.numbers("saturation")?.values.clone();
+        let levels = if levels.len() == 1 { vec![levels[0]; n - 1] } else { levels };
+        made.put("saturation", numbers(levels));
+        made.put_given(spec, "clip");
+    }
+    Ok(())
+}
+
+/// The lists of a law: given, or from poles.
+fn coefficients(law: &Law, spec: &Spec<'_>, n: usize, m: usize) -> Result<Vec<Vec<f64>>> {
+    let lists = law.coefficients;
+    let given = lists.iter().filter(|list| spec.has(list.name)).count();
+    if given == 0 && law.design.is_some() {
+        let sizes = Sizes { n, m, ..Sizes::default() };
+        let poles = if spec.has("poles") { Some(poles(spec)?) } else { None };
+        return of_law(law, &sizes, poles.as_deref());
+    }
+    let names: Vec<&str> = lists.iter().map(|list| list.name).collect();
+    let names = names.join(" and ");
+    if given < lists.len() {
+        return Err(refused(format!("{names} must be given together and without poles")));
+    }
+    if law.design.is_some() && spec.has("poles") {
+        let message = format!("{names} is not allowed beside poles: give one of them");
+        return Err(refused(message));
+    }
+    lists.iter().map(|list| Ok(spec.numbers(list.name)?.values.clone())).collect()
 }
 
 /// A number is ℓ, a table a law.
@@ -331,52 +359,6 @@ fn poles(spec: &Spec<'_>) -> Result<Vec<(f64, f64)>> {
         }
     };
     given.iter().map(pole).collect()
-}
-
-/// So many equidistant poles from −1 to −2.
-fn equidistant(count: usize) -> Vec<(f64, f64)> {
-    let step = -1.0 / count.saturating_sub(1).max(1) as f64;
-    let pole = |i: usize| if i > 0 && i + 1 == count { -2.0 } else { i as f64 * step - 1.0 };
-    (0..count).map(|i| (pole(i), 0.0)).collect()
-}
-
-fn k(spec: &Spec<'_>, n: usize) -> Result<Vec<f64>> {
-    match (spec.has("k"), spec.has("poles")) {
-        (true, true) => Err(refused("k is not allowed beside poles: give one of them")),
-        (true, false) => Ok(spec.numbers("k")?.values.clone()),
-        (false, true) => {
-            let poles = poles(spec)?;
-            if poles.len() != n {
-                let message = format!("{} poles do not fit an observer of order {n}", poles.len());
-                return Err(refused(message));
-            }
-            coefficients_from_poles(&poles)
-        }
-        (false, false) => coefficients_from_poles(&equidistant(n)),
-    }
-}
-
-fn alpha_beta(spec: &Spec<'_>, n: usize) -> Result<(Vec<f64>, Vec<f64>)> {
-    match (spec.has("alpha"), spec.has("beta"), spec.has("poles")) {
-        (true, true, false) => {
-            Ok((spec.numbers("alpha")?.values.clone(), spec.numbers("beta")?.values.clone()))
-        }
-        (false, false, given) => {
-            let mut placed = if given { poles(spec)? } else { equidistant((2 * n).max(2) - 2) };
-            if !given {
-                placed.push((-2.0, 0.0));
-            }
-            if placed.len() + 1 != 2 * n {
-                return Err(refused(format!(
-                    "{} poles do not fit an observer of order {n}, which has {}",
-                    placed.len(),
-                    (2 * n).max(1) - 1
-                )));
-            }
-            low_power_coefficients_from_poles(&placed)
-        }
-        _ => Err(refused("alpha and beta must be given together and without poles")),
-    }
 }
 
 /// The paper's rates for its ship, 0.2 for each unmeasured state of another model.

@@ -139,15 +139,21 @@ impl<'a> Spec<'a> {
         self.read(key, "an array of numbers", Value::as_numbers)
     }
 
-    /// A vector of `N` numbers, the given ones first; `given` of them must be there.
-    pub fn vector<const N: usize>(&self, key: &str, given: usize) -> Result<[f64; N]> {
+    /// A list of `count` numbers.
+    pub fn list_of(&self, key: &str, count: usize) -> Result<Vec<f64>> {
         let numbers = self.numbers(key)?;
         let Numbers { values, shape } = &*numbers;
-        if shape.len() != 1 || values.len() != given {
+        if shape.len() != 1 || values.len() != count {
             let message =
-                format!("{}[{key:?}] has shape {shape:?}; it must have {given} entries", self.name);
+                format!("{}[{key:?}] has shape {shape:?}; it must have {count} entries", self.name);
             return Err(refused(message));
         }
+        Ok(values.clone())
+    }
+
+    /// A vector of `N` numbers, the given ones first; `given` of them must be there.
+    pub fn vector<const N: usize>(&self, key: &str, given: usize) -> Result<[f64; N]> {
+        let values = self.list_of(key, given)?;
         Ok(std::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0)))
     }
 

@@ -2,8 +2,8 @@
 //! over the tables. (Laws times schemes, each pair compiled, would be many times as much code.)
 
 use crate::Function;
-use crate::choices::{AnyMethod, Manner, NOT_PLACED};
-use crate::error::{Result, refused};
+use crate::choices::{AnyMethod, Manner, not_placed};
+use crate::error::Result;
 use crate::order::MAX_INPUTS;
 use crate::table::Table;
 use crate::trace::{self, PlacedGains, Setting, Traced, inline, input, inputs, named, trace};
@@ -113,7 +113,7 @@ pub struct Gains {
 
 impl Gains {
     /// Of this law, in its precision.
-    pub fn new<T, L>(law: L, at: Placement) -> Result<Arc<Self>>
+    fn new<T, L>(law: L, at: Placement) -> Result<Arc<Self>>
     where
         T: Scalar,
         L: Injected<T, Gains: Numbers<T>, Poles: Send + Sync> + Send + Sync + 'static,
@@ -127,6 +127,23 @@ impl Gains {
             gains.into_iter().map(T::to_f64).collect()
         };
         Ok(Arc::new(Self { count: L::Gains::COUNT, of: Box::new(of), recent: Mutex::default() }))
+    }
+
+    /// Of a law in the precision of the trace, where the table does not compute them itself.
+    pub fn of<L, L32>(
+        setting: Setting,
+        at: Placement,
+        double: impl FnOnce() -> Result<L>,
+        single: impl FnOnce() -> Result<L32>,
+    ) -> Result<Arc<Self>>
+    where
+        L: Injected<f64, Gains: Numbers<f64>, Poles: Send + Sync> + Send + Sync + 'static,
+        L32: Injected<f32, Gains: Numbers<f32>, Poles: Send + Sync> + Send + Sync + 'static,
+    {
+        if const { !L32::TRACEABLE } && setting.single {
+            return Self::new(single()?, at);
+        }
+        Self::new(double()?, at)
     }
 
     /// The gains of a correction for this time, of a gain that does not move. No thread waits for another:
@@ -274,7 +291,7 @@ impl LawTables {
         let build = || -> Result<Box<dyn Law>> { Ok(Box::new(Flat(build()?))) };
         match manner.method {
             AnyMethod::Known(_) => Self::of(setting, n_u, Sizes::of::<L>(), &build),
-            AnyMethod::Placed(_) => Err(refused(NOT_PLACED)),
+            AnyMethod::Placed(_) => Err(not_placed()),
         }
     }
 

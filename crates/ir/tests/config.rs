@@ -5,6 +5,8 @@ mod observer_toml;
 
 use hgo_ir::config::Config;
 use hgo_ir::{Error, Spec};
+use hgo_rs::laws::{Gain, Sizes};
+use hgo_rs::observers::LAWS;
 use hgo_rs::polynomial::{coefficients_from_poles, low_power_coefficients_from_poles};
 
 fn config(text: &str) -> Config {
@@ -49,6 +51,23 @@ fn the_example_reads_a_model_steps_it_and_studies_it() {
     let unknown = text.split("[model]").next().unwrap().to_owned() + "order = 2";
     let (_, without) = observer_toml::run(&unknown).unwrap();
     assert!(without.iter().zip(&errors).all(|(without, with)| without[1] > 1.2 * with[1]));
+}
+
+/// Order and gain are enough for any law of one chain that is designed by poles; its memory is the row's.
+#[test]
+fn a_file_names_any_law_of_the_list() {
+    for law in LAWS.iter().filter(|law| law.gain == Gain::Any) {
+        let saturation = if law.saturated { "saturation = 2.0\n" } else { "" };
+        let text = format!("observer = '{}'\norder = 3\ngain = 2.0\n{saturation}", law.kind);
+        let config = config(&format!("format = 1\n{text}"));
+        let m = law.size.map_or(0, |(_, values)| values[0]);
+        let sizes = Sizes { n: 3, m, ..Sizes::default() };
+        assert_eq!(config.memory().unwrap().len(), law.memory_len(&sizes) + 1, "{text}");
+        for list in law.coefficients {
+            assert_eq!(numbers(&config, list.name).len(), (list.len)(&sizes), "{text}");
+        }
+        assert_eq!(word(&config, "method"), if law.placed { "zoh" } else { "rk4" }, "{text}");
+    }
 }
 
 #[test]

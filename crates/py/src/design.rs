@@ -1,11 +1,88 @@
-//! Floor 1. Coefficients from poles, at the Python border.
+//! Floor 1. The list of laws, and coefficients from poles, at the Python border.
 
 use crate::errors::{Result, refused};
 use hgo_ir::design::{self, AlphaBeta};
 use hgo_ir::order::order_refused;
-use hgo_rs::observers::MAX_ORDER;
+use hgo_rs::laws::{Form, Gain, Law, Part, Sizes};
+use hgo_rs::observers::{LAWS, MAX_ORDER};
 use hgo_rs::polynomial;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// The list of laws: a dict each, its entries those of [`Law`], counts in words.
+#[pyfunction]
+pub fn laws(py: Python<'_>) -> Result<Vec<Bound<'_, PyDict>>> {
+    let words = |parts: &'static [Part]| -> Vec<(&str, &str)> {
+        parts.iter().map(|part| (part.name, part.count)).collect()
+    };
+    let row = |law: &'static Law| {
+        let row = PyDict::new(py);
+        row.set_item("kind", law.kind)?;
+        row.set_item("title", law.title)?;
+        row.set_item("coefficients", words(law.coefficients))?;
+        row.set_item("size", law.size.map(|(name, values)| (name, values.to_vec())))?;
+        row.set_item("orders", law.orders.to_vec())?;
+        row.set_item("poles", law.design.map(|design| design.poles.count))?;
+        let gain = match law.gain {
+            Gain::Any => "any",
+            Gain::Adaptive => "adaptive",
+            Gain::None => "none",
+        };
+        row.set_item("gain", gain)?;
+        row.set_item("saturated", law.saturated)?;
+        let form = match law.form {
+            Form::Phase => "phase",
+            Form::Triangular => "triangular",
+            Form::Sampled => "sampled",
+            Form::StrictFeedback => "strict-feedback",
+        };
+        row.set_item("form", form)?;
+        row.set_item("continuous", law.continuous)?;
+        row.set_item("placed", law.placed)?;
+        row.set_item("memory", words(law.memory))?;
+        row.set_item("source", law.source)?;
+        Ok(row)
+    };
+    LAWS.iter().map(row).collect()
+}
+
+fn found(kind: &str) -> Result<&'static Law> {
+    Law::find(LAWS, kind).ok_or_else(|| refused(&format!("kind = {kind:?} is not known")))
+}
+
+/// Entries of each list of coefficients and of each part of the memory, and how many poles make the
+/// coefficients, for order n, second size m and a gain that moves or not.
+#[pyfunction]
+pub fn law_sizes<'py>(
+    py: Python<'py>,
+    kind: &str,
+    n: usize,
+    m: usize,
+    moves: bool,
+) -> Result<Bound<'py, PyDict>> {
+    let (law, sizes) = (found(kind)?, Sizes { n, m, moves, ..Sizes::default() });
+    let counted = |parts: &[Part]| -> Vec<(&str, usize)> {
+        parts.iter().map(|part| (part.name, (part.len)(&sizes))).collect()
+    };
+    let out = PyDict::new(py);
+    out.set_item("coefficients", counted(law.coefficients))?;
+    out.set_item("memory", counted(law.memory))?;
+    out.set_item("poles", law.design.map(|design| (design.poles.len)(&sizes)))?;
+    Ok(out)
+}
+
+/// The lists of coefficients of a law from poles given as (real, imaginary) pairs; the usual ones without.
+#[pyfunction]
+#[allow(clippy::needless_pass_by_value)]
+pub fn law_coefficients(
+    kind: &str,
+    n: usize,
+    m: usize,
+    poles: Option<Vec<(f64, f64)>>,
+) -> Result<Vec<Vec<f64>>> {
+    let sizes = Sizes { n, m, ..Sizes::default() };
+    Ok(design::of_law(found(kind)?, &sizes, poles.as_deref())?)
+}
 
 /// Coefficients [k_1 ... k_n] from poles given as (real, imaginary) pairs.
 #[pyfunction]

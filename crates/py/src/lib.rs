@@ -21,8 +21,8 @@ use pyo3::prelude::*;
 mod _core {
     #[pymodule_export]
     use crate::design::{
-        coefficients_from_poles, is_hurwitz, low_power_coefficients,
-        low_power_coefficients_from_poles, low_power_polynomial,
+        coefficients_from_poles, is_hurwitz, law_coefficients, law_sizes, laws,
+        low_power_coefficients, low_power_coefficients_from_poles, low_power_polynomial,
     };
     #[pymodule_export]
     use crate::functions::{coupled_paths, elementary_source, filtered, mean_covariance, random};

@@ -10,6 +10,7 @@ import inspect
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +24,11 @@ from hgo_rs.config.tables import model_table, observer_table, plain
 from hgo_rs.config.text import parsed, read
 from hgo_rs.errors import HgoError, nearest
 from hgo_rs.files import write_text
-from hgo_rs.observers import Observer, StochasticApproximation
+from hgo_rs.laws import LAWS
+from hgo_rs.observers import HighGainObserver, Observer, StochasticApproximation
 from hgo_rs.read_only import read_only
 
-_RIVALS = (("gain", "epsilon"), ("poles", "k", "alpha", "beta"))
+_RIVALS = (("gain", "epsilon"), ("poles", *keys.LISTS))
 """Keys that stand in place of one another: a change of one drops the others."""
 
 _UNITS = {"gain": "1/s", "epsilon": "s", "dt": "s", "t": "s"}
@@ -139,7 +141,7 @@ class Config:
 
     def observer(self) -> Observer:
         """A new observer as this configuration says, at its start."""
-        law = getattr(observers, OBSERVERS[self.data["observer"]])
+        law, accepted = _maker(self.data["observer"])
         given = {
             {"order": "n"}.get(key, key): value
             for key, value in self.data.items()
@@ -154,7 +156,7 @@ class Config:
         if "model" in self.data:
             given["model"] = self._model()
             order = given["model"].order
-            if "n" in inspect.signature(law).parameters and order is not None:
+            if "n" in accepted and order is not None:
                 given.setdefault("n", order)
         observer: Observer = self._built((), law, given)
         start = self.data.get("start")
@@ -208,7 +210,10 @@ class Config:
     def _built(self, path: tuple[str, ...], make: Callable[..., Any], given: dict[str, Any]) -> Any:
         """What `make` gives; its errors name file and line."""
         for name, parameter in inspect.signature(make).parameters.items():
-            if parameter.default is inspect.Parameter.empty and name not in given:
+            needed = (
+                parameter.default is parameter.empty and parameter.kind != parameter.VAR_KEYWORD
+            )
+            if needed and name not in given:
                 key = _KEYS.get(name, name)
                 raise self._error((*path, key), "is missing", f"add {key} = ...")
         try:
@@ -286,7 +291,7 @@ class Config:
     def _check_use(self) -> None:
         """Every key at the head is an argument of the observer's class."""
         name = self.data["observer"]
-        accepted = inspect.signature(getattr(observers, OBSERVERS[name])).parameters
+        _, accepted = _maker(name)
         for key in self.data:
             if key in ("format", "observer", "start", "log"):
                 continue
@@ -366,6 +371,18 @@ def load(path: str | Path) -> Config:
 def save(observer: Observer, path: str | Path, **log: Any) -> None:
     """`Observer.save`."""
     Config.of(observer, **log).save(path)
+
+
+def _maker(kind: str) -> tuple[Callable[..., Any], set[str]]:
+    """What makes the observer of a structure, and the arguments that it takes."""
+    make = getattr(observers, OBSERVERS[kind])
+    accepted = set(inspect.signature(make).parameters)
+    if make is not HighGainObserver:
+        return make, accepted
+    law = LAWS[kind]
+    accepted -= {"kind", "entries", *(() if law.saturated else ("saturation", "clip"))}
+    accepted |= {*(name for name, _ in law.coefficients), *(law.size[:1] if law.size else ())}
+    return partial(make, kind), accepted
 
 
 def _toml_type(value: Any) -> str:

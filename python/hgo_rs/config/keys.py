@@ -6,11 +6,12 @@ from collections.abc import Callable
 from typing import Any
 
 from hgo_rs.errors import HgoError
+from hgo_rs.laws import LAWS
 
 FORMAT = 1
 """The format of `observer.toml` that this version reads and writes."""
 
-OBSERVERS = {
+_CLASSES = {
     "standard": "StandardObserver",
     "low-power": "LowPowerObserver",
     "peaking-free": "PeakingFreeObserver",
@@ -18,6 +19,9 @@ OBSERVERS = {
     "modified": "ModifiedObserver",
     "sampled-data": "SampledDataObserver",
     "reduced-order": "ReducedOrderObserver",
+}
+OBSERVERS = {
+    **{kind: _CLASSES.get(kind, "HighGainObserver") for kind in LAWS},
     "chains": "MultiOutputObserver",
 }
 """The structures, and the class of hgo_rs behind each name."""
@@ -74,6 +78,9 @@ GAIN: Kind = (
     'a number [1/s], or a law such as { law = "adaptive", p1 = 1.0, p2 = 1.0, b = 0.1 }',
 )
 
+LISTS = [name for law in LAWS.values() if law.continuous for name, _ in law.coefficients]
+"""Lists of coefficients, of all laws."""
+
 TOP: dict[str, Kind] = {
     "format": INTEGER,
     "observer": TEXT,
@@ -81,12 +88,9 @@ TOP: dict[str, Kind] = {
     "gain": GAIN,
     "epsilon": NUMBER,
     "poles": POLES,
-    "k": NUMBERS,
-    "alpha": NUMBERS,
-    "beta": NUMBERS,
-    "k_bar": NUMBERS,
+    **{law.size[0]: INTEGER for law in LAWS.values() if law.size},
+    **dict.fromkeys(LISTS, NUMBERS),
     "h_bar": NUMBERS,
-    "copies": INTEGER,
     "saturation": NUMBER_OR_NUMBERS,
     "clip": TEXT,
     "method": TEXT,

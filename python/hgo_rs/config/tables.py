@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.config.keys import TOP, ConfigError
+from hgo_rs.laws import LAWS
 from hgo_rs.observers import Observer
 
 
@@ -29,7 +30,8 @@ def plain(value: Any) -> Any:
 def observer_table(spec: Mapping[str, Any]) -> dict[str, Any]:
     """The keys at the head of a file, or of one of `[[observers]]`."""
     data: dict[str, Any] = {"observer": spec["kind"]}
-    if spec["kind"] in ("standard", "low-power", "peaking-free"):
+    law = LAWS.get(spec["kind"])
+    if law is not None and law.single:
         data["order"] = spec["n"]
     for key, value in spec.items():
         if key == "gain" and isinstance(value, dict):

@@ -1,42 +1,35 @@
-"""The linear part of every observer as matrices: law x discretisation x timing, in one place.
+"""The linear part of every observer: law x discretisation x timing, by the law's own steps.
 
-A law with a constant gain, its model left out, is a linear filter of y.  In continuous time, in
-coordinates scaled by powers of the gain (state i holds x_hat_i / ell^(i-1), time runs in 1/ell),
+A law with a constant gain, its model left out and its saturations at rest, is a linear filter of y.
+In coordinates scaled by powers of the gain (state i holds z_i = x_hat_i / ell^(i-1), time runs in
+1/ell) it is the law at gain 1, and one step depends on c = ell dt alone.  So the compiled law is
+stepped over c at gain 1, from memories that are 1 in one entry and 0 in the others and once by
+y = 1: what comes out are the columns of the step's matrices, whatever law, method and timing.  A
+step of forward Euler gives the law in continuous time,
 
-    z' = M z + G y,        M = F - G C,        C = (1, 0, ..., 0),
+    z' = M z + G y,        M = F - G C,        C = (1, 0, ..., 0):    z+ = z + c (M z + G y),
 
-where F is what the law does between samples (the chain; in the low-power laws the inner errors
-too) and G y - G C z the injection of the innovation.  One step depends on c = ell dt alone:
-
-- euler:  z+ = (1 + c M) z + c G y.
-- staggered-euler:  z+ = z + (1 - c N)^-1 c (M z + G y), as d_i += c d_{i+1} from the bottom.
-- rk4, bogacki-shampine:  Taylor polynomials of exp(c M), with y held over the step.
-- rk4-innovation-held:  Taylor polynomials of exp(c F), with y - z_1 held.
-- zoh:  correct, then move over the step exactly:  z <- z + K (y - z_1),  z+ = exp(c A) z with the
-  chain A alone, and the K(c) that gives (1 - K C) exp(c A) the eigenvalues exp(c lambda(M)): those
-  of the continuous error at the sampling instants.  Low-power laws correct every block by its e_i.
-- bilinear:  as zoh, with the eigenvalues (1 + c lambda/2)/(1 - c lambda/2) of the trapezoidal rule.
+and how its entries grow from gain 1 to gain 2 gives the powers of the gain.
 
 Timing "predictor" shows z before the sample y(k) is used.  "current" corrects by it first and shows
-what is then known; methods that do not correct by themselves do it by z <- z + c G (y - z_1), and
-then step with the innovation 0.
+what is then known.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from hgo_rs.errors import DesignError, check, explain
-from hgo_rs.reference.placement import low_power_gains
+from hgo_rs import _core
+from hgo_rs.errors import DesignError, check, check_integer, explain
+from hgo_rs.laws import LAWS
 
 from . import _checks
 from ._checks import Array
-from .coefficients import companion, low_power_matrix
 
 METHODS = (
     "euler",
@@ -64,20 +57,18 @@ DEFAULT_TIMING = "current"
 
 CORRECTING = ("zoh", "bilinear")
 """Methods that correct by the sample, then move: stable for any step."""
-ORDERS = {"euler": 1, "rk4": 4, "rk4-innovation-held": 4, "bogacki-shampine": 3}
 
 
 @dataclass(frozen=True, eq=False)
 class Continuous:
     """z' = F z + G (y - z_1), the linear part of a law in coordinates scaled at ``ell``.
 
-    ``f``: (m, m); ``g``: (m,); ``links``: (m, m), which state lifts which in staggered Euler;
-    ``power``: (m,), state i is ell^power[i] z_i; ``n``: how many of them are estimates, the first.
+    ``f``: (m, m); ``g``: (m,); ``power``: (m,), state i is ell^power[i] z_i; ``n``: how many of
+    them are estimates, the first.
     """
 
     f: Array
     g: Array
-    links: Array
     power: Array
     n: int
     ell: float
@@ -140,17 +131,36 @@ class Discrete:
 def continuous(observer: Mapping[str, Any], *, gain: float | None = None) -> Continuous:
     """The linear part of a continuous law.
 
-    ``observer``: the spec of a standard, low-power or peaking-free law (its saturations at rest).
+    ``observer``: the spec of a law of one chain; saturations are at rest.
     ``gain``: the value [1/s] at which a gain that moves is frozen; needed there, refused elsewhere.
     """
-    kind = choice(observer, "kind", (*_LINEAR, *_RECURSIONS, "collection", "modified"))
-    if kind in _RECURSIONS:
+    kind = choice(observer, "kind", tuple(LAWS))
+    if not LAWS[kind].continuous:
         allowed = "a law in continuous time"
         raise DesignError(explain("kind", kind, allowed, "this one is a recursion: give dt"))
-    if kind not in _LINEAR:
+    if not LAWS[kind].single:
         remedy = "analyse one copy: a StandardObserver with the same k"
         raise DesignError(explain("kind", kind, "a law with one chain", remedy))
-    return _LINEAR[kind](observer, _frozen(observer, gain))
+    ell = _frozen(observer, gain)
+    f, g, power = rates(unit(observer))
+    return Continuous(f, g, power, sizes(observer)[0], ell)
+
+
+def following(observer: Mapping[str, Any]) -> Array:
+    """L, (m, n): on the chain's own motion x' = A x, y = x_1, the memory of a continuous law of one
+    chain is z = L x.  Estimates are x, eta of the low-power laws too; states of a filter are 0.
+
+    M L - L A + G C = 0, in scaled coordinates, which are also those of the law at gain 1.
+    """
+    f, g, _ = rates(unit(observer))
+    n, m = sizes(observer)[0], len(g)
+    closed, given = f.copy(), np.zeros((m, n))
+    closed[:, 0] -= g
+    given[:, 0] = g
+    sum_of = np.kron(np.eye(n), closed) - np.kron(np.eye(n, k=1).T, np.eye(m))
+    found = np.linalg.solve(sum_of, -given.ravel(order="F")).reshape(m, n, order="F")
+    whole = np.rint(found)
+    return np.where(np.abs(found - whole) < 1e-6, whole, found)
 
 
 def discrete(observer: Mapping[str, Any], dt: float, *, gain: float | None = None) -> Discrete:
@@ -169,140 +179,146 @@ def discrete(observer: Mapping[str, Any], dt: float, *, gain: float | None = Non
         )
         return _RECURSIONS[kind](observer, dt)
     law = continuous(observer, gain=gain)
-    now = timing(observer)
-    c = law.ell * dt
-    a, b, seen, direct = step(law, method(observer), now, c)
+    steps = Steps(unit(observer), method(observer), timing(observer))
+    a, b, seen, direct = steps(law.ell * dt)
     scale, n = law.scale[:, None], law.n
     back = scale / law.scale
     shown = (back * seen)[:n], (scale * direct)[:n]
     return Discrete(back * a, scale * b, *shown, dt, law.ell, law.power)
 
 
-def step(law: Continuous, rule: str, timing: str, c: Array | float) -> tuple[Array, ...]:
-    """One step in scaled coordinates: (a, b, c, d), the last two for all states.
+# --- the law's own steps ----------------------------------------------------------------------
 
-    ``c``: ell dt, one number; or many, (...,), for matrices (..., m, m), where the method does not
-    correct.
-    """
-    eye, g = np.eye(law.g.size), law.g[:, None]
-    first = eye[:1]  # C
-    each = np.asarray(c, dtype=np.float64)[..., None, None]
-    if rule in CORRECTING or timing == "current":
-        if rule in CORRECTING:
-            phi, kept, k = correction(law, rule, float(c))
-        else:
-            phi, k = _held(law.f, law, rule, each)[0], each * g
-            kept = eye - k @ first
-        a, b = phi @ kept, phi @ k
-        return (a, b, kept, k) if timing == "current" else (a, b, eye, np.zeros_like(g))
-    if rule == "rk4-innovation-held":
-        a, b = _held(law.f, law, rule, each)
-        a = a - b @ first
-    else:
-        a, b = _held(law.closed, law, rule, each)
-    return a, b, eye, np.zeros_like(g)
+Unit = tuple[tuple[str, Any], ...]
+"""A law at gain 1: kind, n, the second size, lists of coefficients, as entries of a spec."""
+
+_AT_REST = 1e150
+"""A level that no memory of a linear law reaches."""
 
 
-def _held(m: Array, law: Continuous, rule: str, c: Array) -> tuple[Any, Any]:
-    """(a, b) of a step of z' = m z + G w with w held."""
-    eye, g = np.eye(len(m)), law.g[:, None]
-    if rule == "staggered-euler":
-        swept = np.linalg.inv(eye - c * law.links)
-        return eye + swept @ (c * m), swept @ (c * g)
-    held: Any = eye
-    for j in range(ORDERS[rule], 1, -1):
-        held = eye + c * m @ held / j  # 1 + c m/2 + (c m)^2/6 + ...
-    return eye + c * m @ held, np.broadcast_to(held, np.shape(c)[:-2] + m.shape) @ (c * g)
+def unit(observer: Mapping[str, Any]) -> Unit:
+    """What of a continuous law's spec its steps at gain 1 depend on."""
+    law = LAWS[observer["kind"]]
+    n, m = sizes(observer)
+    entries: list[tuple[str, Any]] = [("kind", law.kind), ("n", n)]
+    if law.size:
+        entries.append((law.size[0], m))
+    for name, count in law.counts(n, m).items():
+        entries.append((name, tuple(_checks.vector(member(observer, name), name, count).tolist())))
+    return tuple(entries)
 
 
-def correction(law: Continuous, rule: str, c: float) -> tuple[Array, Array, Array]:
-    """(Phi, kept, K) of a method that corrects, in scaled coordinates, for c = ell dt.
-
-    z <- kept z + K y, z+ = Phi z: (m, m), (m, m), (m, 1).  Of a chain, kept = 1 - K C and
-    kappa(tau) = K_1 + K_2 tau + ... + K_n tau^(n-1)/(n-1)! is by how much a unit innovation moves
-    the prediction for a time tau later.  With dt = 1, wanted eigenvalues z and
-    prod(delta - (z - 1)) = delta^n + d_1 delta^(n-1) + ... + d_n,
-
-        kappa(tau) = d_1 + d_2 (tau - 1) + d_3 (tau - 1)(tau - 2)/2! + ...
-
-    The low-power laws correct every block by its own e_i, with the gains of
-    ``reference.placement.low_power_gains``.
-    """
-    n, size = law.n, law.g.size
-    lift = c**law.power  # in the coordinates c^power z the chain does not know c
-    phi, kept, k = np.eye(size), np.eye(size), np.zeros((size, 1))
-    flow = chain_step(n, 1.0)
-    if size == n:
-        phi = flow
-        poles = c * np.linalg.eigvals(law.closed)
-        moved = np.expm1(poles) if rule == "zoh" else poles / (1.0 - 0.5 * poles)  # z - 1
-        kappa, factor = np.polynomial.Polynomial([0.0]), np.polynomial.Polynomial([1.0])
-        for r, d in enumerate(np.poly(moved).real[1:], 1):
-            kappa += d * factor
-            factor *= np.polynomial.Polynomial([-1.0, 1.0 / r])  # (tau - r)/r
-        k[:, 0] = [kappa.deriv(i)(0.0) if i else kappa(0.0) for i in range(size)]
-        kept[:, :1] -= k
-    else:
-        # x_i and eta_(i-1) move alike, by the eta above them
-        phi[:n, n:] = (flow - np.eye(n))[:, 1:]
-        phi[n:, n:] = flow[1:, 1:]
-        alpha, beta = -np.diag(law.closed)[:n], -np.diag(law.closed[n:, : n - 1])
-        a, b = low_power_gains(alpha * c, beta * c * c, 1.0, rule)[:2]
-        innovation = np.zeros((n, size))  # e_i = eta_(i-1) - x_i; y is not a state
-        innovation[:, :n] = -np.eye(n)
-        innovation[1:, n:] = np.eye(n - 1)
-        gains = np.vstack([np.diag(a), np.diag(b, 0) @ np.eye(n - 1, n)])
-        kept += gains @ innovation
-        k = gains[:, :1]
-    scaled = lift / lift[:, None]
-    return phi * scaled, kept * scaled, k / lift[:, None]
+def sizes(observer: Mapping[str, Any]) -> tuple[int, int]:
+    """The order, where a spec leaves it out that of its coefficients, and the second size or 0."""
+    law = LAWS[observer["kind"]]
+    m = 0
+    if law.size:
+        name, values = law.size
+        least, most = min(values), max(values)
+        m = check_integer(member(observer, name), name, least=least, most=most, error=DesignError)
+    if "n" in observer:
+        return _checks.order(observer["n"]), m
+    first = law.coefficients[0][0]
+    given = _checks.vector(member(observer, first), first).size
+    for n in law.orders:
+        if law.counts(n, m)[first] == given:
+            return n, m
+    return _checks.order(given, f"number of {first}"), m
 
 
-def chain_step(n: int, dt: float) -> Array:
-    """exp(A dt) of a chain of n integrators: dt^(j-i)/(j-i)! above the diagonal."""
-    powers = [dt**j / math.factorial(j) for j in range(n)]
-    return np.array([[powers[j - i] if j >= i else 0.0 for j in range(n)] for i in range(n)])
+def _spec(of: Unit, rule: str, now: str, ell: float = 1.0) -> dict[str, Any]:
+    """The spec of the law without a model, its gain `ell`, or at rest at 1 where it must move."""
+    spec: dict[str, Any] = {**dict(of), "method": rule, "timing": now}
+    law = LAWS[spec["kind"]]
+    if law.saturated:
+        spec["saturation"] = [_AT_REST] * (spec["n"] - 1)
+    spec["gain"] = {"law": "constant", "ell": ell}
+    if law.gain == "adaptive":
+        spec["gain"] = {"law": "adaptive", "p1": 1.0 / _AT_REST, "p2": 1.0, "b": 0.25}
+    return spec
 
 
-# --- the laws ---------------------------------------------------------------------------------
+class Steps:
+    """Steps of a law at gain 1 (or `ell`) from memories that are not 0 in one entry."""
+
+    def __init__(self, of: Unit, rule: str, now: str, ell: float = 1.0) -> None:
+        try:
+            self.core = _core.Observer(_spec(of, rule, now, ell))
+        except ValueError as error:
+            raise DesignError(str(error)) from None
+        self.rest = self.core.initial()
+        own = self.rest[: len(self.rest) - self.core.is_current]
+        self.entries = np.flatnonzero(own == 0.0)
+        """Those of the law's memory that move linearly: all but gains."""
+
+    def __call__(self, c: float) -> tuple[Array, ...]:
+        """One step over ``c``: (a, b, c, d), the last two for all states."""
+        size = self.entries.size
+        starts = np.vstack([np.eye(size), np.zeros(size)])
+        shown, moved = self._from(starts, c, [_NOTHING] * size + [_UNIT])
+        return moved[:, :-1], moved[:, -1:], shown[:, :-1], shown[:, -1:]
+
+    def error(self, c: float, starts: Array | None = None) -> Array:
+        """``a`` alone; of the part that memories ``starts`` (m, k) span and a step keeps (k, k)."""
+        if starts is None:
+            starts = np.eye(self.entries.size)
+        moved = self._from(starts.T, c, [_NOTHING] * starts.shape[1])[1]
+        return moved if len(moved) == starts.shape[1] else np.linalg.pinv(starts) @ moved
+
+    def _from(self, starts: Array, c: float, samples: list[Array]) -> tuple[Array, Array]:
+        """What is shown and what is next, a column for each row of ``starts``."""
+        memories = np.tile(self.rest, (len(starts), 1))
+        memories[:, self.entries] = starts
+        if self.core.is_current:
+            memories[:, -1] = c
+            each = zip(memories, samples, strict=True)
+            memories = np.array([self.core.correct(memory, y, 0.0)[0] for memory, y in each])
+        each = zip(memories, samples, strict=True)
+        moved = np.array([self.core.advance(z, y, _NO_INPUT, 0.0, c)[0] for z, y in each])
+        return memories[:, self.entries].T, moved[:, self.entries].T
 
 
-def _standard(observer: Mapping[str, Any], ell: float) -> Continuous:
-    k = _checks.vector(member(observer, "k"), "k")
-    _checks.order(k.size, "number of k")
-    _checks.hurwitz(companion(k), "A - K C")
-    return chain(k, ell)
+_NOTHING, _UNIT = np.zeros(1), np.ones(1)
+_NO_INPUT = np.empty(0)
 
 
-def chain(k: Array, ell: float = 1.0) -> Continuous:
-    """The standard law."""
-    n = k.size
-    shift = np.diag(np.ones(n - 1), 1)  # x_i is lifted by x_{i+1}
-    return Continuous(shift, k, shift, np.arange(float(n)), n, ell)
-
-
-def _low_power(observer: Mapping[str, Any], ell: float) -> Continuous:
-    alpha = _checks.vector(member(observer, "alpha"), "alpha")
-    beta = _checks.vector(member(observer, "beta"), "beta", alpha.size - 1)
-    _checks.hurwitz(low_power_matrix(alpha, beta), "M_n")
-    return blocks(alpha, beta, ell)
-
-
-def blocks(alpha: Array, beta: Array, ell: float = 1.0) -> Continuous:
-    """The low-power law: memory x_hat (n), eta (n - 1); M_n has them as (x_1, eta_1, x_2, ...)."""
-    n = alpha.size
-    order = [*range(0, 2 * n - 1, 2), *range(1, 2 * n - 1, 2)]
-    f = low_power_matrix(alpha, beta)[np.ix_(order, order)]
-    g = np.zeros(2 * n - 1)
-    g[0], g[n] = alpha[0], beta[0]
+@lru_cache(maxsize=256)
+def rates(of: Unit) -> tuple[Array, Array, Array]:
+    """(F, G, powers of the gain) of a law in continuous time, in scaled coordinates."""
+    one, two = (_euler(of, ell) for ell in (1.0, 2.0))
+    f, g = one[:, :-1].copy(), one[:, -1].copy()
     f[:, 0] += g
-    links = np.zeros_like(f)
-    for i in range(n - 1):
-        links[i, n + i] = 1.0  # x_i by eta_i
-        if i + 1 < n - 1:
-            links[n + i, n + i + 1] = 1.0  # eta_i by eta_{i+1}
-    power = np.concatenate([np.arange(float(n)), np.arange(1.0, n)])  # eta_i estimates x_{i+1}
-    return Continuous(f, g, links, power, n, ell)
+    for array in (f, g):
+        array.flags.writeable = False
+    return f, g, _powers(one, two)
+
+
+def _euler(of: Unit, ell: float) -> Array:
+    """[M G] at a gain, (m, m + 1), by forward Euler over 1 s."""
+    a, b, *_ = Steps(of, "euler", "predictor", ell)(1.0)
+    return np.column_stack([a - np.eye(len(a)), b])
+
+
+def _powers(one: Array, two: Array) -> Array:
+    """State i is ell^p_i z_i: what entry j gives to the rate of i grows as ell^(1 + p_i - p_j).
+
+    ``one``, ``two``: [M G] at gains 1 and 2.  y, the last column, has the power 0 and all else is
+    found from it along the law's links.
+    """
+    power = np.append(np.full(len(one), np.nan), 0.0)
+    for _ in power:
+        for i, j in np.argwhere(np.abs(one) > 1e-12):
+            grown = np.log2(np.abs(two[i, j] / one[i, j])) - 1.0
+            if np.isnan(power[i]):
+                power[i] = power[j] + grown
+            elif np.isnan(power[j]):
+                power[j] = power[i] - grown
+    found = np.rint(power[:-1])
+    found.flags.writeable = False
+    return found
+
+
+# --- recursions -------------------------------------------------------------------------------
 
 
 def _sampled_data(observer: Mapping[str, Any], dt: float) -> Discrete:
@@ -329,7 +345,6 @@ def _reduced_order(observer: Mapping[str, Any], dt: float) -> Discrete:
     return Discrete(a, b, shown, h, dt, 1.0, np.zeros(2 * h_bar.size))
 
 
-_LINEAR = {"standard": _standard, "low-power": _low_power, "peaking-free": _low_power}
 _RECURSIONS = {"sampled-data": _sampled_data, "reduced-order": _reduced_order}
 
 

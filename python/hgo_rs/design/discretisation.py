@@ -1,7 +1,7 @@
-"""The largest stable step of an observer under each discretisation, computed from its matrices.
+"""The largest stable step of an observer under each discretisation, from steps of the law itself.
 
-With the error in coordinates scaled by powers of the gain, one step is a matrix that depends on the
-product c = ell dt only; the limit is the smallest c at which its spectral radius passes 1.  The
+At gain 1 one step of the error is a matrix that depends on c = ell dt only (`discrete.Steps`); the
+limit is the smallest c at which its spectral radius passes 1.  The
 known nonlinearity of the model is left out: it is small beside a gain that deserves the name high.
 NumPy only, and quick: an observer refuses an unstable step when it is made.
 """
@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from hgo_rs.errors import DesignError, check, check_integer
+from hgo_rs.errors import DesignError, check
+from hgo_rs.laws import LAWS
 
 from . import _checks
 from ._checks import Array
-from .coefficients import companion, low_power_matrix
-from .discrete import CORRECTING, Continuous, blocks, chain, choice, member, method, step, timing
+from .discrete import CORRECTING, Steps, Unit, choice, member, method, timing, unit
 
 _ROUNDED = 200.0
 _SATURATED = {
@@ -80,15 +80,11 @@ def check_step(observer: Mapping[str, Any], dt: float, *, allow_unstable: bool =
 def step_limit(observer: Mapping[str, Any]) -> StepLimit:
     """The largest stable step of the observer that the spec ``observer`` describes.
 
-    - standard: A - K C.  low-power: M_n.  peaking-free: M_n, and each block alone (E_i, -alpha_n),
-      which is what is left while the saturations are active.  For a complex pair of E_1 forward
-      Euler's limit is c = alpha_1/beta_1.
-    - collection, modified: A - K C for the copies' mean, A - (K - copies K_bar) C for their
-      differences (if that is Hurwitz: else no step is to blame).
-    - euler, rk4, bogacki-shampine: the stability polynomial at each eigenvalue (measurement held
-      over the step, innovation recomputed at each stage).  rk4-innovation-held: e_1 is one number
-      for the whole step, the low-power law's inner e_2, e_3, ... follow the stages.
-      Timing "current": prediction by the method, then I - c K C.
+    - continuous laws: the step of the law itself, without a model and with its saturations at rest.
+    - peaking-free: also each block alone (E_i, -alpha_n), which is what is left while the
+      saturations are active.  For a complex pair of E_1 forward Euler's limit is alpha_1/beta_1.
+    - collection, modified: copies that are alike, and their differences (if these decay in
+      continuous time: else no step is to blame).
     - zoh: none.  bilinear: |lambda| dt < 200, where rounding takes over.  peaking-free: bounded at
       any step; ``c`` is up to where it was seen to converge from anywhere, default coefficients.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with
@@ -100,53 +96,43 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
     - reduced-order (Katayama, A5): T < 2 epsilon/max h_bar, exact.
     - chains: the least of the chains' own; ``parts`` are in s there.
     """
-    kind = choice(observer, "kind", tuple(_LIMITS))
-    return _LIMITS[kind](observer)
+    kind = choice(observer, "kind", (*LAWS, "chains"))
+    return _LIMITS.get(kind, _continuous)(observer)
 
 
 # --- continuous laws --------------------------------------------------------------------------
 
 
-def _standard(observer: Mapping[str, Any]) -> StepLimit:
-    rule = method(observer)
-    k = _checks.vector(member(observer, "k"), "k")
-    return _limit(
-        observer, rule, {"linear": _chain_limit((rule, timing(observer)), tuple(k.tolist()))}
-    )
-
-
-def _collection(observer: Mapping[str, Any]) -> StepLimit:
-    rule = method(observer)
-    remedy = "choose another: eigenvalues are placed for single laws"
-    check(rule not in CORRECTING, "method", rule, "a method of rates", remedy, DesignError)
-    k = _checks.vector(member(observer, "k"), "k")
-    k_bar = _checks.vector(member(observer, "k_bar"), "k_bar", k.size)
-    copies = check_integer(member(observer, "copies"), "copies", least=1, error=DesignError)
-    parts = {"linear": _chain_limit((rule, timing(observer)), tuple(k.tolist()))}
-    apart = k - copies * k_bar
-    if copies > 1 and np.max(np.linalg.eigvals(companion(apart)).real) < 0.0:
-        parts["copies apart"] = _chain_limit((rule, timing(observer)), tuple(apart.tolist()))
+def _continuous(observer: Mapping[str, Any]) -> StepLimit:
+    rule, now, law = method(observer), timing(observer), LAWS[observer["kind"]]
+    remedy = f"choose another: eigenvalues are not placed for the {law.title}"
+    holds = law.placed or rule not in CORRECTING
+    check(holds, "method", rule, "a method of rates", remedy, DesignError)
+    of = unit(observer)
+    parts = {"linear": _critical(of, rule, now)}
+    if law.saturated:
+        parts |= _saturated(dict(of), rule, now)
+    if law.size and law.size[0] == "copies":
+        apart = _critical(of, rule, now, "apart")
+        if apart is not None:
+            parts["copies apart"] = apart
     return _limit(observer, rule, parts)
 
 
-def _low_power(observer: Mapping[str, Any]) -> StepLimit:
-    rule, now = method(observer), timing(observer)
-    alpha = _checks.vector(member(observer, "alpha"), "alpha")
-    beta = _checks.vector(member(observer, "beta"), "beta", alpha.size - 1)
-    coefficients = tuple(alpha.tolist()), tuple(beta.tolist())
-    parts = {"linear": _low_power_limit((rule, now), *coefficients)}
-    if observer["kind"] == "peaking-free" and rule in CORRECTING:
-        parts["saturated"] = _SATURATED[rule].get(alpha.size, 0.05 if alpha.size > 4 else math.inf)
-        parts["blocks"] = math.inf
-    elif observer["kind"] == "peaking-free":
-        # only the first block has a sample: the innovations of the others follow the stages
-        inner = "rk4" if rule == "rk4-innovation-held" else rule, "predictor"
-        for i in range(alpha.size - 1):
-            # a block is the chain x' = eta + alpha e, eta' = beta e of order 2
-            block = coefficients[0][i], coefficients[1][i]
-            parts[f"block {i + 1}"] = _chain_limit((rule, now) if i == 0 else inner, block)
-        parts[f"block {alpha.size}"] = _chain_limit(inner, (coefficients[0][-1],))
-    return _limit(observer, rule, parts)
+def _saturated(of: dict[str, Any], rule: str, now: str) -> dict[str, float]:
+    """What is left while saturations are active: each block alone, x' = eta + alpha e,
+    eta' = beta e, which is the standard law of order 2; of the last one x' = alpha e.
+    """
+    if rule in CORRECTING:
+        limit = _SATURATED[rule].get(of["n"], 0.05 if of["n"] > 4 else math.inf)
+        return {"saturated": limit, "blocks": math.inf}
+    # only the first block has a sample: the innovations of the others follow the stages
+    inner = "rk4" if rule == "rk4-innovation-held" else rule, "predictor"
+    parts = {}
+    for i, k in enumerate([*zip(of["alpha"], of["beta"], strict=False), of["alpha"][-1:]]):
+        block: Unit = (("kind", "standard"), ("n", len(k)), ("k", tuple(k)))
+        parts[f"block {i + 1}"] = _critical(block, *((rule, now) if i == 0 else inner))
+    return parts
 
 
 def _limit(observer: Mapping[str, Any], rule: str, parts: dict[str, float]) -> StepLimit:
@@ -160,46 +146,54 @@ def _limit(observer: Mapping[str, Any], rule: str, parts: dict[str, float]) -> S
 
 
 @lru_cache(maxsize=256)
-def _chain_limit(when: tuple[str, str], k: tuple[float, ...]) -> float:
-    """The limit of c for A - K C."""
-    _checks.order(len(k), "number of k")
-    _checks.hurwitz(companion(k), "A - K C")
-    return _critical(chain(np.array(k)), *when)
+def _critical(of: Unit, rule: str, now: str, part: str = "") -> Any:
+    """The first c > 0 at which the step's spectral radius exceeds 1; infinite if none does.
 
-
-@lru_cache(maxsize=256)
-def _low_power_limit(
-    when: tuple[str, str], alpha: tuple[float, ...], beta: tuple[float, ...]
-) -> float:
-    """The limit of c for M_n."""
-    _checks.hurwitz(low_power_matrix(alpha, beta), "M_n")
-    return _critical(blocks(np.array(alpha), np.array(beta)), *when)
-
-
-def _critical(law: Continuous, rule: str, now: str) -> float:
-    """The first c > 0 at which the step's spectral radius exceeds 1; infinite if none does."""
-    fastest = float(np.max(np.abs(np.linalg.eigvals(law.closed))))
+    ``part``: "alike" or "apart" of a collection; None if that does not decay in continuous time.
+    """
+    starts = _copies(dict(of), part) if "copies" in dict(of) else None
+    a = Steps(of, "euler", "predictor").error(1.0, starts)
+    eigenvalues = np.linalg.eigvals(a - np.eye(len(a)))
+    if part and np.max(eigenvalues.real) >= 0.0:
+        return None
+    fastest = float(np.max(np.abs(eigenvalues)))
     if rule in CORRECTING:  # the bilinear rule gathers eigenvalues at -1
         return math.inf if rule == "zoh" else _ROUNDED / fastest
+    steps = Steps(of, rule, now)
 
-    def radius(c: Array) -> Array:
-        steps = step(law, rule, now, c)[0]
-        return np.asarray(np.max(np.abs(np.linalg.eigvals(steps)), axis=1), dtype=np.float64)
+    def radius(grid: Array) -> Array:
+        matrices = np.array([steps.error(c, starts) for c in grid.tolist()])
+        return np.asarray(np.max(np.abs(np.linalg.eigvals(matrices)), axis=1), dtype=np.float64)
 
     return _first_crossing(radius, 8.0 / fastest)
 
 
+def _copies(of: dict[str, Any], part: str) -> Array:
+    """Memories of a collection: copies alike, or two that differ."""
+    n, copies = of["n"], of["copies"]
+    which = np.ones(copies)
+    if part == "apart":
+        which[:] = 0.0
+        which[:2] = 1.0, -1.0
+    starts = np.kron(which[:, None], np.eye(n))
+    before = n * (of["kind"] == "modified")  # the observer beside them rests
+    return np.vstack([np.zeros((before, n)), starts])
+
+
 def _first_crossing(radius: Callable[[Array], Array], highest: float) -> float:
-    """The first c in (0, highest] with radius(c) > 1, by a grid and then ever finer ones."""
-    low, high = 0.0, highest
-    for points in (64, 16, 16, 16, 16):
-        grid = np.linspace(low, high, points + 1)[1:]
-        unstable = np.flatnonzero(radius(grid) > 1.0 + 1e-10)
-        if unstable.size == 0:
-            return high
-        first = int(unstable[0])
-        low, high = (float(grid[first - 1]) if first else low), float(grid[first])
-    return low
+    """The first c in (0, highest] with radius(c) > 1: by a grid, then by halves."""
+    grid = np.linspace(0.0, highest, 65)
+    unstable = np.flatnonzero(radius(grid[1:]) > 1.0 + 1e-10)
+    if unstable.size == 0:
+        return highest
+    low, high = grid[unstable[0] : unstable[0] + 2].tolist()
+    for _ in range(16):
+        middle = 0.5 * (low + high)
+        if radius(np.array([middle]))[0] > 1.0 + 1e-10:
+            high = middle
+        else:
+            low = middle
+    return float(low)
 
 
 # --- laws that are recursions already ---------------------------------------------------------
@@ -310,14 +304,9 @@ def _van_der_pol_cycle(epsilon: float) -> tuple[Sequence[float], float]:
     return [*orbit, orbit[0]], h * len(orbit)
 
 
-# --- spec entries -----------------------------------------------------------------------------
+# --- limits that are not a step's of a continuous law -----------------------------------------
 
 _LIMITS: dict[str, Callable[[Mapping[str, Any]], StepLimit]] = {
-    "standard": _standard,
-    "low-power": _low_power,
-    "peaking-free": _low_power,
-    "collection": _collection,
-    "modified": _collection,
     "sampled-data": _sampled_data,
     "reduced-order": _reduced_order,
     "chains": _chains,

@@ -16,7 +16,7 @@ import numpy as np
 
 from . import _checks
 from ._checks import Array
-from .discrete import Continuous, Discrete, continuous, discrete
+from .discrete import Continuous, Discrete, continuous, discrete, following
 
 _POINTS = 300  # frequencies looked at before a crossing is refined
 _LONGEST = 2**20  # samples of a decay
@@ -168,10 +168,11 @@ def _covariance_of_model(
 
     law = continuous(observer, gain=gain)
     system = _system(observer, dt, gain)
-    n, size = law.n, law.g.size
+    n = law.n
     factor = law.ell ** (1.0 - 2.0 * n)
+    lift = following(observer)  # z = L x without errors
     if isinstance(system, Continuous):
-        end = (law.power == n - 1).astype(float)  # x_n and, in low-power laws, eta_{n-1}
+        end = lift[:, -1]  # x_n and, in low-power laws, eta_{n-1}
         p = solve_continuous_lyapunov(law.closed, -np.outer(end, end))
         # in time of 1/ell and scaled by ell^(n-1) the noise has the density ell^(1-2n)
         errors = law.scale**2 * np.diag(p) * factor
@@ -182,9 +183,7 @@ def _covariance_of_model(
     left = np.arange(n - 1, -1, -1)
     each = step**left / np.array([math.factorial(j) for j in left])
     covariance = step * np.outer(each, each) / (left[:, None] + left + 1.0)
-    # z_i - x_j, where z_i estimates x_j; a method that moves the chain inexactly errs more.
-    lift = np.zeros((size, n))
-    lift[np.arange(size), law.power.astype(int)] = 1.0
+    # z - L x; a method that moves the chain inexactly errs more.
     spread = lift @ covariance @ lift.T
     p = solve_discrete_lyapunov(a, spread)
     shown = np.diag(c @ p @ c.T)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hgo_rs import _core
+from hgo_rs import _core, laws
 from hgo_rs._version import __version__
 from hgo_rs.errors import HgoError, check
 from hgo_rs.exports.expressions import LENGTH, PLAIN, Dialect, Written, number, written
@@ -31,7 +31,7 @@ SINCE = "time since that sample, s"
 UNUSED = "not used"
 """Of entries of a memory that an export leaves out."""
 
-LAWS = {
+_LAWS = {
     "standard": "x_i' = x_(i+1) + f_i(x, u, t) + g^i k_i e,  e = y - x_1",
     "low-power": "x_i' = eta_(i+1) + alpha_i g e_i,  eta_(i+1)' = eta_(i+2) + beta_i g^2 e_i,\n"
     "e_1 = y - x_1,  e_i = eta_i - x_i,  the chain ends in phi(x, u, t)",
@@ -42,7 +42,13 @@ LAWS = {
     "reduced-order": "z(k+1) = (I - T H) z(k) + T (H Psi(k) + f2(y(k), Psi(k), u(k))),\n"
     "H = diag(h)/epsilon",
 }
-"""The law of each kind of observer in one or two lines."""
+"""Laws in one or two lines."""
+
+
+def _law(kind: str) -> str:
+    """The law in one or two lines, or its name and its source."""
+    row = laws.LAWS.get(kind)
+    return _LAWS.get(kind, f"{row.title}: {row.source}" if row else "")
 
 
 @dataclass(frozen=True)
@@ -473,7 +479,7 @@ def _description(
     """Equations and settings, a paragraph a line."""
     spec = observer.spec
     lines = [f"{spec['kind'].capitalize()} observer of order {observer.n}."]
-    lines += LAWS.get(spec["kind"], "").splitlines()
+    lines += _law(spec["kind"]).splitlines()
     lines += _equations(spec)
     lines.append("")
     for key, value in spec.items():

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from hgo_rs import _core
-from hgo_rs.design.discrete import METHODS, TIMINGS
+from hgo_rs.design.discrete import DEFAULT_METHOD, METHODS, TIMINGS
 from hgo_rs.errors import HgoError, check, check_choice, check_integer, check_number, explain
+from hgo_rs.laws import Law
 from hgo_rs.models import Ship, System, Unknown
 from hgo_rs.observers.gains import AdaptiveGain, ConstantGain, DeadZoneGain
 from hgo_rs.observers.records import vector
@@ -19,9 +20,13 @@ Gain = float | ConstantGain | AdaptiveGain | DeadZoneGain
 Poles = Sequence[complex] | npt.ArrayLike
 
 
-def order(n: Any, least: int = 1) -> int:
+LEAST = {"low-power": 2, "peaking-free": 2}
+"""Orders from which on a law is no other one."""
+
+
+def order(n: Any, least: int = 1, most: int = 12) -> int:
     remedy = "choose an integer in this range" + ("; StandardObserver takes 1" if least > 1 else "")
-    return check_integer(n, "n", least=least, most=12, remedy=remedy)
+    return check_integer(n, "n", least=least, most=most, remedy=remedy)
 
 
 def manner(method: str, timing: str) -> dict[str, str]:
@@ -48,13 +53,47 @@ def pairs(poles: Poles, count: int, law: str) -> list[tuple[float, float]]:
     return [(float(p.real), float(p.imag)) for p in values]
 
 
-def coefficients(n: int, poles: Poles | None, k: npt.ArrayLike | None) -> list[float]:
-    if k is not None:
-        check(poles is None, "k", k, "given without poles", "give poles or k")
-        return hurwitz(vector(k, "k", n).tolist())
-    given = np.linspace(-1.0, -2.0, n) if poles is None else poles
-    placed = pairs(given, n, f"an observer of order {n}")
-    return hurwitz(_core.coefficients_from_poles(placed))
+def usual_method(law: Law, gain: dict[str, Any]) -> str:
+    """The method where it is left open."""
+    placed = law.placed and (gain["law"] == "constant" or law.form != "phase")
+    return DEFAULT_METHOD if placed else "rk4"
+
+
+def of_law(
+    law: Law, n: int, poles: Poles | None, entries: Mapping[str, Any]
+) -> dict[str, int | list[float]]:
+    """The second size and the lists of coefficients of a law, given or from poles."""
+    names = tuple(name for name, _ in law.coefficients)
+    known = (*names, law.size[0]) if law.size else names
+    for name in entries:
+        check_choice(f"an entry of the {law.title}", name, known)
+    out: dict[str, int | list[float]] = {}
+    m = 0
+    if law.size:
+        name, values = law.size
+        given = entries.get(name)
+        usual = values[0] if given is None else given
+        m = out[name] = check_integer(usual, name, least=min(values), most=max(values))
+    lists = {name: entries[name] for name in names if entries.get(name) is not None}
+    if lists:
+        if len(names) > 1:
+            whole = len(lists) == len(names) and poles is None
+            if not whole:
+                raise HgoError(f"{' and '.join(names)}: must be given together and without poles")
+        else:
+            remedy = f"give poles or {names[0]}"
+            check(poles is None, names[0], lists[names[0]], "given without poles", remedy)
+        for name, count in law.counts(n, m).items():
+            values = vector(lists[name], name, count).tolist()
+            out[name] = hurwitz(values) if len(names) == 1 else values
+        return out
+    needed = law.pole_count(n, m) or 0  # all laws of one chain are designed by poles
+    named = "an observer" if law.kind == "standard" else f"a {law.kind} observer"
+    placed = None if poles is None else pairs(poles, needed, f"{named} of order {n}")
+    found = _core.law_coefficients(law.kind, n, m, placed)
+    if len(names) == 1:  # the polynomial of the poles
+        hurwitz(found[0])
+    return out | dict(zip(names, found, strict=True))
 
 
 def hurwitz(k: list[float]) -> list[float]:

@@ -28,7 +28,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs import _core
+from hgo_rs.design.discrete import following
 from hgo_rs.errors import HgoError, check, check_array, check_integer, check_number
+from hgo_rs.laws import LAWS
 from hgo_rs.observers.result import Gap, RunResult
 
 Array = npt.NDArray[np.float64]
@@ -102,7 +104,8 @@ class _Record:
         index: int | None,
     ) -> None:
         self.core, self.u, self.gain = core, u, index
-        self.delays = spec["kind"] in ("low-power", "peaking-free")
+        law = LAWS.get(spec["kind"])
+        self.behind = following(spec)[core.n :] if law is not None and law.single else None
         self.t, self.y, self.memory = result.time, result.y, result.memory
         self.innovation = result.innovation
         self.filters = core.is_current
@@ -211,8 +214,8 @@ class _Record:
         for k in (first + np.flatnonzero(np.isnan(known[:, 0]))).tolist():
             before = k - int(self.filters)  # what is used is shown at once with current timing
             found = self.memory[before].copy()
-            if self.delays:
-                found[n : 2 * n - 1] = found[1:n]  # eta_i stands for x_(i+1): no correction inside
+            if self.behind is not None:  # auxiliary states as x_hat has them: no correction inside
+                found[n : n + len(self.behind)] = self.behind @ found[:n]
             free = self._advance(before, found, none)
             known[k - first] = self.memory[before + 1, :n] - free[:n]
         return known

@@ -11,6 +11,7 @@ from hgo_rs import _core
 from hgo_rs.design.discrete import TIMINGS
 from hgo_rs.design.discretisation import check_step
 from hgo_rs.errors import HgoError, check, check_array, check_choice, check_number, explain
+from hgo_rs.laws import LAWS
 from hgo_rs.models import Model, System
 from hgo_rs.models.own.callables import runnable
 from hgo_rs.observers.records import MARK, Array, check_inputs, check_samples, inputs, vector
@@ -138,9 +139,14 @@ class OnlineObserver(_core.Online):
         moves = isinstance(law, dict) and law["law"] != "constant"
         if not moves:
             return None
-        if self.spec["kind"] in ("low-power", "peaking-free"):
-            return 2 * self.n - 1
-        return self.n
+        row = LAWS[self.spec["kind"]]
+        m = self.spec[row.size[0]] if row.size else 0
+        before = 0
+        for name, count in row.memory_counts(self.n, m, moves=True).items():
+            if name == "r":
+                return before
+            before += count
+        return self.n  # of the first copy
 
     @property
     def _law_len(self) -> int:

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from hgo_rs.errors import check
 from hgo_rs.models import Model
 from hgo_rs.observers.base import Observer
-
-_CHAIN_KINDS = ("standard", "low-power", "peaking-free")
+from hgo_rs.observers.listed import HighGainObserver
 
 
 class MultiOutputObserver(Observer):
@@ -48,7 +47,7 @@ class MultiOutputObserver(Observer):
         check(given == chains, "orders of the observers", given, f"{chains}", remedy)
         specs = []
         for observer in observers:
-            free = observer.model is None and observer.spec["kind"] in _CHAIN_KINDS
+            free = observer.model is None and isinstance(observer, HighGainObserver)
             remedy = "a StandardObserver, LowPowerObserver or PeakingFreeObserver without a model"
             check(free, "observers", observer, remedy, "the model of all chains is given once")
             specs.append({k: v for k, v in observer.spec.items() if k != "model"})

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy.typing as npt
 
-from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING
+from hgo_rs.design.discrete import DEFAULT_TIMING
 from hgo_rs.models import System
-from hgo_rs.observers import arguments
 from hgo_rs.observers.arguments import Gain, Poles
-from hgo_rs.observers.base import Observer
+from hgo_rs.observers.listed import HighGainObserver
 
 
-class StandardObserver(Observer):
+class StandardObserver(HighGainObserver):
     """Standard high-gain observer of order n, any gain law.
 
     x_hat' = A x_hat + f_hat(x_hat, u, t) + diag(r, ..., r^n) K (y - x_hat_1)
@@ -62,13 +61,15 @@ class StandardObserver(Observer):
         timing: str = DEFAULT_TIMING,
         allow_unstable: bool = False,
     ) -> None:
-        n = arguments.order(n)
-        spec = {
-            "kind": "standard",
-            "n": n,
-            "k": arguments.coefficients(n, poles, k),
-            "gain": arguments.gain(gain, epsilon),
-            "model": arguments.model(model, n),
-            **arguments.manner(DEFAULT_METHOD if method is None else method, timing),
-        }
-        super().__init__(spec, model=model, allow_unstable=allow_unstable)
+        super().__init__(
+            "standard",
+            n,
+            gain,
+            epsilon=epsilon,
+            poles=poles,
+            model=model,
+            method=method,
+            timing=timing,
+            allow_unstable=allow_unstable,
+            k=k,
+        )

@@ -442,6 +442,59 @@ class LowPowerObserver(ContinuousLaw):
         return memory[row]
 
 
+class FilteredObserver(StandardObserver):
+    """The standard law behind a low-pass filter of its innovation, of m states eta.
+
+    Tréangle, Farza, M'Saad (2019); Astolfi, Zaccarian, Jungers (2021), scaled so that eta has the
+    unit of y and e passes c_m/(s^m + c_1 s^(m-1) + ... + c_m), s in units of the gain.
+    Memory: x_hat (n), eta (m), and r if the gain moves.
+    """
+
+    def __init__(self, spec: Spec, chain: Chain | None = None) -> None:
+        m = integer(
+            member(spec, "filters", "observer"), "observer.filters", least=1, most=MAX_ORDER
+        )
+        c = self.c = vector(member(spec, "c", "observer"), "observer.c", m)
+        n = _order(spec)
+        k = vector(member(spec, "k", "observer"), "observer.k", n)
+        if not is_hurwitz(np.concatenate([c, c[-1] * k])):
+            raise fail("observer.c, observer.k", (c.tolist(), k.tolist()), "Hurwitz", "use poles")
+        self.n, self.k = n, k
+        self.gain = gain_from(member(spec, "gain", "observer"))
+        self.model = _model(spec, n, chain)
+        self.may_be_undefined, self.n_u = self.model.kind == "own", self.model.n_u
+        self.method = _method(spec)
+        self.memory_len = n + m + self.gain.moves
+        self.gain_rows = (n + m,) if self.gain.moves else ()
+        if isinstance(self.gain, ConstantGain):
+            self._injection = (k * self.gain.ell ** np.arange(1, n + 1))[:, None]
+
+    def _gain(self, memory: Array) -> Any:
+        """ell or r."""
+        return self.gain.ell if isinstance(self.gain, ConstantGain) else memory[-1]
+
+    def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
+        """eta_i' = g (eta_(i+1) - c_i eta_1), eta_m' = c_m g (e - eta_1); x_hat by eta_1 for e."""
+        n, m, g = self.n, len(self.c), self._gain(memory)
+        eta, rate = memory[n : n + m], np.empty_like(memory)
+        moved = g if self.gain.moves else None
+        rate[:n] = self.chain(memory[:n], eta[0], moved, u, t)
+        rate[n : n + m] = -self.c[:, None] * g * eta[0]
+        rate[n : n + m - 1] += g * eta[1:]
+        rate[n + m - 1] += self.c[-1] * g * e
+        if self.gain.moves:
+            rate[-1] = self.gain.rate(g, e, n)
+        return rate
+
+    def injection(self, memory: Array, e: Array) -> Array:
+        """c_m g e into the filter; of r what its law has of e."""
+        n, m, rate = self.n, len(self.c), np.zeros_like(memory)
+        rate[n + m - 1] = self.c[-1] * self._gain(memory) * e
+        if self.gain.moves:
+            rate[-1] = driven(self.gain, memory[-1], e, n)
+        return rate
+
+
 class PeakingFreeObserver(LowPowerObserver):
     """The peaking-free low-power observer: Astolfi et al., eq. (11).
 
@@ -912,13 +965,14 @@ LAWS: dict[str, type[Law]] = {
     "standard": StandardObserver,
     "low-power": LowPowerObserver,
     "peaking-free": PeakingFreeObserver,
+    "filtered": FilteredObserver,
     "collection": CollectionObserver,
     "modified": ModifiedObserver,
     "sampled-data": SampledDataObserver,
     "reduced-order": ReducedOrderObserver,
     "chains": ChainsObserver,
 }
-SINGLE = ("standard", "low-power", "peaking-free")
+SINGLE = ("standard", "low-power", "peaking-free", "filtered")
 
 
 _CHAIN = ("n", "gain", "model", "method", "timing")
@@ -926,6 +980,7 @@ KEYS: dict[str, tuple[str, ...]] = {
     "standard": ("k", *_CHAIN),
     "low-power": ("alpha", "beta", *_CHAIN),
     "peaking-free": ("alpha", "beta", "saturation", "clip", *_CHAIN),
+    "filtered": ("c", "k", "filters", *_CHAIN),
     "collection": ("k", "k_bar", "copies", *_CHAIN),
     "modified": ("k", "k_bar", "copies", *_CHAIN),
     "sampled-data": ("model", "gain"),
@@ -956,7 +1011,7 @@ def _timed(law: Law, spec: Spec) -> Law:
     """The law under its timing."""
     timing = choice(spec.get("timing", "predictor"), "observer.timing", TIMINGS)
     method = spec.get("method")
-    if method in PLACED and isinstance(law, CollectionObserver):
+    if method in PLACED and isinstance(law, (CollectionObserver, FilteredObserver)):
         placed = "a method of step-by-step rates"
         raise fail("observer.method", method, placed, "eigenvalues are placed for single laws")
     if method == "bilinear" and law.n > BILINEAR_LIMIT[spec["kind"]]:

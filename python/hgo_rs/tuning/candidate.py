@@ -12,6 +12,7 @@ import numpy.typing as npt
 from hgo_rs.design import response
 from hgo_rs.design.discretisation import step_limit
 from hgo_rs.errors import HgoError, check, check_array, explain
+from hgo_rs.laws import LAWS
 from hgo_rs.observers import Observer
 from hgo_rs.tuning.record import Record
 from hgo_rs.tuning.result import Array, TradeOff
@@ -75,7 +76,7 @@ class Candidate:
         spec = observer.spec
         law = spec.get("gain")
         law = law if isinstance(law, Mapping) else {}
-        kinds = ("standard", "low-power", "peaking-free")
+        kinds = [law.kind for law in LAWS.values() if law.single]
         sound = law.get("law") == "constant" and spec["kind"] in kinds
         shown = " with gain law ".join([spec["kind"], *([law["law"]] if "law" in law else [])])
         check(sound, "observer", shown, f"one with a constant gain: {', '.join(kinds)}", remedy)

@@ -1,0 +1,283 @@
+//! Laws that are given by a rate, a row of the list each: one builder, whose keys, counts, sizes and
+//! choices are the row's.
+#![allow(clippy::extra_unused_type_parameters)] // every row of the list has the same ones
+
+use crate::choices::{AnyGain, AnyMethod, AnySaturation, Manner, MovingGain};
+use crate::error::{Result, refused};
+use crate::model::{Given, Known};
+use crate::order::MAX_INPUTS;
+use crate::spec::Spec;
+use crate::tabled::{Gains, LawTables};
+use crate::tables::{PlacedChain, Shape, Tables};
+use crate::trace::{Setting, Traced};
+use hgo_rs::gain::{AdaptiveGain, ConstantGain, GainLaw};
+use hgo_rs::laws::{Form, Gain, Law, Sizes};
+use hgo_rs::model::{Model, PhaseVariable, Unknown};
+use hgo_rs::observer::Timing;
+use hgo_rs::observers::Saturation;
+use hgo_rs::{Scalar, for_each_law};
+
+/// A law as a spec describes it: what its row asks for, read and checked.
+struct Described<'a> {
+    law: &'static Law,
+    spec: &'a Spec<'a>,
+    given: &'a Given<'a>,
+    setting: Setting,
+    sizes: Sizes,
+    lists: Vec<Vec<f64>>,
+    gain: Spec<'a>,
+    manner: Manner,
+}
+
+/// What constructors of the list take behind the coefficients.
+struct Taken<T, G, Md, S> {
+    gain: G,
+    adaptive: Option<AdaptiveGain<T>>,
+    model: Md,
+    saturation: S,
+    no_saturation: S,
+}
+
+impl<T, G, Md, const N: usize> Taken<T, G, Md, AnySaturation<N, T>> {
+    fn new(gain: G, model: Md, saturation: AnySaturation<N, T>) -> Self {
+        Self { gain, adaptive: None, model, saturation, no_saturation: AnySaturation::None }
+    }
+}
+
+impl<'a> Described<'a> {
+    fn read(
+        law: &'static Law,
+        spec: &'a Spec<'a>,
+        given: &'a Given<'a>,
+        setting: Setting,
+    ) -> Result<Self> {
+        let mut known = vec!["kind", "n"];
+        known.extend(law.coefficients.iter().map(|list| list.name));
+        known.extend(law.size.map(|(name, _)| name));
+        known.extend(["gain", "model", "method", "timing"]);
+        if law.saturated {
+            known.extend(["saturation", "clip"]);
+        }
+        spec.only(&known)?;
+        let n = among("n", spec.count("n")?, law.orders, law)?;
+        let m = match law.size {
+            Some((name, values)) => among(name, spec.count(name)?, values, law)?,
+            None => 0,
+        };
+        let sizes = Sizes { n, m, ..Sizes::default() };
+        let lists = law.coefficients.iter().map(|list| spec.list_of(list.name, (list.len)(&sizes)));
+        let (lists, manner, gain) =
+            (lists.collect::<Result<_>>()?, Manner::read(spec)?, spec.sub("gain")?);
+        let triangular = match given {
+            Given::Own(own) if own.form == "triangular" => Some("a triangular model".to_owned()),
+            Given::Paper(Some(model)) if model.text("kind")? == "sanfelice-praly" => {
+                Some(format!("model = {:?}", model.text("kind")?))
+            }
+            _ => None,
+        };
+        if let (Form::Phase, Some(model)) = (law.form, triangular) {
+            return Err(refused(format!(
+                "{model} is not allowed here: the {} needs a phase-variable model (known terms in the \
+                 last equation only); use the standard observer",
+                law.title
+            )));
+        }
+        if law.gain == Gain::Adaptive && gain.text("law")? != "adaptive" {
+            return Err(refused(format!(
+                "gain[\"law\"] = {:?} is not allowed: the {} needs the adaptive law, {}",
+                gain.text("law")?,
+                law.title,
+                law.source
+            )));
+        }
+        Ok(Self { law, spec, given, setting, sizes, lists, gain, manner })
+    }
+
+    /// A list of coefficients, with zeros behind it.
+    fn list<T: Scalar, const L: usize>(&self, name: &str) -> [T; L] {
+        let of = self.law.coefficients.iter().zip(&self.lists).find(|(list, _)| list.name == name);
+        let value = |i| of.and_then(|(_, values)| values.get(i)).copied().unwrap_or(0.0);
+        core::array::from_fn(|i| T::from_f64(value(i)))
+    }
+
+    fn saturation<T: Scalar, const N: usize>(&self) -> Result<AnySaturation<N, T>> {
+        if self.law.saturated { AnySaturation::read(self.spec) } else { Ok(AnySaturation::None) }
+    }
+
+    /// What the law is made of over traced numbers, within a trace.
+    fn traced<G, const N: usize>(
+        &self,
+        gain: impl FnOnce(AnyGain<Traced>) -> Option<G>,
+    ) -> Result<Taken<Traced, G, Known, AnySaturation<N, Traced>>> {
+        let (model, saturation) = (self.given.install(N)?, self.saturation()?);
+        let any = AnyGain::read(&self.gain)?;
+        let adaptive = match any {
+            AnyGain::Moving(MovingGain::Adaptive(law)) => Some(law),
+            _ => None,
+        };
+        let gain = gain(any).ok_or_else(|| refused("another gain law"))?;
+        Ok(Taken { adaptive, ..Taken::new(gain, model, saturation) })
+    }
+
+    /// What it is made of where its model does not matter.
+    fn numbers<T: Scalar, const N: usize>(
+        &self,
+    ) -> Result<Taken<T, AnyGain<T>, Unknown, AnySaturation<N, T>>> {
+        Ok(Taken::new(AnyGain::read(&self.gain)?, Unknown, self.saturation()?))
+    }
+}
+
+/// A size that is one of those that are built.
+fn among(name: &str, value: usize, built: &[usize], law: &Law) -> Result<usize> {
+    if built.contains(&value) {
+        return Ok(value);
+    }
+    let least = built.iter().min().copied().unwrap_or_default();
+    let most = built.iter().max().copied().unwrap_or_default();
+    let allowed = if least == most { least.to_string() } else { format!("{least} to {most}") };
+    Err(refused(format!("{name} = {value} is not allowed: the {} takes {allowed}", law.title)))
+}
+
+fn constant<T: Scalar>(gain: AnyGain<T>) -> Option<ConstantGain<T>> {
+    if let AnyGain::Constant(law) = gain { Some(law) } else { None }
+}
+
+fn moving<T: Scalar>(gain: AnyGain<T>) -> Option<MovingGain<T>> {
+    if let AnyGain::Moving(law) = gain { Some(law) } else { None }
+}
+
+/// A function that traces each law of the list, by its kind.
+macro_rules! traced {
+    (
+        $(rates {
+            kind: $kind:literal, title: $title:literal,
+            law: $law:ty,
+            new: [$($name:ident $count:tt)*] [$gain:ident, model $(, $saturation:ident)?],
+            orders: $orders:tt, size: $size:tt,
+            design: $design:tt,
+            form: $form:ident, placed: $placed:ident,
+            memory: $memory:tt,
+            source: $source:literal,
+        })*
+        $(recursions $rest:tt)*
+    ) => {
+        fn traced(of: &Described<'_>) -> Result<LawTables> {
+            match of.law.kind {
+                $($kind => {
+                    fn new<T, G, Md, S, const N: usize, const K: usize, const M: usize>(
+                        of: &Described<'_>,
+                        taken: Taken<T, G, Md, S>,
+                    ) -> Result<$law>
+                    where
+                        T: Scalar,
+                        G: GainLaw<T>,
+                        Md: PhaseVariable<T, N, M> + Model<T, N, M>,
+                        S: Saturation<T>,
+                    {
+                        Ok(<$law>::new(
+                            $(of.list(stringify!($name)),)*
+                            traced!(@gain $gain taken),
+                            taken.model,
+                            $(taken.$saturation,)?
+                        )?)
+                    }
+                    fn sized<const N: usize, const K: usize>(
+                        of: &Described<'_>,
+                    ) -> Result<LawTables> {
+                        traced!(@gains $gain $placed of)
+                    }
+                    traced!(@sizes $size $orders of)
+                })*
+                other => Err(refused(format!("kind {other:?} is not given by a rate"))),
+            }
+        }
+    };
+    (@gain gain $taken:ident) => {
+        $taken.gain
+    };
+    (@gain adaptive $taken:ident) => {
+        $taken.adaptive.ok_or_else(|| refused("another gain law"))?
+    };
+    (@gains gain $placed:ident $of:ident) => {
+        if $of.gain.text("law")? == "constant" {
+            traced!(@placed $placed $of constant)
+        } else {
+            traced!(@placed $placed $of moving)
+        }
+    };
+    (@gains adaptive $placed:ident $of:ident) => {
+        traced!(@placed $placed $of moving)
+    };
+    (@placed true $of:ident $gain:ident) => {
+        LawTables::any(
+            $of.setting,
+            $of.manner,
+            $of.given.n_u()?,
+            || new::<Traced, _, _, _, N, K, MAX_INPUTS>($of, $of.traced::<_, N>($gain)?),
+            |at| {
+                let double = || new::<f64, _, _, _, N, K, 0>($of, $of.numbers::<_, N>()?);
+                let single = || new::<f32, _, _, _, N, K, 0>($of, $of.numbers::<_, N>()?);
+                Gains::of($of.setting, at, double, single)
+            },
+        )
+    };
+    (@placed false $of:ident $gain:ident) => {
+        LawTables::known($of.setting, $of.manner, $of.given.n_u()?, || {
+            new::<Traced, _, _, _, N, K, MAX_INPUTS>($of, $of.traced::<_, N>($gain)?)
+        })
+    };
+    (@sizes [] $orders:tt $of:ident) => {
+        traced!(@orders $orders 0 $of)
+    };
+    (@sizes [$name:ident $($value:literal)*] $orders:tt $of:ident) => {
+        match $of.sizes.m {
+            $($value => traced!(@orders $orders $value $of),)*
+            other => Err(refused(format!("{} = {other} is not built", stringify!($name)))),
+        }
+    };
+    (@orders [$($order:literal)*] $k:literal $of:ident) => {
+        match $of.sizes.n {
+            $($order => sized::<$order, $k>($of),)*
+            other => Err(refused(format!("n = {other} is not built"))),
+        }
+    };
+}
+for_each_law!(traced);
+
+/// The tables of the law of this row.
+pub(super) fn tables(
+    law: &'static Law,
+    spec: &Spec<'_>,
+    given: &Given<'_>,
+    setting: Setting,
+) -> Result<Tables> {
+    let of = Described::read(law, spec, given, setting)?;
+    let (manner, law) = (of.manner, traced(&of)?);
+    let current = manner.timing == Timing::Current;
+    let memory = law.memory(manner.timing);
+    let mut initial = law.initial.clone();
+    initial.resize(memory, 0.0);
+    let placed = matches!(manner.method, AnyMethod::Placed(_));
+    let together = !current && !placed;
+    Ok(Tables {
+        shape: Shape {
+            n: law.n,
+            n_y: 1,
+            n_u: given.n_u()?,
+            memory,
+            signals: law.len,
+            current,
+            initial,
+        },
+        correct: law.correct(setting, manner)?,
+        advance: law.advance(setting, manner)?,
+        missing: None,
+        unstarted: None,
+        placed: law.gains().map_or_else(Vec::new, |gains| {
+            let elapsed = current.then_some(law.len);
+            vec![PlacedChain { channel: 0, elapsed, gains: gains.clone() }]
+        }),
+        law: if together { Some(law.together(setting)?) } else { None },
+        parameters: given.parameters().to_vec(),
+    })
+}

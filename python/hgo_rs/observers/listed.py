@@ -1,0 +1,104 @@
+"""An observer of any law of the list that is one chain with any gain."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs.design.discrete import DEFAULT_TIMING
+from hgo_rs.errors import check, check_array, check_choice
+from hgo_rs.laws import LAWS
+from hgo_rs.models import System
+from hgo_rs.observers import arguments
+from hgo_rs.observers.arguments import Gain, Poles
+from hgo_rs.observers.base import Observer
+from hgo_rs.observers.records import vector
+
+
+class HighGainObserver(Observer):
+    """An observer of order n of a law that is named.
+
+    A law has a class of its own where there is more to say of its parameters
+    (`StandardObserver`); all laws of one chain that take any gain are here.
+
+    Parameters
+    ----------
+    kind : str
+        A law by its word in `hgo_rs.laws.LAWS`, such as "standard".
+    n : int
+        Order, one of the law's.
+    gain, epsilon, model, method, timing, allow_unstable
+        As in `StandardObserver`. Default of `method`: "zoh" where the law can be placed.
+    poles : numbers, optional
+        As many as make the law's coefficients, before scaling by ell. Default: the usual ones.
+    saturation, clip
+        As in `PeakingFreeObserver`, where the law has a saturation.
+    **entries
+        By the names that the law has for them: its lists of coefficients, all of them and in place
+        of `poles`; its second size.
+
+    Raises
+    ------
+    HgoError
+        A law that is not known or is made of several chains; an entry that it does not have; sizes,
+        poles, coefficients, a gain or a model out of range.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        n: int,
+        gain: Gain | None = None,
+        *,
+        epsilon: float | None = None,
+        poles: Poles | None = None,
+        model: System | None = None,
+        method: str | None = None,
+        timing: str = DEFAULT_TIMING,
+        saturation: npt.ArrayLike | None = None,
+        clip: str | None = None,
+        allow_unstable: bool = False,
+        **entries: Any,
+    ) -> None:
+        single = tuple(law.kind for law in LAWS.values() if law.single)
+        law = LAWS[check_choice("kind", kind, single)]
+        n = arguments.order(
+            n, least=arguments.LEAST.get(kind, min(law.orders)), most=max(law.orders)
+        )
+        gain_law = arguments.gain(gain, epsilon)
+        coefficients = arguments.of_law(law, n, poles, entries)
+        usual = arguments.usual_method(law, gain_law)
+        spec = {
+            "kind": kind,
+            "n": n,
+            **coefficients,
+            "gain": gain_law,
+            "model": arguments.model(model, n),
+            **arguments.manner(usual if method is None else method, timing),
+        }
+        for name, value in (("saturation", saturation), ("clip", clip)):
+            remedy = f"the {law.title} has no saturation"
+            check(law.saturated or value is None, name, value, "left out", remedy)
+        if law.saturated:
+            allowed, remedy = "given", "give the levels r_2 ... r_n >= max |x_i|"
+            check(saturation is not None, "saturation", saturation, allowed, remedy)
+            spec |= {
+                "saturation": _saturation(saturation, n, model),
+                "clip": check_choice("clip", "hard" if clip is None else clip, ("hard", "smooth")),
+            }
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
+
+
+def _saturation(levels: Any, n: int, model: System | None) -> list[float]:
+    values = check_array(levels, "saturation")
+    if values.ndim == 0:
+        values = np.full(n - 1, float(values))
+    values = vector(values, "saturation", n - 1)
+    bounds = (None if model is None else model.bounds) or (0.0,) * n
+    for i, (value, bound) in enumerate(zip(values, bounds[1:], strict=False), start=2):
+        least = f">= {bound:g}, the model's own bound of |x_{i}|" if bound else "> 0"
+        remedy = "Astolfi et al. (10); choose a larger level"
+        check(value > 0.0 and value >= bound, f"saturation r_{i}", float(value), least, remedy)
+    return [float(v) for v in values]
