@@ -1,4 +1,4 @@
-"""loop-mc: output feedback of x1' = x2, x2' = x2^3 + u on the estimates of the standard observer, Euler,
+"""loop-mc: output feedback of x1' = x2, x2' = x2^3 + u on the standard observer's estimates, Euler,
 uniform noise; starts and noise differ from run to run.
 
 RMS of x1 of each run over the second half. A step: a draw, the saturated feedback, the
@@ -49,9 +49,7 @@ def starts(runs: int) -> Array:
     return around((0.0,) * 4, SPREAD, runs)
 
 
-def ours(
-    size: Size, threads: int, own: bool = False, backend: str = "rust", **engine: Any
-) -> Call:
+def ours(size: Size, threads: int, own: bool = False, backend: str = "rust", **engine: Any) -> Call:
     form: dict[str, Any] = {"method": "euler", "timing": "predictor"}
     observer = StandardObserver(2, ELL, k=[K1, K2], model=MODEL, **form)
     seconds, begun = in_seconds(window(size), T), starts(size.runs)
