@@ -72,7 +72,7 @@ def test_every_check_compares_numbers(check: str) -> None:
 @pytest.mark.parametrize("check", ["loop", "twin", "chunks"])
 def test_the_lines_of_a_case_find_a_wrong_engine(check: str, monkeypatch: Any) -> None:
     """The printed lines pass as they are, and fail with a run or a twin that is off by 1e-6."""
-    lines = next(cases_with(check, "StandardObserver(2")).told(check)
+    lines = next(cases_with(check, "HighGainObserver('standard', 2")).told(check)
     exec(lines, {})
     from hgo_rs.observers import Observer
 
