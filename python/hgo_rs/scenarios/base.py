@@ -77,8 +77,8 @@ PAPERS: dict[str, Paper] = {
             "khalil",
             "Hassan K. Khalil",
             "High-gain observers in nonlinear feedback control",
-            "SIAM, 2017; IEEE Trans. Automatic Control 44 (1999) 1672 (with A. N. Atassi), 53 (2008) "
-            "2324 (with L. B. Freidovich)",
+            "SIAM, 2017; with A. N. Atassi, IEEE Trans. Automatic Control 44 (1999) 1672; "
+            "with L. B. Freidovich, the same 53 (2008) 2324",
         ),
     )
 }

@@ -17,6 +17,7 @@ each constant.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -109,8 +110,8 @@ STEPS_IN_EPSILON = 100
 
 # --- performance recovery ---------------------------------------------------------------------
 
-# sup |x1 - x1*|, sup |x2 - x2*| over t <= 8 s on the grid of 2 ms: scipy's DOP853 at rtol 1e-11, with
-# which Radau agrees to 1e-9.
+# sup |x1 - x1*|, sup |x2 - x2*| over t <= 8 s on the grid of 2 ms: scipy's DOP853 at rtol and atol
+# 1e-11.
 SUPREMA: dict[str, dict[float, tuple[float, float]]] = {
     "E": {
         0.05: (0.2825482, 1.7040041),
@@ -130,7 +131,7 @@ SUPREMA: dict[str, dict[float, tuple[float, float]]] = {
     },
 }
 # In E the input leaves its bounds while sigma_hat swings through 1/epsilon^2: a step of epsilon/100
-# that meets the corner errs by 1.5e-3 of the gap at most (a quarter of the step: 4e-4). In H: 1e-5.
+# that meets the corner errs by 1.5e-3 of the gap at most (half of the step: 4e-4). In H: 1e-5.
 SUPREMA_REL = {"E": 3e-3, "H": 1e-4}
 T_END = 8.0
 # The gaps are largest before 1.6 s at every epsilon: the finest loops need not run on.
@@ -239,16 +240,19 @@ PEAKS = {
     "x2_hat": (3.0 * _X2 - _X2**2) * math.exp(-_X2),
     "sigma_hat": (_SIGMA - _SIGMA**2 / 2.0) * math.exp(-_SIGMA),
 }
+SYMBOL = {"x2_hat": "x̂2", "sigma_hat": "σ̂"}
 PEAK_H = math.exp(-1.0)
 
 # Without a bound the fast loop is linear too: (x1, epsilon x2, x1_hat, epsilon x2_hat, epsilon^2
 # sigma_hat) from (1, 0, 0, 0, 0), where epsilon x2 grows at -(a/a_hat) epsilon^2 sigma_hat. Its
-# largest values by scipy.linalg.expm on a grid of 1e-3 in tau; x1 goes to x1_hat, not to the target.
+# largest values by scipy.linalg.expm on a grid of 1e-3 in tau. x1 goes to x1_hat, not to
+# the target.
 UNBOUNDED = {"u": 0.23010176 / A_HAT, "x2": 0.31665769, "gap1": 1.00933439}
 POWER = {"u": 2, "x2": 1, "gap1": 0}
 
-# The cubic plant from (0.1, 0) without a bound. Radau, BDF and DOP853 at rtol 1e-10 stop at a pole at
-# these times and reach 20 s at 0.0042; bisection with Radau puts the limit at epsilon = 0.00406154.
+# The cubic plant from (0.1, 0) without a bound. scipy's Radau, BDF and DOP853 at rtol 1e-10 stop at
+# a pole at these times and reach 20 s at 0.0042; bisection with Radau puts the limit at epsilon =
+# 0.00406154.
 ESCAPES = {0.004: 0.0715335, 0.003: 0.0159523}
 ESCAPE_ABS = 1e-4  # s, some steps
 HOLDS = 0.0042
@@ -326,7 +330,7 @@ def peaking(ctx: Context) -> Outcome:
 
     rows: list[Row] = []
     for i, (name, values) in enumerate(peaks.items(), start=1):
-        what = f"{NAME['E']}: peak of {name}"
+        what = f"{NAME['E']}: peak of {SYMBOL[name]}"
         factor = "ε" if i == 1 else "ε²"
         rows += [
             row(f"{what}, power of ε", power(values), expected=float(-i), abs=0.01),
@@ -334,7 +338,7 @@ def peaking(ctx: Context) -> Outcome:
         ]
     rows += [
         row(
-            f"{NAME['H']}: peak of x2_hat · ε",
+            f"{NAME['H']}: peak of x̂2 · ε",
             scaled([float(run.peak[0, 1]) for run in exact], 1),
             expected=PEAK_H,
             rel=LIMIT_REL,
@@ -423,7 +427,9 @@ def draw_peaks(ax: Axes, peaks: dict[str, list[float]], inputs: list[float]) -> 
     ):
         ax.loglog(epsilons, factor / epsilons**i, color=COLOURS[colour], linewidth=0.9)
         ax.loglog(epsilons, values, mark, color=COLOURS[colour], markersize=5, label=label)
-    ax.axhline(1.0, color=COLOURS["black"], linestyle="--", linewidth=0.9, label="u with saturation")
+    ax.axhline(
+        1.0, color=COLOURS["black"], linestyle="--", linewidth=0.9, label="u with saturation"
+    )
     ax.set_title(r"Peaks (E); lines: $\varepsilon \to 0$")
     ax.set_xlabel(r"$\varepsilon$")
     ax.set_ylabel("largest magnitude")
@@ -472,7 +478,7 @@ SIDE = 101
 STARTS = np.stack(
     np.meshgrid(np.linspace(-2.5, 2.5, SIDE), np.linspace(-1.25, 1.25, SIDE), indexing="ij"), -1
 )
-"""Starts of the cubic plant, (SIDE, SIDE, 2); x_hat(0) = 0."""
+"""Starts of the cubic plant, (SIDE, SIDE, 2); x_hat(0) = 0. The loop is odd in all its states."""
 REGION_T_END, REGION_BOUND = 20.0, 0.1
 REGION_STEPS = 10  # in epsilon
 # Starts of 10,201 with |x(20 s)| <= 0.1: scipy's odeint (LSODA) at rtol 1e-9 and atol 1e-11, each
@@ -493,12 +499,13 @@ BACKWARDS = Plant(
 
 
 def region(ctx: Context, epsilon: float, source: str = "estimate") -> NDArray[np.bool_]:
-    """Which starts converge, (SIDE, SIDE)."""
+    """Which starts converge, (SIDE, SIDE); half of them are mirror images."""
+    half = SIDE // 2 + 1
     run = ctx.run(
         CUBE,
         observer(2, epsilon),
-        x0=STARTS.reshape(-1, 2),
-        runs=SIDE * SIDE,
+        x0=STARTS[:half].reshape(-1, 2),
+        runs=half * SIDE,
         dt=epsilon / REGION_STEPS,
         t_end=REGION_T_END,
         mode="joint",
@@ -508,7 +515,8 @@ def region(ctx: Context, epsilon: float, source: str = "estimate") -> NDArray[np
         metrics=[],
         converged=REGION_BOUND,
     )
-    return run.converged.reshape(SIDE, SIDE)
+    found = run.converged.reshape(half, SIDE)
+    return np.concatenate([found, found[-2::-1, ::-1]])
 
 
 def limit_cycle(ctx: Context) -> Array:
@@ -571,9 +579,9 @@ def attraction(ctx: Context) -> Outcome:
         ),
         row(
             "starts that a smaller ε loses",
-            sum(int((b & ~a).sum()) for a, b in zip(nested, nested[1:], strict=False)),
+            sum(int((b & ~a).sum()) for a, b in itertools.pairwise(nested)),
             expected=0,
-            note="every compact part of the region of state feedback is recovered",
+            note="the regions are nested",
         ),
     ]
 
@@ -611,7 +619,7 @@ def attraction(ctx: Context) -> Outcome:
             ncols=4,
         )
         left.grid(False)
-        left.set_title("Starts that converge (each ε: and the darker ones)")
+        left.set_title(r"Starts that converge; a smaller $\varepsilon$ adds the lighter ones")
         left.set_xlabel(r"$x_1(0)$")
         left.set_ylabel(r"$x_2(0)$")
         epsilons = sorted(maps)
@@ -643,7 +651,7 @@ SIGMA_LIMIT = A_HAT * 1.0 / A  # at rest a u = -w, and sigma = w + (a - a_hat) u
 SIGMA_ABS = 1e-6
 SIGMA_T_END = 20.0
 
-# A double integrator x1'' = a u under u = -sigma_hat - x1_hat - 2 x2_hat, the observer's a_hat = 1: the
+# A double integrator x1'' = a u under u = -sigma_hat - x1_hat - 2 x2_hat, with a_hat = 1: the
 # pendulum's loop about its rest, without what does not grow as 1/epsilon. The ratio is a state that
 # rests, so that the runs of a study differ in it.
 RATIO = Plant(states=["x1", "x2", "a"], inputs=["u"], drift=["x2", "a*u", "0"], output="x1")
@@ -653,7 +661,8 @@ RATIO_EPSILONS = (0.01, 0.005, 0.0025)
 RATIO_REL = 1e-3
 UPPER = 9.0  # s^3 + 3 s^2 + 3 s + a/a_hat, Routh
 SMALL_GAIN = 2.0  # |a - a_hat|/a_hat times the largest |1/(1 + i w)^3|, 1, below 1
-# For a/a_hat = c epsilon the third entry is as slow as the plant: s^3 + (c/3)(s^2 + 2 s + 1), Routh.
+# For a/a_hat = c epsilon the third entry is as slow as the plant: by Routh of
+# s^3 + (c/3)(s^2 + 2 s + 1), c > 3/2.
 LOWER = 1.5
 UPPER_RATIOS = np.linspace(8.0, 9.5, 31)
 LOWER_RATIOS = np.linspace(0.5, 6.0, 23)  # times epsilon
@@ -728,9 +737,7 @@ def slow_growth(ctx: Context, epsilon: float) -> Array:
     )
 
 
-@scenario(
-    "khalil-extended", title="extended observer with feedback linearisation", paper="khalil"
-)
+@scenario("khalil-extended", title="extended observer with feedback linearisation", paper="khalil")
 def extended(ctx: Context) -> Outcome:
     """What sigma_hat tends to, the sampled loop, and for which a/a_hat the loop is stable."""
     rows: list[Row] = []
@@ -774,14 +781,14 @@ def extended(ctx: Context) -> Outcome:
     upper = [zero(UPPER_RATIOS, rates) for rates in fast.values()]
     lower = [zero(LOWER_RATIOS, slow_growth(ctx, epsilon)) for epsilon in RATIO_EPSILONS]
     for i, epsilon in enumerate(RATIO_EPSILONS):
-        for what, ours, ends in (
+        for what, found, ends in (
             ("largest", upper[i], (5.0, 9.5)),
             ("smallest", lower[i] * epsilon, (0.5 * epsilon, 6.0 * epsilon)),
         ):
             rows.append(
                 row(
                     f"{what} stable a/â, ε = {epsilon:g}",
-                    ours,
+                    found,
                     expected=stability_limit(epsilon, *ends),
                     rel=RATIO_REL,
                     note="expected: eigenvalues of the loop's matrix" if i == 0 else "",
@@ -809,22 +816,21 @@ def extended(ctx: Context) -> Outcome:
         fig.set_size_inches(11.0, 4.0)
         left, middle, right = fig.subplots(1, 3)
         for run, epsilon, colour in zip(runs, SHOWN, SHADES, strict=True):
-            assert run.time is not None
-            assert run.x is not None
             assert run.memory is not None
             label = rf"$\varepsilon$ = {epsilon:g}"
-            left.plot(run.time, run.memory[0, :, 2], color=COLOURS[colour], label=label)
             t, u = frames(run, "u")
+            left.plot(t, run.memory[0, :, 2], color=COLOURS[colour], label=label)
             middle.plot(t, u, color=COLOURS[colour], label=label)
-        sigma = 1.0 - 2.0 * np.sin(run.x[0, :, 0]) - run.x[0, :, 1] + (A - A_HAT) * u
+        x1, x2 = (frames(run, name)[1] for name in ("x1", "x2"))
+        sigma = 1.0 - 2.0 * np.sin(x1) - x2 + (A - A_HAT) * u
         dashed: dict[str, Any] = {"color": COLOURS["black"], "linewidth": 1.1, "linestyle": "--"}
-        left.plot(run.time[1:], sigma[1:], label=rf"$\sigma$ at $\varepsilon$ = {epsilon:g}", **dashed)
+        left.plot(t[1:], sigma[1:], label=rf"$\sigma$ at $\varepsilon$ = {epsilon:g}", **dashed)
         left.axhline(SIGMA_LIMIT, color=COLOURS["grey"], linewidth=0.9, linestyle=":")
         left.set_ylim(-2.5, 3.5)
         left.set_title(r"$\hat\sigma$ and what it estimates (rad/s²)")
-        x1, x2 = target(run.time)
+        x1, x2 = target(t)
         ideal = (-x1 - 2.0 * x2 + 10.0 * np.sin(x1) + x2 - 1.0) / A
-        middle.plot(run.time, ideal, label="state feedback", **dashed)
+        middle.plot(t, ideal, label="state feedback", **dashed)
         middle.set_title("Input u, clipped at 1")
         middle.set_ylim(-1.1, 1.1)
         for ax in (left, middle):

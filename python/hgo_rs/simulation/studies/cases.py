@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.errors import HgoError, check, explain
-from hgo_rs.simulation.experiment import Experiment, execute, planned, simulate
+from hgo_rs.simulation.experiment import Experiment, execute, planned
 
 Build = Callable[..., Mapping[str, Any]]
 Parameters = dict[str, Any]
