@@ -1,6 +1,6 @@
 # hgo_rs: the verbs. Each sets up all it needs in .venv (Python >= 3.10 and cargo are expected).
 #
-#   make reproduce   every table and figure of the five papers -> out/report.html
+#   make reproduce   every table and figure of five papers and a textbook -> out/report.html
 #   make test        format, lints, types, Rust and Python tests, doc examples, the wheel alone
 #   make fuzz        random observers and records, every engine against the others, for SECONDS=60
 #   make bench       one step of each observer (criterion), then side by side, then instructions

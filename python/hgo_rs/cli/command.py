@@ -64,7 +64,7 @@ class _Commands(click.Group):
 )
 @click.version_option(package_name="hgo_rs", prog_name="hgo")
 def command() -> None:
-    """High-gain observers: recompute five papers, or estimate states from a recorded log."""
+    """High-gain observers: recompute five papers and a textbook, or estimate states from a log."""
 
 
 for _command in (list_command, run_command, reproduce_command, estimate_command, export_command):

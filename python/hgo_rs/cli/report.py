@@ -21,6 +21,9 @@ INLINE_SVG_LIMIT = 400_000
 """Bytes of SVG up to which a figure goes into the report as SVG; a heavier one goes in as PNG."""
 
 
+_TITLE = "High-gain observers: five papers and a textbook, recomputed"
+
+
 def format_value(value: Any) -> str:
     """A number to six significant digits, a string as it is, an en dash for nothing."""
     if value is None:
@@ -62,7 +65,7 @@ def build(records: Sequence[Record], about: Mapping[str, Any]) -> str:
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="color-scheme" content="light dark">\n'
-        f"<title>High-gain observers: five papers, recomputed</title>\n<style>{_CSS}</style>\n"
+        f"<title>{_TITLE}</title>\n<style>{_CSS}</style>\n"
         "</head>\n<body>\n<main>\n" + "\n".join(part for part in body if part) + "\n</main>\n"
         "</body>\n</html>\n"
     )
@@ -94,7 +97,7 @@ def _head(records: Sequence[Record], about: Mapping[str, Any]) -> str:
     backend = {"rust": "the compiled core", "numpy": "the NumPy reference"}[about["backend"]]
     return f"""<header>
 <p class="kicker">hgo_rs {escape(str(about["version"]))}</p>
-<h1>High-gain observers: five papers, recomputed</h1>
+<h1>{_TITLE}</h1>
 <p class="lead">Every table and figure, computed by {backend} with seed {about["seed"]} in
 {_duration(about["elapsed_s"])}. Each row shows the paper's value, ours, and the value and tolerance
 that a correct implementation meets. Where the paper and the equations disagree, the note says why.

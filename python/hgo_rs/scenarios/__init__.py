@@ -1,4 +1,4 @@
-"""The five papers as experiments: one file a paper, every table and figure a scenario.
+"""Five papers and a textbook as experiments: one file a source, every table and figure a scenario.
 
 `load()` imports the papers' files and returns their scenarios by id; `find(id)` returns one.
 """

@@ -21,6 +21,10 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from hgo_rs.models import System
+    from hgo_rs.observers import Observer
+    from hgo_rs.simulation import SimulationResult
+
 __all__ = ["PAPERS", "Context", "Outcome", "Paper", "Row", "Scenario", "row", "scenario"]
 
 Value = float | str
@@ -68,6 +72,13 @@ PAPERS: dict[str, Paper] = {
             "astolfi",
             "Daniele Astolfi, Lorenzo Marconi, Laurent Praly, Andrew Teel",
             "Low-power peaking-free high-gain observers",
+        ),
+        Paper(
+            "khalil",
+            "Hassan K. Khalil",
+            "High-gain observers in nonlinear feedback control",
+            "SIAM, 2017; with A. N. Atassi, IEEE Trans. Automatic Control 44 (1999) 1672; "
+            "with L. B. Freidovich, the same 53 (2008) 2324",
         ),
     )
 }
@@ -259,6 +270,13 @@ class Context:
     def simulate(self, spec: Mapping[str, Any]) -> dict[str, Any]:
         """Plant, noise and observer over many runs; see `hgo_rs.reference.simulate`."""
         return self._call("simulate", spec)
+
+    def run(self, plant: System, observer: Observer, **arguments: Any) -> SimulationResult:
+        """The same from the arguments of `hgo_rs.simulate`, its result by names."""
+        from hgo_rs.simulation.experiment import planned, result_of
+
+        experiment = planned(plant=plant, observer=observer, **arguments)
+        return result_of(self.simulate(experiment.spec), experiment)
 
     def coupled_paths(self, spec: Mapping[str, Any]) -> dict[str, Any]:
         """Two discretisations of a stochastic plant on the same Brownian paths."""

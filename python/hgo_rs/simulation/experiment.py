@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -337,6 +338,14 @@ def plan(
     sizes = (entries if errors else 0, len(loop.columns), m)
     shapes = _shapes(spec, sizes, n_y, len(loop.signals))
     return Experiment(ReadOnlyDict(spec), observer.n, shapes, loop)
+
+
+def planned(**given: Any) -> Experiment:
+    """The experiment that `simulate` runs with these arguments."""
+    arguments = inspect.signature(simulate).bind(**given)
+    arguments.apply_defaults()
+    del arguments.arguments["backend"], arguments.arguments["engine"]
+    return plan(**arguments.arguments)
 
 
 def _shapes(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.errors import HgoError, check, explain
-from hgo_rs.simulation.experiment import Experiment, execute, plan, simulate
+from hgo_rs.simulation.experiment import Experiment, execute, planned
 
 Build = Callable[..., Mapping[str, Any]]
 Parameters = dict[str, Any]
@@ -135,7 +135,6 @@ def experiments(
 def _experiment(
     build: Build, case: int, parameters: Parameters, runs: int, seed: int, backend: str
 ) -> Experiment:
-    signature = inspect.signature(simulate)
     try:
         given = build(**parameters)
         remedy = "return dict(plant=..., observer=..., x0=..., dt=..., steps=...)"
@@ -144,10 +143,7 @@ def _experiment(
             check(False, name, given[name], "given to study, not by build", "leave it out of build")
         remedy = "one is for all runs: call simulate for this case"
         check(given.get("histogram") is None, "histogram", "...", "left out of a study", remedy)
-        arguments = signature.bind(**given, runs=runs, rng=seed)
-        arguments.apply_defaults()
-        del arguments.arguments["backend"], arguments.arguments["engine"]
-        experiment = plan(**arguments.arguments)
+        experiment = planned(**given, runs=runs, rng=seed)
         _try(experiment, backend)
     except HgoError as error:
         raise type(error)(f"{title(case, parameters)}: {error}") from error
