@@ -34,7 +34,7 @@ mod model;
 pub mod observer;
 pub mod order;
 pub mod recursion;
-mod sparing;
+pub mod sparing;
 pub mod spec;
 mod step;
 pub mod study;

@@ -1,4 +1,4 @@
-//! Floor 6. Plants as tables: the papers' and the user's own.
+//! Floor 5. Plants as tables: the papers' and the user's own.
 
 use crate::error::{Result, refused};
 use crate::order::{CHAINS, MAX_INPUTS};
