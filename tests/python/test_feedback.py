@@ -298,6 +298,28 @@ def test_engines_have_the_same_bits_and_the_twin_agrees(name):
         )
 
 
+@pytest.mark.parametrize("engine", ["interpreter", "llvm", "numpy"])
+def test_signals_leave_a_plant_with_inputs_of_its_own_as_it_is(engine):
+    by = {"backend": "numpy"} if engine == "numpy" else {"engine": engine}
+    given: dict[str, Any] = {"x0": [0, 6, 0, 1, 0, 0], "dt": 0.02, "steps": 60, "every": 20}
+    observer = hgo.ReducedOrderObserver(0.2, h_bar=[0.5] * 3)
+    alone = hgo.simulate(hgo.Ship(), observer, **given, **by)
+    signals = {"surge": "x4", "gap": "x4_hat - x4"}
+    seen = hgo.simulate(hgo.Ship(), observer, signals=signals, **given, **by)
+    np.testing.assert_array_equal(seen.x, alone.x)
+    np.testing.assert_array_equal(seen.memory, alone.memory)
+    np.testing.assert_array_equal(seen.of("surge")["frames"], alone.x[..., 3])
+    gap = alone.memory[..., 0] - alone.x[..., 3]
+    np.testing.assert_array_equal(seen.of("gap")["frames"], gap)
+
+
+def test_a_model_with_an_input_that_no_plant_has_is_refused():
+    model = hgo.Model(states=["x1", "x2"], inputs=["u"], phi="u")
+    for of in (model, hgo.InputGain(1.0)):
+        with pytest.raises(HgoError, match=r"n_u of the observer = 1: must be 0 .*feedback"):
+            hgo.simulate(hgo.Lee(), standard(model=of), x0=[1, 0], dt=1e-3, steps=3)
+
+
 def test_metrics_of_signals_are_those_of_their_frames():
     run = loop("noise, metrics", every=1)
     for name in ("x1", "gap", "power"):
@@ -417,7 +439,10 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "nothing for an input": ({"feedback": None}, r"feedback = None.*inputs \['u'\].*write"),
     "an input that is none": ({"feedback": {"w": "0"}}, "unknown input of the plant w.*u"),
     "a state": ({"feedback": {"u": "-x1 - x2_hat"}}, "x1 is a state of the plant; write x1_hat"),
-    "an unknown name": ({"feedback": {"u": "-x3_hat"}}, "unknown name x3_hat"),
+    "an unknown name": (
+        {"feedback": {"u": "-x3_hat"}},
+        "unknown name x3_hat: must be one of pi, t, x1_hat, x2_hat, y;",
+    ),
     "an input in a feedback": ({"feedback": {"u": "0.5*u"}}, "u is an input of the plant"),
     "no feedback": ({"feedback": {}}, "a dict of input"),
     "a direct path": (

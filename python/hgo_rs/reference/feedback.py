@@ -8,7 +8,7 @@ import numpy as np
 
 from . import integrate
 from .error import Array, Spec, choice, fail, integer, known, member, vector
-from .models import Plant
+from .models import OwnPlant, Plant
 from .table import Table
 
 KEYS = ("law", "signals", "parameters", "delay", "from", "continuous", "start", "tells", "settle")
@@ -31,7 +31,9 @@ class Feedback:
         source = choice(member(spec, "from", "feedback"), "feedback.from", ("estimate", "state"))
         self.truth = truth if source == "state" else None
         self.continuous = bool(spec.get("continuous", True))
-        self.n, self.n_u, self.watched = law.n, plant.n_u, len(self.table.outputs)
+        # other plants give their inputs themselves
+        self.n_u = plant.n_u if isinstance(plant, OwnPlant) else 0
+        self.n, self.watched = law.n, len(self.table.outputs)
         start = spec.get("start", ())
         start = vector(start, "feedback.start", len(start))
         self.c = np.repeat(np.asarray(start)[:, None], runs, axis=1)
@@ -69,12 +71,11 @@ class Feedback:
         u, moved = np.array(rows[: self.n_u], dtype=float), np.array(rows[self.n_u :], dtype=float)
         return u.reshape(-1, runs), moved.reshape(-1, runs)
 
-    def close(self, t: float, x: Array, y: Array, memory: Array) -> Array:
+    def close(self, t: float, x: Array, y: Array, memory: Array) -> None:
         """At a sample: bring the inputs into force and take the signals."""
         new, _ = self.control(t, x, y, memory, self.c)
         self.queue = np.vstack([self.waiting, new])
         self.show(t, x, self.queue[: self.n_u], y, memory)
-        return self.u
 
     def show(self, t: float, x: Array, u: Array, y: Array, memory: Array) -> None:
         """The inputs in force, and the signals under them."""

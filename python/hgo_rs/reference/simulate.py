@@ -453,6 +453,7 @@ class _Sampled:
     def through(self, part: _Block, x: Array, memory: Array) -> tuple[Array, Array]:
         """Steps through a block; the study's last sample is measured only."""
         plant, law, loop = self.plant, self.law, self.loop
+        closed = loop if loop is not None and loop.n_u else None
         count, last = len(part.t), part.last
         normals = self.drive.draw(count - last)
         times, steps, plant_steps = part.t.tolist(), part.dt.tolist(), part.plant_dt.tolist()
@@ -461,8 +462,8 @@ class _Sampled:
             t, dt = times[j], steps[j]
             part.xs[j, : plant.n] = x
             u = None
-            if loop is not None:
-                u = loop.u
+            if closed is not None:
+                u = closed.u
             elif plant.n_u:
                 u = plant.control(x, dt, t)
             y = plant.output(x, u, t) + v[j]
@@ -472,9 +473,10 @@ class _Sampled:
             part.memories[j] = memory
             told = u
             if loop is not None:
-                u = loop.close(t, x, y, memory)
-                told = loop.told(u, law.n_u)
+                loop.close(t, x, y, memory)
                 part.xs[j, plant.n :] = loop.row()
+            if closed is not None:
+                u, told = closed.u, closed.told(closed.u, law.n_u)
             if last and j == count - 1:
                 break
             if law.is_current:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from hgo_rs import _core
 from hgo_rs.design.discretisation import check_step
 from hgo_rs.errors import HgoError, check, check_array, check_choice, check_integer, check_number
-from hgo_rs.models import Ship, System, VanDerPol
+from hgo_rs.models import Plant, Ship, System, VanDerPol
 from hgo_rs.models.own.callables import runnable
 from hgo_rs.observers import FixedStep, Observer, StochasticApproximation
 from hgo_rs.read_only import ReadOnlyDict, shown
@@ -457,6 +457,11 @@ def _check_fit(plant: System, observer: Observer) -> int:
     check(fits, "kind of the observer", kind, allowed, "choose another")
     allowed = f"{n_y} for the plant {plant!r}"
     check(observer.n_y == n_y, "n_y of the observer", observer.n_y, allowed, "choose another")
+    own = 2 if ship else 0  # inputs that a plant gives itself
+    if not (isinstance(plant, Plant) and plant.inputs):
+        remedy = "give a Plant these inputs and a feedback, or the model with_inputs"
+        allowed = f"{'0 or 2' if ship else '0'} for the plant {plant!r}"
+        check(observer.n_u in (0, own), "n_u of the observer", observer.n_u, allowed, remedy)
     return n_y
 
 

@@ -12,10 +12,11 @@ import numpy as np
 
 from hgo_rs.errors import HgoError, check, check_array, check_choice, check_integer, check_number
 from hgo_rs.expressions import nodes
+from hgo_rs.expressions.errors import ExpressionError
 from hgo_rs.expressions.grammar import unknown
 from hgo_rs.expressions.nodes import Node
 from hgo_rs.expressions.table import compile_table
-from hgo_rs.models import Plant, System
+from hgo_rs.models import Plant, Ship, System
 from hgo_rs.models.own.names import Names
 from hgo_rs.models.own.sources import Arguments, Group, read_group
 from hgo_rs.observers import Observer
@@ -143,10 +144,11 @@ class Loop:
             names.append(f"{name}_signal" if name in names else name)
         return tuple(names)
 
-    def places(self, *names: str) -> list[int]:
-        """Columns of the signals of these names; of all without a name."""
-        first = len(self.states) + self.has_cost + len(self.inputs)
-        return [first + self.signals.index(name) for name in names or self.signals]
+    def place(self, name: str) -> int:
+        """The column of a name: of the signal, where one is called like a state or an input."""
+        if name in self.signals:
+            return len(self.states) + self.has_cost + len(self.inputs) + self.signals.index(name)
+        return self.columns.index(name)
 
 
 def close(
@@ -237,8 +239,9 @@ class _Words:
         states = plant.states if isinstance(plant, Plant) else _numbered("x", nx)
         model = observer.spec.get("model") or {}
         named = tuple(model["names"]["states"])[-observer.n :] if "names" in model else ()
-        # an observer that knows no names estimates the plant's first states
-        named = named or states[: observer.n]
+        # an observer that knows no names estimates a ship's velocities, of others the first states
+        first = 3 if isinstance(plant, Ship) else 0
+        named = named or states[first : first + observer.n]
         rest = _numbered("x", observer.n)[len(named) :]
         estimates = tuple(f"{name}_hat" for name in (*named, *rest))
         outputs = ("y",) if n_y == 1 else _numbered("y", n_y)
@@ -309,7 +312,11 @@ def _law(words: _Words, controller: Controller) -> dict[str, tuple[Node, ...]]:
 
     def read(label: str, source: Any, shape: tuple[int, ...]) -> tuple[Node, ...]:
         arguments = narrow if callable(source) else wide
-        found = _compiled(read_group(label, source, arguments, names, shape), label)
+        try:
+            found = _compiled(read_group(label, source, arguments, names, shape), label)
+        except ExpressionError:
+            read_group(label, source, narrow, names, shape)  # names what a controller sees alone
+            raise
         for name in nodes.symbols(found):
             if name in words.states:
                 remedy = (
@@ -438,7 +445,7 @@ def _spec(
             "from": source,
             "continuous": controller is None or controller.update is None,
             "start": controller.start if controller else np.zeros(0),
-            "tells": _told(observer, words.inputs),
+            "tells": _told(observer, words.inputs) if words.inputs else [],
             "settle": np.array([levels.get(name, math.nan) for name in watched]),
         }
     )

@@ -140,13 +140,7 @@ class SimulationResult:
         """The last value of a column of the loop."""
         if self.loop is None or self.final_columns is None or name not in self.loop.columns:
             raise HgoError(f"{name}: {missing}")
-        return shown(self.final_columns[:, self._place(name)])
-
-    def _place(self, name: str) -> int:
-        assert self.loop is not None
-        if name in self.loop.signals:
-            return self.loop.places(name)[0]
-        return self.loop.columns.index(name)
+        return shown(self.final_columns[:, self.loop.place(name)])
 
     def of(self, name: str) -> dict[str, Array]:
         """All of a signal, an input in force, or a state of the plant or of the controller.
@@ -159,7 +153,7 @@ class SimulationResult:
             raise HgoError(f"of({name!r}): there are no signals here")
         if name not in self.loop.columns:
             raise HgoError(f"of: {unknown(name, self.loop.columns, 'signal')}")
-        place = self._place(name)
+        place = self.loop.place(name)
         found = {"final": shown(self.final_columns[:, place])}
         if self.columns is not None:
             found["frames"] = shown(self.columns[..., place])

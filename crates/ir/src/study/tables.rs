@@ -133,7 +133,7 @@ impl Making<'_> {
 
     /// What the observer is told of the plant's input: as many entries as it takes, 0 beyond.
     fn told(&self, u: &[Traced]) -> Vec<Traced> {
-        if let Some(feedback) = self.feedback {
+        if let Some(feedback) = self.feedback.filter(|feedback| feedback.n_u > 0) {
             return feedback.told(u, self.observer.n_u());
         }
         let zeros = std::iter::repeat(Traced::ZERO);
@@ -154,14 +154,39 @@ impl Making<'_> {
         Columns { x, u: rest, waiting: later, c }
     }
 
-    /// The inputs that come into force at a sample, those that wait then, and the controller's next states.
-    fn closed(&self, seen: Seen<'_>, waiting: &[Traced], dt: Traced) -> (Vec<Traced>, Vec<Traced>) {
-        let Some(feedback) = self.feedback else { return (Vec::new(), Vec::new()) };
-        let (new, _) = feedback.law(seen);
-        let mut queue = [waiting, &new].concat();
+    /// What a feedback makes of a sample, on the memory that it shows: the inputs that come into force, the
+    /// columns of now, and those of the next sample. Without one, nothing.
+    fn closed(
+        &self,
+        at: (Traced, Traced),
+        of: &Columns,
+        y: &[Traced],
+        z: &[Traced],
+    ) -> [Vec<Traced>; 3] {
+        let Some(feedback) = self.feedback else { return [const { Vec::new() }; 3] };
+        let (Columns { x, waiting, c, .. }, (t, dt)) = (of, at);
+        let x_hat = feedback.seen_of(&self.plant.truth, x, z);
+        let seen = Seen { t, x, y, x_hat: &x_hat, c };
+        let mut queue = [waiting.as_slice(), &feedback.law(seen).0].concat();
         let mut later = queue.split_off(feedback.n_u);
         later.extend(feedback.next(seen, dt));
-        (queue, later)
+        let now = self.now(t, of, y, z, &queue);
+        [queue, now, later]
+    }
+
+    /// The columns of now: a feedback's inputs in force and the signals that are watched under them.
+    fn now(
+        &self,
+        t: Traced,
+        of: &Columns,
+        y: &[Traced],
+        z: &[Traced],
+        u: &[Traced],
+    ) -> Vec<Traced> {
+        let Some(feedback) = self.feedback else { return Vec::new() };
+        let x_hat = &z[..self.observer.n()];
+        let signals = feedback.signals(Seen { t, x: &of.x, y, x_hat, c: &of.c }, u);
+        [u, &signals].concat()
     }
 
     fn parameters(&self) -> Vec<Traced> {
@@ -188,8 +213,8 @@ impl Making<'_> {
             let (t, dt) = (input("t"), length(self.plan.schedule, "dt", 1.0));
             let (plant_t, sines) = (input("plant_t"), self.sines());
             let z = inputs("z", self.observer.memory_len());
-            let (Columns { x, u: held, waiting, c }, noise) = (self.columns(), self.noise());
-            let given = [&[plant_t, dt], x.as_slice(), &held].concat();
+            let (of, noise) = (self.columns(), self.noise());
+            let given = [&[plant_t, dt], of.x.as_slice(), &of.u].concat();
             let made = trace::inline(&self.plant.output, &given);
             let (own, output) = made.split_at(self.plant.n_u - self.plant.open);
             let y: Vec<Traced> =
@@ -201,23 +226,14 @@ impl Making<'_> {
                 next.truncate(z.len());
                 next
             };
-            let Some(feedback) = self.feedback else {
-                let next = take(own);
-                return Ok([named("z", &next), named("y", &y), named("u", own)].concat());
-            };
             // a correction belongs to the input until now, a recursion over the coming step to the new one
-            let corrected = self.observer.is_current().then(|| take(&held));
+            let corrected = self.observer.is_current().then(|| take(&[own, &of.u].concat()));
             let shown = corrected.as_ref().unwrap_or(&z);
-            let x_hat = feedback.seen_of(&self.plant.truth, &x, shown);
-            let seen = Seen { t, x: &x, y: &y, x_hat: &x_hat, c: &c };
-            let (u, later) = self.closed(seen, &waiting, dt);
-            let x_hat = &shown[..self.observer.n()];
-            let signals = feedback.signals(Seen { x_hat, ..seen }, &u);
+            let [u, now, later] = self.closed((t, dt), &of, &y, shown);
+            let u = [own, &u].concat();
             let next = corrected.clone().unwrap_or_else(|| take(&u));
-            let closed = [named("u", &u), named("now", &[u, signals].concat())];
-            let parts =
-                [named("z", &next), named("y", &y), closed.concat(), named("later", &later)];
-            Ok(parts.concat())
+            let closed = [named("u", &u), named("now", &now), named("later", &later)].concat();
+            Ok([named("z", &next), named("y", &y), closed].concat())
         })
     }
 
@@ -258,7 +274,8 @@ impl Making<'_> {
             let (t, dt) = (input("t"), length(self.plan.schedule, "dt", 1.0));
             let (_, now) = (input("plant_t"), self.sines());
             let z = inputs("z", self.observer.memory_len());
-            let (Columns { x, c, .. }, held) = (self.columns(), self.noise());
+            let (columns, held) = (self.columns(), self.noise());
+            let Columns { x, c, .. } = &columns;
             let of = |sine: &Sine<f64>| Sine {
                 amplitude: Traced::from_f64(sine.amplitude),
                 omega: Traced::from_f64(sine.omega),
@@ -269,11 +286,13 @@ impl Making<'_> {
             // an input that the plant gives itself is held; a feedback's is that of the moment
             let open = vec![Traced::ZERO; self.plant.open];
             let made = trace::inline(&self.plant.output, &[&[t, dt], x.as_slice(), &open].concat());
-            let (own, output) = made.split_at(self.plant.n_u - self.plant.open);
-            let at_sample: Vec<Traced> =
-                output.iter().zip(&held).map(|(output, noise)| *output + *noise + now).collect();
+            let own = &made[..self.plant.n_u - self.plant.open];
+            let sampled = |made: &[Traced]| -> Vec<Traced> {
+                let output = made[own.len()..].iter().zip(&held);
+                output.map(|(output, noise)| *output + *noise + now).collect()
+            };
             let close = |t: Traced, x: &[Traced], z: &[Traced], c: &[Traced], y: &[Traced]| {
-                let Some(feedback) = self.feedback else { return (own.to_vec(), Vec::new()) };
+                let Some(feedback) = self.feedback else { return (Vec::new(), Vec::new()) };
                 let x_hat = feedback.seen_of(&self.plant.truth, x, z);
                 feedback.law(Seen { t, x, y, x_hat: &x_hat, c })
             };
@@ -287,14 +306,11 @@ impl Making<'_> {
                     output.iter().zip(&held).map(|(y, held)| *y + *held + sum).collect()
                 };
                 let of_plant =
-                    |u: &[Traced]| trace::inline(&self.plant.drift, &[&[t], x, u].concat());
-                let without = if self.feedback.is_some() {
-                    measured(&of_plant(&open)[self.plant.n..]) // either y or u needs the other
-                } else {
-                    Vec::new()
-                };
+                    |u: &[Traced]| trace::inline(&self.plant.drift, &[&[t], x, own, u].concat());
+                // either y or u needs the other
+                let without = measured(&of_plant(&open)[self.plant.n..]);
                 let (u, moved) = close(t, x, z, c, &without);
-                let made = of_plant(&u);
+                let (made, u) = (of_plant(&u), [own, &u].concat());
                 let (drift, output) = made.split_at(self.plant.n);
                 let given = [&[t], z, &measured(output), &self.told(&u), &parameters].concat();
                 let mut rates = trace::inline(rate, &given);
@@ -306,23 +322,16 @@ impl Making<'_> {
                 rates.extend(moved);
                 SVector::read(&rates)
             };
-            let start = SVector::read(&[z.as_slice(), &x, &c].concat());
+            let start = SVector::read(&[z.as_slice(), x, c].concat());
             let end = integrator.step(system, t, &start, dt);
             let (next, rest) = end.as_slice().split_at(z.len());
             let next = trace::inline(admissible, next);
             let (moved, later) = (named("x", &rest[..x.len()]), &rest[x.len()..x.len() + c.len()]);
-            let Some(feedback) = self.feedback else {
-                let parts = [named("z", &next), named("y", &at_sample), named("u", own), moved];
-                return Ok(parts.concat());
-            };
-            let (u, _) = close(t, &x, &z, &c, &at_sample);
+            let (u, _) = close(t, x, &z, c, &sampled(&made));
             let given = [&[t, dt], x.as_slice(), &u].concat();
-            let output = trace::inline(&self.plant.output, &given);
-            let y: Vec<Traced> =
-                output.iter().zip(&held).map(|(output, noise)| *output + *noise + now).collect();
-            let x_hat = &z[..self.observer.n()];
-            let signals = feedback.signals(Seen { t, x: &x, y: &y, x_hat, c: &c }, &u);
-            let closed = [named("u", &u), named("now", &[u, signals].concat())].concat();
+            let y = sampled(&trace::inline(&self.plant.output, &given));
+            let shown = self.now(t, &columns, &y, &z, &u);
+            let closed = [named("u", &[own, &u].concat()), named("now", &shown)].concat();
             let later = named("later", later);
             Ok([named("z", &next), named("y", &y), closed, later, moved].concat())
         })
