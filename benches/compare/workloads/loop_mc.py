@@ -83,10 +83,25 @@ def twin(size: Size, threads: int) -> Call:
     return ours(size, threads, backend="numpy")
 
 
+def moved(x1: Any, x2: Any, u: Any) -> tuple[Any, Any]:
+    """The plant after a step of RK4, for Numba and JAX."""
+    a1, a2 = x2, x2 * x2 * x2 + u
+    b1 = x2 + 0.5 * T * a2
+    b2 = b1 * b1 * b1 + u
+    c1 = x2 + 0.5 * T * b2
+    c2 = c1 * c1 * c1 + u
+    d1 = x2 + T * c2
+    d2 = d1 * d1 * d1 + u
+    x1 = x1 + T / 6.0 * (a1 + 2.0 * (b1 + c1) + d1)
+    x2 = x2 + T / 6.0 * (a2 + 2.0 * (b2 + c2) + d2)
+    return x1, x2
+
+
 def in_numba(size: Size, threads: int, own: bool = False) -> Call:
     numba = need("numba")
     first, uniform, _ = streams.numba_draws(own)
     begin, end = window(size)
+    move = numba.njit(fastmath=True, error_model="numpy")(moved)
 
     @numba.njit(fastmath=True, error_model="numpy")
     def one(words: streams.Words, run: int, start: Array) -> float:
@@ -101,15 +116,7 @@ def in_numba(size: Size, threads: int, own: bool = False) -> Call:
             u = min(max(-cube - z1 - z2, -1.0), 1.0)
             e = x1 + (LOW + (HIGH - LOW) * v) - z1
             z1, z2 = z1 + T * (z2 + K1 * ELL * e), z2 + T * (u + K2 * ELL * ELL * e)
-            a1, a2 = x2, x2 * x2 * x2 + u
-            b1 = x2 + 0.5 * T * a2
-            b2 = b1 * b1 * b1 + u
-            c1 = x2 + 0.5 * T * b2
-            c2 = c1 * c1 * c1 + u
-            d1 = x2 + T * c2
-            d2 = d1 * d1 * d1 + u
-            x1 += T / 6.0 * (a1 + 2.0 * (b1 + c1) + d1)
-            x2 += T / 6.0 * (a2 + 2.0 * (b2 + c2) + d2)
+            x1, x2 = move(x1, x2, u)
         return np.sqrt(squares / (end - begin))
 
     words = streams.states(size.runs, MEASUREMENT)
@@ -131,15 +138,7 @@ def in_jax(size: Size, threads: int) -> Call:
             u = numpy.clip(-cube - z1 - z2, -1.0, 1.0)
             e = x1 + (LOW + (HIGH - LOW) * v) - z1
             z1, z2 = z1 + T * (z2 + K1 * ELL * e), z2 + T * (u + K2 * ELL * ELL * e)
-            a1, a2 = x2, x2 * x2 * x2 + u
-            b1 = x2 + 0.5 * T * a2
-            b2 = b1 * b1 * b1 + u
-            c1 = x2 + 0.5 * T * b2
-            c2 = c1 * c1 * c1 + u
-            d1 = x2 + T * c2
-            d2 = d1 * d1 * d1 + u
-            x1 += T / 6.0 * (a1 + 2.0 * (b1 + c1) + d1)
-            x2 += T / 6.0 * (a2 + 2.0 * (b2 + c2) + d2)
+            x1, x2 = moved(x1, x2, u)
             return (noise, x1, x2, z1, z2, squares), None
 
         squares = jax.lax.scan(step, (tuple(words), *start, 0.0), numpy.arange(end))[0][-1]
