@@ -248,6 +248,15 @@ LOOPS: dict[str, dict[str, Any]] = {
         "noise": hgo.NormalNoise(std=0.01, sines=[(0.02, 11.0, 0.3)]),
         "windows": [(0.1, 0.5)],
     },
+    "a plant with a clock of its own": {
+        "plant": hgo.Plant(
+            states=["x1", "x2"],
+            inputs=["u"],
+            drift=["x2", "u - x1*sin(3*t)"],
+            output="x1 + 0.05*t",
+        ),
+        "plant_schedule": hgo.FixedStep(1.1e-3),
+    },
     "process noise": {
         "plant": hgo.Plant(
             states=["x1", "x2"],

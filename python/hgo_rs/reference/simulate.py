@@ -334,13 +334,14 @@ def simulate(spec: Spec) -> dict[str, Any]:
     per_step = runs * (plant.n + law.memory_len + 4 + 2 * advance.normals_per_step)
     block = int(np.clip(_BLOCK_FLOATS // per_step, 8, _BLOCK_STEPS))
     total = steps + 1
-    t_next = 0.0
+    t_next = plant_next = 0.0
     with np.errstate(all="ignore"):  # diverging runs overflow; they are found below
         for start in range(0, total, block):
             stop = min(start + block, total)
             k = np.arange(start, stop + 1)
             t = schedule.times(k, t_next)
-            t_next = float(t[-1])
+            plant_t = plant_schedule.times(k, plant_next)
+            t_next, plant_next = float(t[-1]), float(plant_t[-1])
             t = t[:-1]
             held = noise.block(start, stop)
             part = _Block(
@@ -348,6 +349,7 @@ def simulate(spec: Spec) -> dict[str, Any]:
                 last=stop == total,
                 t=t,
                 dt=schedule.steps(k[:-1]),
+                plant_t=plant_t[:-1],
                 plant_dt=plant_schedule.steps(k[:-1]),
                 held=held,
                 v=held + np.reshape(noise.wave(t), (-1, 1, 1)) if noise.sines else held,
@@ -432,6 +434,7 @@ class _Block:
     last: bool  # whether the study ends here
     t: Array  # (steps,)
     dt: Array  # of the observer
+    plant_t: Array  # of the plant, which may have a clock of its own
     plant_dt: Array
     held: Array  # drawn noise (steps, n_y, runs)
     v: Array  # with the sines at t(k)
@@ -456,17 +459,18 @@ class _Sampled:
         closed = loop if loop is not None and loop.n_u else None
         count, last = len(part.t), part.last
         normals = self.drive.draw(count - last)
-        times, steps, plant_steps = part.t.tolist(), part.dt.tolist(), part.plant_dt.tolist()
+        times, steps = part.t.tolist(), part.dt.tolist()
+        plant_times, plant_steps = part.plant_t.tolist(), part.plant_dt.tolist()
         v = part.v[:, 0] if plant.n_y == 1 else part.v
         for j in range(count):
-            t, dt = times[j], steps[j]
+            t, dt, plant_t = times[j], steps[j], plant_times[j]
             part.xs[j, : plant.n] = x
             u = None
             if closed is not None:
                 u = closed.u
             elif plant.n_u:
-                u = plant.control(x, dt, t)
-            y = plant.output(x, u, t) + v[j]
+                u = plant.control(x, dt, plant_t)
+            y = plant.output(x, u, plant_t) + v[j]
             part.ys[j] = y
             if law.is_current:
                 memory = self._settled(j + part.start, memory, law.correct(memory, y, t))
@@ -486,7 +490,7 @@ class _Sampled:
             if loop is not None:
                 loop.move(t, dt, x, y, memory)
             memory = self._settled(j + part.start, memory, new)
-            x = self.drive.advance(x, u, t, plant_steps[j], normals, j)
+            x = self.drive.advance(x, u, plant_t, plant_steps[j], normals, j)
         return x, memory
 
     def _settled(self, k: int, old: Array, new: Array) -> Array:
