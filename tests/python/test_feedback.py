@@ -529,5 +529,10 @@ def test_of_names_what_is_there():
         run.of("x9")
     with pytest.raises(HgoError, match="without cost"):
         _ = run.cost
+    named = loop("saturated", signals={"cost": "x1**2"})
+    with pytest.raises(HgoError, match="without cost"):  # a signal of that name is another thing
+        _ = named.cost
+    with pytest.raises(HgoError, match="signals = 'cost': must be another name beside cost="):
+        loop("saturated", signals={"cost": "x1**2"}, cost="x1**2")
     with pytest.raises(HgoError, match="without converged"):
         _ = run.converged

@@ -194,6 +194,8 @@ def close(
     if has_cost:
         moved, words = _with_cost(plant, cost), replace(words, cost=(COST,))
     watched = _watched(words, signals, controller is not None)
+    apart = not has_cost or COST not in watched
+    check(apart, "signals", COST, "another name beside cost=", "the result uses it; rename it")
     levels = _levels("settle_signals", settle_signals or {}, watched)
     ends = _converged(converged, watched)
     if controller is None and not watched:

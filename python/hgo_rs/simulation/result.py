@@ -118,7 +118,9 @@ class SimulationResult:
     @property
     def cost(self) -> Array:
         """Integral of the cost over each run, (R,); until it diverged where it did."""
-        return self._column(COST, "simulate was called without cost=")
+        if self.loop is None or not self.loop.has_cost:
+            raise HgoError("cost: simulate was called without cost=")
+        return self._column(COST)
 
     @property
     def converged(self) -> npt.NDArray[np.bool_]:
@@ -129,17 +131,16 @@ class SimulationResult:
         good = np.asarray(self.diverged_at < 0)
         for name, bound in bounds.items():
             if name:
-                size = np.abs(self._column(name, ""))
+                size = np.abs(self._column(name))
             else:
                 with np.errstate(over="ignore"):  # of a run that diverged
                     size = np.linalg.norm(self.final_x, axis=-1)
             good = good & (size <= bound)
         return good
 
-    def _column(self, name: str, missing: str) -> Array:
+    def _column(self, name: str) -> Array:
         """The last value of a column of the loop."""
-        if self.loop is None or self.final_columns is None or name not in self.loop.columns:
-            raise HgoError(f"{name}: {missing}")
+        assert self.loop is not None and self.final_columns is not None
         return shown(self.final_columns[:, self.loop.place(name)])
 
     def of(self, name: str) -> dict[str, Array]:
