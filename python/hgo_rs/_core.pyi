@@ -8,6 +8,7 @@ from typing_extensions import Self, disjoint_base
 __all__ = [
     "Observer",
     "Online",
+    "RecordKernel",
     "StudyKernel",
     "coefficients_from_poles",
     "coupled_paths",
@@ -37,6 +38,10 @@ _Pairs = list[tuple[float, float]]
 @final
 class StudyKernel:
     def __new__(cls, runs: int, forms: list[tuple[int, bool, int]]) -> StudyKernel: ...
+
+@final
+class RecordKernel:
+    def __new__(cls, address: int, widths: list[int]) -> RecordKernel: ...
 
 @final
 class Observer:
@@ -77,7 +82,9 @@ class Observer:
         memory0: npt.ArrayLike,
         innovation: bool = True,
         until: float | None = None,
+        kernel: RecordKernel | None = None,
     ) -> dict[str, Any]: ...
+    def record_source(self) -> dict[str, Any] | None: ...
 
 @disjoint_base
 class Online:

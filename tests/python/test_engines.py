@@ -10,6 +10,7 @@ import pytest
 
 import hgo_rs as hgo
 from hgo_rs import _core
+from hgo_rs import llvm as compiler
 from hgo_rs.simulation import llvm
 from hgo_rs.simulation.noise import NormalNoise, RecordedNoise, UniformNoise
 
@@ -220,7 +221,7 @@ def test_engines_are_refused_where_they_cannot_be(monkeypatch: pytest.MonkeyPatc
         hgo.simulate(**given, engine="fast")
     with pytest.raises(hgo.HgoError, match="engine = 'llvm': must be for backend 'rust'; leave"):
         hgo.simulate(**given, engine="llvm", backend="numpy")
-    monkeypatch.setattr(llvm, "_binding", lambda: "llvmlite is not installed; pip install it")
+    monkeypatch.setattr(compiler, "binding", lambda: "llvmlite is not installed; pip install it")
     with pytest.raises(hgo.HgoError, match=r"engine = 'llvm'.*pip install"):
         hgo.simulate(**given, engine="llvm")
     same(hgo.simulate(**given), hgo.simulate(**given, engine="interpreter"))

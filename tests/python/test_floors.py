@@ -18,6 +18,7 @@ FLOORS = (
     "files",
     "read_only",
     "laws",
+    "llvm",
     "reference",
     "plots",
     "expressions",

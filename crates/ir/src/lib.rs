@@ -12,8 +12,8 @@
 //! # Floors
 //!
 //! A file imports lower floors only, and of other crates `hgo_rs`: `error` (0); `value`, `order`,
-//! `recursion`, `vectors`, `sparing` (1); `spec`, `design` (2); `table`, `choices`, `systems` (3); `trace`, `compile`,
-//! `elementary` (4); `model`, `tabled`, `derivative` (5); `tables` (6); `laws`, `step` (7); `called` (8);
+//! `vectors`, `sparing` (1); `spec`, `design` (2); `table`, `choices`, `systems` (3); `trace`, `compile`,
+//! `elementary`, `recursion` (4); `model`, `tabled`, `derivative`, `record` (5); `tables` (6); `laws`, `step` (7); `called` (8);
 //! `observer` (9); `study`, `config` (10); `llvm` (11). Files of a folder may lie lower than the folder.
 
 // Every error here is an `Error`, which says what it is about.
@@ -33,6 +33,7 @@ pub mod llvm;
 mod model;
 pub mod observer;
 pub mod order;
+pub mod record;
 pub mod recursion;
 pub mod sparing;
 pub mod spec;

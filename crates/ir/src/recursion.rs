@@ -1,6 +1,7 @@
-//! Floor 1. Observers whose types are chosen at run time, and their steps over a block of samples.
+//! Floor 4. Observers whose types are chosen at run time, and their steps over a block of samples.
 
 use crate::error::Result;
+use crate::table::Table;
 use hgo_rs::observer::Status;
 
 /// A law in discrete time, with its memory as a flat vector. The verbs are [`Observer`](hgo_rs::observer::Observer)'s.
@@ -27,6 +28,37 @@ pub trait AnyObserver: Send + Sync {
     fn initial(&self) -> Vec<f64>;
     /// Its steps.
     fn recursion(&self) -> &dyn Recursion;
+    /// The same as one table, if it is one.
+    fn tabled(&self) -> Option<&dyn Tabled> {
+        None
+    }
+}
+
+/// Numbers of a record's rows.
+#[derive(Clone, Copy, Debug)]
+pub struct Widths {
+    /// Entries of the memory.
+    pub memory: usize,
+    /// Entries of a sample.
+    pub n_y: usize,
+    /// Known inputs.
+    pub n_u: usize,
+    /// Parameters and gains, which stand still.
+    pub fixed: usize,
+    /// Whether a row shows the memory after its sample.
+    pub current: bool,
+}
+
+/// An observer whose way from sample to sample, where all are there, is one table.
+pub trait Tabled: Recursion {
+    /// What its rows hold.
+    fn widths(&self) -> Widths;
+    /// (t, dt, z, y, u, fixed) → (z⁺, innovation, and with current timing z after the correction).
+    fn table(&self) -> Result<Table>;
+    /// Whether the table takes the sample y, and all that follow in steps of this length.
+    fn is_steady(&self, memory: &[f64], y: &[f64], dt: f64) -> bool;
+    /// Parameters, and gains of corrections for steps of this length.
+    fn fixed(&self, dt: f64) -> Vec<f64>;
 }
 
 /// Samples that are copied as they are taken, since nobody changes the copies meanwhile or later. (A
@@ -40,6 +72,10 @@ impl<'a> Samples<'a> {
     /// As many of both.
     pub fn new(given: &'a [f64], kept: &'a mut [f64]) -> Self {
         Self { given, kept }
+    }
+    /// What is given, and where the copies go.
+    pub fn parts(self) -> (&'a [f64], &'a mut [f64]) {
+        (self.given, self.kept)
     }
     /// Sample number k of p entries.
     #[inline(always)]

@@ -3,7 +3,7 @@
 use crate::compile::Compiled;
 use crate::error::{Result, refused};
 use crate::order::{CHAINS, MAX_INPUTS};
-use crate::recursion::{AnyObserver, Block, Recursion};
+use crate::recursion::{AnyObserver, Block, Recursion, Tabled, Widths};
 use crate::table::Table;
 use crate::tables::{Lengths, MEMORY, PlacedChain, Shape, Tables, length_of};
 use crate::trace::{self, Setting, Traced, input, named, trace};
@@ -499,5 +499,37 @@ impl AnyObserver for Programmed {
     }
     fn recursion(&self) -> &dyn Recursion {
         self
+    }
+    fn tabled(&self) -> Option<&dyn Tabled> {
+        Some(self)
+    }
+}
+
+impl Tabled for Programmed {
+    fn widths(&self) -> Widths {
+        let Shape { memory, n_y, n_u, current, .. } = self.tables.shape;
+        let gains: usize = self.tables.placed.iter().map(|chain| chain.gains.count).sum();
+        Widths { memory, n_y, n_u, fixed: self.tables.parameters.len() + gains, current }
+    }
+    fn table(&self) -> Result<Table> {
+        match &self.tables.correct {
+            Some(correct) => self.tables.whole(correct),
+            None => Ok(self.tables.advance.clone()),
+        }
+    }
+    fn is_steady(&self, memory: &[f64], y: &[f64], dt: f64) -> bool {
+        let waits = |(index, _): &(usize, _)| !memory.get(*index).is_some_and(|at| *at > 0.0);
+        let mut chains = self.tables.placed.iter();
+        !self.whole.unstarted.as_ref().is_some_and(waits)
+            && chains.all(|chain| length_of(chain, memory, y, dt) == dt.to_bits())
+    }
+    fn fixed(&self, dt: f64) -> Vec<f64> {
+        let mut fixed = self.tables.parameters.clone();
+        for PlacedChain { gains, .. } in &self.tables.placed {
+            let first = fixed.len();
+            fixed.resize(first + gains.count, 0.0);
+            gains.write(dt, &mut fixed[first..]);
+        }
+        fixed
     }
 }

@@ -1,9 +1,11 @@
-//! Floor 2. Kernels: studies that LLVM has compiled, called by their addresses.
+//! Floor 2. Kernels: studies and records that LLVM has compiled, called by their addresses.
 
 use crate::errors::{Result, refused};
 use crate::values::read_dict;
 use hgo_ir::Spec;
-use hgo_ir::llvm::SUMS;
+use hgo_ir::llvm::{SUMS, record_source as source_of};
+use hgo_ir::record::{self, Stretch};
+use hgo_ir::recursion::{AnyObserver, Widths};
 use hgo_ir::study::{Block, Kernel, LANES, Layout, Span, Study};
 use hgo_rs::program::Lane;
 use pyo3::prelude::*;
@@ -110,5 +112,99 @@ pub fn study_source<'py>(
     out.set_item("runs", lanes * copies)?;
     out.set_item("width", study.tables.width())?;
     out.set_item("operations", study.tables.operations(study.plan.substeps))?;
+    Ok(Some(out))
+}
+
+/// A compiled record: memory, times, samples, inputs, what stands still, rows, innovations, the step's
+/// length, and how many samples there are; gives how many were taken.
+type Steps = unsafe extern "C" fn(
+    *mut f64,
+    *const f64,
+    *const f64,
+    *const f64,
+    *const f64,
+    *mut f64,
+    *mut f64,
+    f64,
+    u64,
+) -> u64;
+
+/// The function of a record's source, compiled.
+#[pyclass(frozen, module = "hgo_rs._core")]
+pub struct RecordKernel {
+    function: Steps,
+    /// Numbers of a row: memory, sample, input, and what stands still.
+    widths: [usize; 4],
+}
+
+#[pymethods]
+impl RecordKernel {
+    /// From the address of the function compiled from an observer's source, which lives as long as this
+    /// does, and the numbers of its rows.
+    #[new]
+    fn new(address: usize, widths: [usize; 4]) -> Result<Self> {
+        if address == 0 {
+            return Err(refused("a kernel needs a function"));
+        }
+        // SAFETY: the caller says that a function of this type stands there.
+        #[allow(unsafe_code)]
+        let function = unsafe { std::mem::transmute::<usize, Steps>(address) };
+        Ok(Self { function, widths })
+    }
+}
+
+impl RecordKernel {
+    /// Whether it was compiled for rows as this observer's.
+    pub fn suits(&self, observer: &dyn AnyObserver) -> bool {
+        observer.tabled().is_some_and(|tabled| widths(tabled.widths()) == self.widths)
+    }
+}
+
+fn widths(of: Widths) -> [usize; 4] {
+    [of.memory, of.n_y, of.n_u, of.fixed]
+}
+
+impl record::RecordKernel for RecordKernel {
+    fn steps(&self, stretch: Stretch<'_>) -> usize {
+        let Stretch { memory, t, dt, y, u, fixed, rows, innovation } = stretch;
+        let [m, n_y, n_u, still] = self.widths;
+        let n = t.len();
+        let fits = memory.len() >= m && fixed.len() >= still && y.len() >= n * n_y;
+        let room = u.len() >= n * n_u && rows.len() >= n * m && innovation.len() >= n * n_y;
+        if n == 0 || !fits || !room {
+            return 0;
+        }
+        // SAFETY: the function reads and writes n rows of these widths, which are there.
+        #[allow(unsafe_code)]
+        let taken = unsafe {
+            (self.function)(
+                memory.as_mut_ptr(),
+                t.as_ptr(),
+                y.as_ptr(),
+                u.as_ptr(),
+                fixed.as_ptr(),
+                rows.as_mut_ptr(),
+                innovation.as_mut_ptr(),
+                dt,
+                n as u64,
+            )
+        };
+        usize::try_from(taken).unwrap_or(0)
+    }
+}
+
+/// An observer over a record as LLVM IR: a dict of `text`, `name`, `operations` of a sample and `widths` of
+/// its rows; None where functions of the user's are called.
+pub fn record_source<'py>(
+    py: Python<'py>,
+    observer: &dyn AnyObserver,
+) -> Result<Option<Bound<'py, PyDict>>> {
+    let Some(tabled) = observer.tabled() else { return Ok(None) };
+    let Some(source) = source_of(tabled) else { return Ok(None) };
+    let out = PyDict::new(py);
+    out.set_item("text", source.text)?;
+    out.set_item("name", source.name)?;
+    out.set_item("operations", source.operations)?;
+    out.set_item("widths", widths(tabled.widths()))?;
     Ok(Some(out))
 }

@@ -27,7 +27,7 @@ mod _core {
     #[pymodule_export]
     use crate::functions::{coupled_paths, elementary_source, filtered, mean_covariance, random};
     #[pymodule_export]
-    use crate::kernel::{StudyKernel, study_source};
+    use crate::kernel::{RecordKernel, StudyKernel, study_source};
     #[pymodule_export]
     use crate::observers::Observer;
     #[pymodule_export]

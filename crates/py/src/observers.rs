@@ -1,6 +1,7 @@
-//! Floor 3. The class `Observer` that Python steps and runs.
+//! Floor 4. The class `Observer` that Python steps and runs.
 
 use crate::errors::{Result, refused};
+use crate::kernel::{self, RecordKernel};
 use crate::record::{self, Clock};
 use crate::values::{contiguous, read_dict};
 use hgo_ir::Spec;
@@ -121,10 +122,16 @@ impl Observer {
         Ok((memory.into_pyarray(py), status as u8))
     }
 
+    /// The observer over a record as LLVM IR: a dict of `text`, `name`, `operations` of a sample and
+    /// `widths` of its rows; None where functions of the user's are called.
+    fn record_source<'py>(&self, py: Python<'py>) -> Result<Option<Bound<'py, PyDict>>> {
+        kernel::record_source(py, self.law())
+    }
+
     /// Run over a record: times (N,) or a period, samples (N, n_y), inputs (N, n_u), memory to start
     /// from; with `until`, on to that time after the last sample. Gives the track, a copy of the samples,
-    /// what the checks found, and the memory at the end (`next`).
-    #[pyo3(signature = (t, y, u, memory0, innovation=true, until=None))]
+    /// what the checks found, and the memory at the end (`next`). A kernel takes what it can of it.
+    #[pyo3(signature = (t, y, u, memory0, innovation=true, until=None, kernel=None))]
     #[allow(clippy::too_many_arguments)] // the record, and what is asked of it, by keyword
     fn run<'py>(
         &self,
@@ -135,7 +142,12 @@ impl Observer {
         memory0: &Bound<'py, PyAny>,
         innovation: bool,
         until: Option<f64>,
+        kernel: Option<&Bound<'py, RecordKernel>>,
     ) -> Result<Bound<'py, PyDict>> {
+        let kernel = kernel.map(Bound::get);
+        if kernel.is_some_and(|kernel| !kernel.suits(self.law())) {
+            return Err(refused("this kernel was compiled for another observer"));
+        }
         let y = contiguous(y)?;
         let samples = y.len() / self.law().n_y();
         let y = checked_size("y", y, samples * self.law().n_y())?;
@@ -148,7 +160,7 @@ impl Observer {
             None => period.unwrap_or(Clock::Times(&[])),
         };
         let record = (clock, y.as_slice()?, u.as_slice()?);
-        let out = record::run(py, self.law(), &mut memory, record, until, innovation)?;
+        let out = record::run(py, (self.law(), kernel), &mut memory, record, until, innovation)?;
         out.set_item("next", memory.into_pyarray(py))?;
         Ok(out)
     }

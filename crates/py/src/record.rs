@@ -1,10 +1,12 @@
-//! Floor 2. A run over a record, in one pass: each block of it is taken in, checked and stepped over.
+//! Floor 3. A run over a record, in one pass: each block of it is taken in, checked and stepped over.
 //!
 //! What is wrong with a record is found here and said in Python, which has the words for it.
 
 use crate::errors::Result;
+use crate::kernel::RecordKernel;
 use crate::values::empty;
-use hgo_ir::recursion::{AnyObserver, Block, Samples, larger};
+use hgo_ir::record::Compiled;
+use hgo_ir::recursion::{AnyObserver, Block, Recursion, Samples, larger};
 use hgo_rs::observer::Status;
 use numpy::PyArrayMethods;
 use pyo3::prelude::*;
@@ -64,6 +66,8 @@ impl Clock<'_> {
 /// A record on its way: what is given and what is written, a row a sample.
 struct Pass<'a> {
     observer: &'a dyn AnyObserver,
+    /// Its steps, as they are taken.
+    recursion: &'a dyn Recursion,
     clock: Clock<'a>,
     given: &'a [f64],
     u: &'a [f64],
@@ -123,7 +127,7 @@ impl Pass<'_> {
         let y = &mut self.y[by(p, &rows)];
         let status = &mut self.status[rows.clone()];
         let innovation = self.innovation.get_mut(by(p, &rows)).unwrap_or_default();
-        let most = self.observer.recursion().over_block(
+        let most = self.recursion.over_block(
             self.at,
             Block {
                 t: &t[..len],
@@ -202,16 +206,24 @@ fn largest(values: &[f64]) -> f64 {
     lanes.iter().chain(rest).fold(0.0, |largest, value| larger(largest, *value))
 }
 
-/// Run over a record from `memory` on, which is moved: with current timing to after the last sample, or,
+/// Run over a record from `memory` on, which is moved, by the compiled function where there is one: with current timing to after the last sample, or,
 /// with `until`, to that time. The innovation is written if asked for.
 pub fn run<'py>(
     py: Python<'py>,
-    observer: &dyn AnyObserver,
+    (observer, kernel): (&dyn AnyObserver, Option<&RecordKernel>),
     memory: &mut [f64],
     (clock, given, u): (Clock<'_>, &[f64], &[f64]),
     until: Option<f64>,
     innovation: bool,
 ) -> Result<Bound<'py, PyDict>> {
+    let compiled = match (observer.tabled(), kernel) {
+        (Some(tabled), Some(kernel)) => Some(Compiled::new(tabled, kernel)),
+        _ => None,
+    };
+    let recursion: &dyn Recursion = match &compiled {
+        Some(compiled) => compiled,
+        None => observer.recursion(),
+    };
     let (p, m) = (observer.n_y(), memory.len());
     let samples = given.len() / p;
     let y = empty::<f64, 2>(py, [samples, p])?;
@@ -225,6 +237,7 @@ pub fn run<'py>(
         let mut innovations = innovations.readwrite();
         let mut pass = Pass {
             observer,
+            recursion,
             clock,
             until,
             given,

@@ -7,6 +7,7 @@ stands) that `step` moves. `run` works on a memory of its own and leaves the obj
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,9 +18,11 @@ from hgo_rs import _core, upward
 from hgo_rs.design.discretisation import StepLimit, step_limit
 from hgo_rs.design.response import bandwidth, noise_gain, peaking, settling
 from hgo_rs.errors import DesignError, HgoError
+from hgo_rs.llvm import check_engine
 from hgo_rs.models import Model
 from hgo_rs.models.own.callables import clocked, stand_in, warn_slow
 from hgo_rs.observers import records
+from hgo_rs.observers.compiled import RecordEngine
 from hgo_rs.observers.gaps import gap_error
 from hgo_rs.observers.online import TAMER, OnlineObserver
 from hgo_rs.observers.records import Array
@@ -63,6 +66,7 @@ class Observer(OnlineObserver):
         until: float | None = None,
         timing: str | None = None,
         allow_unstable: bool | None = None,
+        engine: str = "auto",
     ) -> RunResult:
         """Run over a record of N samples.
 
@@ -88,18 +92,23 @@ class Observer(OnlineObserver):
             Default: the observer's own. The result says which.
         allow_unstable : bool, optional
             Run at a step beyond the stability limit. Default: the constructor's choice.
+        engine : "auto", "interpreter" or "llvm"
+            What steps, with the same bits: "auto" compiles the step by LLVM (extra `fast`) once
+            this observer has had samples enough for it, some millions of a law of order two.
 
         Raises
         ------
         HgoError
             Shapes that do not fit; NaN or infinity in t or u, infinity in y; time that does not
-            increase; a step at or above the stability limit; an estimate that diverged.
+            increase; a step at or above the stability limit; an estimate that diverged;
+            `engine="llvm"` where llvmlite is missing or the observer cannot be compiled.
         """
         if timing is not None and timing != self.timing:
             given: dict[str, Any] = {"x_hat0": x_hat0, "r0": r0, "memory0": memory0}
-            given |= {"until": until, "allow_unstable": allow_unstable}
+            given |= {"until": until, "allow_unstable": allow_unstable, "engine": engine}
             return self.with_timing(timing).run(t_or_dt, y, u, **given)
         allow = self.allow_unstable if allow_unstable is None else bool(allow_unstable)
+        check_engine(engine)
         samples = records.samples(y, self.n_y)
         clock = records.clock(t_or_dt, len(samples))
         told = records.inputs(u, len(samples), self.n_u)
@@ -115,7 +124,8 @@ class Observer(OnlineObserver):
             record = (clock, samples, told, start)
             track, slowdown = self._called_run(*record, innovation=tells, until=end)
         else:
-            track = self._core.run(clock, samples, told, start, innovation=tells, until=end)
+            record = (clock, samples, told, start)
+            track = self._records.run(engine, record, innovation=tells, until=end)
         if not track["sound"]:
             records.check_samples(track["y"], self.n_y)
             records.check_times(clock)
@@ -172,6 +182,10 @@ class Observer(OnlineObserver):
         if track["missing"].any():  # for the error to expect after the gaps
             result.__dict__["_run_of"] = (self, told.copy())
         return result
+
+    @cached_property
+    def _records(self) -> RecordEngine:
+        return RecordEngine(self._core)
 
     def _gap_error(self, result: RunResult, u: Array, gaps: Sequence[Gap]) -> Array:
         """What gaps cost a result of this observer, (number of gaps, n)."""
