@@ -14,6 +14,12 @@ from hgo_rs.errors import HgoError, check_choice
 ENGINES = ("auto", "interpreter", "llvm")
 """What steps: `auto` takes llvm where it is there and the work is worth compiling."""
 
+OF_FUNCTIONS = (
+    "for a model of Python functions that could not be compiled: write its equations as "
+    "expressions, or leave engine out"
+)
+"""Why a system is not compiled."""
+
 KEPT = 64
 """Kernels of a kind that are kept."""
 

@@ -18,7 +18,7 @@ from hgo_rs import _core, upward
 from hgo_rs.design.discretisation import StepLimit, step_limit
 from hgo_rs.design.response import bandwidth, noise_gain, peaking, settling
 from hgo_rs.errors import DesignError, HgoError
-from hgo_rs.llvm import check_engine
+from hgo_rs.llvm import OF_FUNCTIONS, check_engine, refused
 from hgo_rs.models import Model
 from hgo_rs.models.own.callables import clocked, stand_in, warn_slow
 from hgo_rs.observers import records
@@ -121,6 +121,7 @@ class Observer(OnlineObserver):
         end = None if until is None else records.after(until, clock, len(samples))
         slowdown = 1.0
         if self._interpreted:
+            refused(engine == "llvm", OF_FUNCTIONS)
             record = (clock, samples, told, start)
             track, slowdown = self._called_run(*record, innovation=tells, until=end)
         else:

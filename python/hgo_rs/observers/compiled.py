@@ -77,11 +77,7 @@ class RecordEngine:
             self._source = self._core.record_source()
         source = self._source
         if source is None:
-            return llvm.refused(
-                wanted,
-                "for a model of Python functions that could not be compiled: write its equations "
-                "as expressions, or leave engine out",
-            )
+            return llvm.refused(wanted, llvm.OF_FUNCTIONS)
         if source["operations"] > _LARGEST:
             return llvm.refused(
                 wanted,

@@ -72,11 +72,7 @@ def kernel_for(spec: Mapping[str, Any], engine: str, runs: int) -> Any:
     instructions = llvm.instructions()
     source = _core.study_source(spec, llvm.WIDTHS[instructions][0])
     if source is None:
-        return llvm.refused(
-            wanted,
-            "for a system of Python functions that could not be compiled: write its equations as "
-            "expressions, or leave engine out",
-        )
+        return llvm.refused(wanted, llvm.OF_FUNCTIONS)
     if source["operations"] > _LARGEST:
         return llvm.refused(
             wanted,
