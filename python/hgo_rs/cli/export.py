@@ -1,4 +1,4 @@
-"""`hgo export`: an observer as source code."""
+"""`hgo export`: an observer as source code, or as an FMU."""
 
 from __future__ import annotations
 
@@ -9,13 +9,23 @@ import click
 from hgo_rs.cli.terminal import say
 from hgo_rs.config import load
 from hgo_rs.errors import printable
-from hgo_rs.exports import PERIODS, export
+from hgo_rs.exports import FMI, LANGUAGES, PERIODS, export
 
 
-@click.command("export", short_help="Write an observer as C or Rust source.")
+@click.command("export", short_help="Write an observer as C or Rust source, or as an FMU.")
 @click.argument("config", type=click.Path(path_type=Path))
-@click.option("--to", type=click.Choice(["c", "rust"]), required=True, help="C99 or no_std Rust.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder to write to.")
+@click.option(
+    "--to",
+    type=click.Choice(LANGUAGES),
+    required=True,
+    help="C99, no_std Rust, or an FMU for co-simulation.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Folder to write to; of an FMU also the file, NAME.fmu.",
+)
 @click.option("--name", help="Name of files and functions; by default the file's.")
 @click.option("--precision", type=click.Choice(["double", "single"]), default="double")
 @click.option("--dt", type=float, help="Sampling period [s]; by default the file's.")
@@ -26,6 +36,14 @@ from hgo_rs.exports import PERIODS, export
     show_default=True,
     help="For how many sampling periods gains are held, where they are.",
 )
+@click.option("--fmi-version", type=click.Choice(FMI), help="Of an FMU; default 2.0.")
+@click.option(
+    "--unit",
+    "units",
+    multiple=True,
+    metavar="NAME=UNIT",
+    help="Unit of a variable of an FMU, such as w=rad/s; may be repeated.",
+)
 def export_command(
     config: Path,
     to: str,
@@ -34,11 +52,13 @@ def export_command(
     precision: str,
     dt: float | None,
     periods: int,
+    fmi_version: str | None,
+    units: tuple[str, ...],
 ) -> int:
     """Write the observer of CONFIG, an observer.toml, as source code that needs nothing else.
 
     Its steps have the bits of this package's; a test vector and a program that runs it are beside
-    it.
+    it. An FMU is one file for Simulink, Modelica tools and others, with that source in it.
     """
     told = load(config)
     name = name if name is not None else config.stem.lower().replace("-", "_")
@@ -50,7 +70,18 @@ def export_command(
         precision=precision,
         dt=told.log.get("dt") if dt is None else dt,
         periods=periods,
+        version=fmi_version,
+        units=dict(map(_unit, units)) or None,
     )
-    names = ", ".join(str(file.relative_to(out)) for file in files)
-    say(f"written to {printable(str(out))}: {names}")
+    folder = out.parent if files == [out] else out
+    names = ", ".join(str(file.relative_to(folder)) for file in files)
+    say(f"written to {printable(str(folder))}: {names}")
     return 0
+
+
+def _unit(text: str) -> tuple[str, str]:
+    """Name and unit."""
+    name, equals, unit = text.partition("=")
+    if not equals:
+        raise click.UsageError(f"--unit {text!r}: must be NAME=UNIT, such as w=rad/s")
+    return name, unit

@@ -1,4 +1,5 @@
 """An observer as source code: C99, or Rust without `std`; self-contained, readable, the same bits.
+Or as an FMU, a unit for co-simulation around that C.
 
 The core traces one step of an observer into a table (every operation, in its order); this package
 writes the table down in a language, with the user's names, a test vector that the core computed,
@@ -7,18 +8,21 @@ and a program that runs it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
-from hgo_rs.errors import HgoError, check_choice, check_integer, check_number
+from hgo_rs.errors import HgoError, check_choice, check_integer, check_number, explain
 from hgo_rs.exports.names import check_name
 from hgo_rs.exports.program import PERIODS, program
 from hgo_rs.exports.vector import Log
-from hgo_rs.files import write_text
+from hgo_rs.files import write_bytes
 from hgo_rs.observers import Observer
 
-__all__ = ["LANGUAGES", "PERIODS", "export", "sources"]
+__all__ = ["FMI", "LANGUAGES", "PERIODS", "export", "sources"]
 
-LANGUAGES = ("c", "rust")
+LANGUAGES = ("c", "rust", "fmu")
+FMI = ("2.0", "3.0")
+"""Versions of FMUs."""
 
 
 def export(
@@ -31,6 +35,8 @@ def export(
     dt: float | None = None,
     periods: int = PERIODS,
     log: Log | None = None,
+    version: str | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> list[Path]:
     """Write an observer as a self-contained program; return the files.
 
@@ -39,10 +45,13 @@ def export(
     Parameters
     ----------
     observer : Observer
-    to : "c" or "rust"
-        C99 (a header, a source, a Makefile), or a Rust crate without `std` and dependencies.
+    to : "c", "rust" or "fmu"
+        C99 (a header, a source, a Makefile); a Rust crate without `std` and dependencies; or a
+        functional mock-up unit for co-simulation, which Simulink, Modelica tools and others take:
+        the C, FMI's functions around it, and the binary of this computer if it has a C compiler.
     out : path
-        Folder to write to; made where it is missing. Files of the same names are replaced.
+        Folder to write to; made where it is missing. Files of the same names are replaced. An FMU
+        is the file NAME.fmu in it, or `out` itself where that ends in .fmu.
     name : str
         What functions and files are called: a lower-case identifier.
     precision : "double" or "single"
@@ -55,23 +64,50 @@ def export(
     log : (t, y, u), optional
         What the test vector is computed from: (N,), (N, n_y), (N, n_u). Default: 101 samples made
         up, with a gap and steps of several lengths.
+    version : "2.0" or "3.0", optional
+        Of FMI, for an FMU. Default: 2.0.
+    units : dict, optional
+        Name of a state, input, parameter or sample (`y`, or `y1`, `y2`, ...) -> its unit, such as
+        "rad/s" or "N*m", for an FMU.
 
     Raises
     ------
     HgoError
         An unknown language or precision, a name that is no identifier, a missing `dt`, a law that
-        is no table of operations, a folder that cannot be written.
+        is no table of operations, a folder that cannot be written; `version` or `units` of what is
+        no FMU, or a unit of an unknown name.
+
+    Warns
+    -----
+    UserWarning
+        An FMU without a binary, because there is no C compiler here.
     """
     texts = sources(
-        observer, to=to, name=name, precision=precision, dt=dt, periods=periods, log=log
+        observer,
+        to=to,
+        name=name,
+        precision=precision,
+        dt=dt,
+        periods=periods,
+        log=log,
+        version=version,
+        units=units,
     )
     folder = Path(out)
+    contents = {file: text.encode() for file, text in texts.items()}
+    if to == "fmu":
+        from hgo_rs.exports.fmu import archive
+
+        file = f"{name}.fmu"
+        if folder.suffix == ".fmu":
+            folder, file = folder.parent, folder.name
+        contents = {file: archive(texts, name)}
     written = []
     try:
-        for file, text in texts.items():
+        for file, content in contents.items():
             path = folder / file
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_text(path, text)
+            write_bytes(path, content)
             written.append(path)
     except OSError as error:
         told = f" (written before: {', '.join(file.name for file in written)})" if written else ""
@@ -90,15 +126,26 @@ def sources(
     dt: float | None = None,
     periods: int = PERIODS,
     log: Log | None = None,
+    version: str | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> dict[str, str]:
-    """The files of `export` as texts, by their names."""
+    """The files of `export` as texts, by their names; of an FMU, the texts in it."""
     check_choice("to", to, LANGUAGES)
+    for word, value in (("version", version), ("units", units)):
+        if value is not None and to != "fmu":
+            raise HgoError(explain(word, value, 'left out but with to="fmu"', f"leave {word} out"))
+    if version is not None:
+        check_choice("version", version, FMI)
     check_choice("precision", precision, ("double", "single"))
     check_name(name)
     if dt is not None:
         check_number(dt, "dt", above=0.0)
     check_integer(periods, "periods", least=1, most=256)
     described = program(observer, name=name, precision=precision, dt=dt, periods=periods, log=log)
+    if to == "fmu":
+        from hgo_rs.exports import fmu
+
+        return fmu.files(observer, described, version or "2.0", dt, units)
     if to == "c":
         from hgo_rs.exports.c import files
     else:
