@@ -5,7 +5,7 @@
 #   make fuzz        random observers and records, every engine against the others, for SECONDS=60
 #   make bench       one step of each observer (criterion), then side by side, then instructions
 #                    -> out/bench.json, out/performance.json
-#   make firmware    every observer on two Cortex-M: bits, instructions, proofs -> out/firmware.json
+#   make firmware    every observer on four chips: bits, instructions, proofs -> out/firmware.json
 #   make mutants     changes to the core that its tests must see -> out/mutants.out (hours)
 #   make docs        the Rust API reference -> target/doc
 #   make wheel       an abi3 wheel -> dist/

@@ -1,5 +1,6 @@
-//! Tells the linker where the memory map and cortex-m-rt's script are, and compiles the plain C
-//! observers with arm-none-eabi-gcc for the processor in `HGO_CPU` (cortex-m4 or cortex-m7).
+//! Tells the linker where the memory map is. For a Cortex-M, with cortex-m-rt's script, it also
+//! compiles the plain C observers with arm-none-eabi-gcc for the processor in `HGO_CPU` (cortex-m4
+//! or cortex-m7).
 
 use std::env::var;
 use std::process::Command;
@@ -7,8 +8,24 @@ use std::process::Command;
 fn main() {
     let here = var("CARGO_MANIFEST_DIR").unwrap_or_default();
     println!("cargo::rustc-link-search={here}");
-    println!("cargo::rustc-link-arg=-Tlink.x");
     println!("cargo::rustc-link-arg=--nmagic");
+    match var("CARGO_CFG_TARGET_ARCH").as_deref() {
+        Ok("arm") => cortex_m(),
+        Ok("aarch64") => virt(0x4020_0000), // QEMU lays its device tree at the start of memory
+        Ok("riscv32") => virt(0x8000_0000),
+        other => panic!("no board for the architecture {other:?}"),
+    }
+}
+
+/// QEMU's machine `virt`: memory alone, from `start`.
+fn virt(start: u32) {
+    println!("cargo::rustc-link-arg=-Tvirt.ld");
+    println!("cargo::rustc-link-arg=--defsym=memory_start={start:#x}");
+    println!("cargo::rerun-if-changed=virt.ld");
+}
+
+fn cortex_m() {
+    println!("cargo::rustc-link-arg=-Tlink.x");
     println!("cargo::rerun-if-changed=memory.x");
     println!("cargo::rerun-if-env-changed=HGO_CPU");
 

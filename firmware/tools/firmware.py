@@ -1,11 +1,12 @@
-"""`make firmware`: every observer on two Cortex-M, compared with this computer, counted and proven.
+"""`make firmware`: every observer on four processors, compared with this computer, counted, proven.
 
     python firmware/tools/firmware.py [--out out] [--readme]
 
-Builds and runs the cases on this computer, on QEMU's Cortex-M4F and Cortex-M7 and as WebAssembly;
-compares the digests of every state of every step; counts instructions; proves on the linked images
-that no allocator is in them and no panic is reachable, and bounds the stack. Prints a table; writes
-`firmware.json` and `firmware.md`. Exits with 1 if anything does not hold.
+Builds and runs the cases on this computer, as WebAssembly and on QEMU's Cortex-M4F, Cortex-M7,
+Cortex-A53 and RV32IMAFC; compares the digests of every state of every step; counts instructions;
+proves on the linked images that no allocator is in them and no panic is reachable, and bounds the
+stack. Prints a table; writes `firmware.json` and `firmware.md`. Exits with 1 if anything does not
+hold.
 """
 
 from __future__ import annotations
@@ -23,10 +24,45 @@ from pathlib import Path
 import interface
 from image import Image
 from report import Row, Run, report, update_readme
-from toolchain import FIRMWARE, THUMB, WASM, Toolchain, ToolchainError, require, say, versions
+from toolchain import (
+    A64,
+    FIRMWARE,
+    RISCV,
+    THUMB,
+    WASM,
+    Toolchain,
+    ToolchainError,
+    require,
+    say,
+    versions,
+)
 
 TARGET = FIRMWARE / "target"
-BOARDS = {"cortex-m4": "mps2-an386", "cortex-m7": "mps2-an500"}
+
+
+@dataclass(frozen=True)
+class Board:
+    """A processor: how its programs are compiled, linked for the proofs, and run."""
+
+    target: str
+    cpu: str
+    linker: str
+    emulator: str
+
+
+BOARDS = {
+    "cortex-m4": Board(THUMB, "cortex-m4", "arm-none-eabi-ld", "qemu-system-arm -M mps2-an386"),
+    "cortex-m7": Board(THUMB, "cortex-m7", "arm-none-eabi-ld", "qemu-system-arm -M mps2-an500"),
+    "cortex-a53": Board(
+        A64, "cortex-a53", "aarch64-linux-gnu-ld", "qemu-system-aarch64 -M virt -cpu cortex-a53"
+    ),
+    "rv32imafc": Board(
+        RISCV,
+        "generic-rv32",
+        "riscv64-unknown-elf-ld -m elf32lriscv",
+        "qemu-system-riscv32 -M virt -cpu rv32,d=off -bios none",  # no double precision
+    ),
+}
 RUN_SECONDS = 300  # a run takes about 6 s
 
 
@@ -90,18 +126,18 @@ def build(toolchain: Toolchain, *packages: str) -> Path:
     return target / toolchain.target / "release"
 
 
-def qemu(cpu: str, elf: Path) -> str:
+def qemu(board: Board, elf: Path) -> str:
     """What an image prints by semihosting; 1024 ns of the board's time an instruction."""
-    command = f"qemu-system-arm -M {BOARDS[cpu]} -nodefaults -display none -serial none"
+    command = f"{board.emulator} -nodefaults -display none -serial none"
     command += " -monitor none -icount shift=10,align=off,sleep=off -chardev stdio,id=sh"
     command += " -semihosting-config enable=on,target=native,chardev=sh -kernel"
     return execute([*command.split(), str(elf)], seconds=RUN_SECONDS)
 
 
-def run_board(cpu: str, elf: Path) -> list[Run]:
+def run_board(board: Board, elf: Path) -> list[Run]:
     """Run an image of the cases on a board."""
     runs = []
-    for case, observer, n, scalar, digest, _, *counts in rows(qemu(cpu, elf), 13):
+    for case, observer, n, scalar, digest, _, *counts in rows(qemu(board, elf), 13):
         steps, instructions, most, stack = map(int, counts[:4])
         functions = tuple(int(address, 16) & ~1 for address in counts[4:] if address != "0")
         key = (case, observer, int(n), scalar, digest)
@@ -109,10 +145,10 @@ def run_board(cpu: str, elf: Path) -> list[Run]:
     return runs
 
 
-def panic_free(archive: Path, roots: Sequence[str], image: Path) -> bool:
+def panic_free(linker: str, archive: Path, roots: Sequence[str], image: Path) -> bool:
     """Link an image with nothing but the roots: it links only if they reach no panic."""
     wanted = [option for root in roots for option in ("--undefined", root)]
-    command = ["arm-none-eabi-ld", "--gc-sections", "--entry", roots[0], *wanted]
+    command = [*linker.split(), "--gc-sections", "--entry", roots[0], *wanted]
     try:
         execute([*command, str(archive), "-o", str(image)])
     except FirmwareError as error:
@@ -133,11 +169,12 @@ class Chip:
 
 def chip(cpu: str, expected: Callable[[], list[dict[tuple[str, str], str]]]) -> Chip:
     """Build, run, compare, count and prove for one processor."""
-    toolchain = Toolchain.find(THUMB, cpu)
+    board = BOARDS[cpu]
+    toolchain = Toolchain.find(board.target, board.cpu)
     say(f"{cpu}: compiling (core: {toolchain.kind})")
     folder = build(toolchain, "board", "proof")
     say(f"{cpu}: running")
-    runs = run_board(cpu, folder / "board")
+    runs = run_board(board, folder / "board")
     whole = Image.load(folder / "board")
     references = expected()
     proofs = TARGET / "proofs" / cpu
@@ -145,17 +182,18 @@ def chip(cpu: str, expected: Callable[[], list[dict[tuple[str, str], str]]]) -> 
     say(f"{cpu}: proving")
     lines, failures = [], []
     archive = folder / "libproof.a"
-    failures += [f"{cpu}: a panic is reachable from {root}" for root in design_panics(archive)]
+    panicking = design_panics(board.linker, archive)
+    failures += [f"{cpu}: a panic is reachable from {root}" for root in panicking]
     for run in runs:
         digests = [reference.get((run.case, run.scalar)) for reference in references]
         if digests == [None] * len(references):
             continue  # a program of others, run beside
         name = f"{run.case}_{run.scalar}"
         elf = proofs / f"{name}.elf"
-        proven = panic_free(
-            archive, [f"{name}_{what}" for what in ("step", "new", "estimate")], elf
-        )
-        online = panic_free(archive, [f"{name}_online"], proofs / f"{name}-online.elf")
+        roots = [f"{name}_{what}" for what in ("step", "new", "estimate")]
+        proven = panic_free(board.linker, archive, roots, elf)
+        online = proofs / f"{name}-online.elf"
+        proven_online = panic_free(board.linker, archive, [f"{name}_online"], online)
         image = Image.load(elf) if proven else None
         heap = whole.allocator_symbols() + (image.allocator_symbols() if image else [])
         functions = [whole.functions[address].name for address in run.functions]
@@ -173,10 +211,12 @@ def chip(cpu: str, expected: Callable[[], list[dict[tuple[str, str], str]]]) -> 
                 stack_bytes=bound,
                 stack_painted_bytes=run.stack,
                 identical=all(digest == run.digest for digest in digests),
-                panic_free=proven and online,
+                panic_free=proven and proven_online,
                 heap_free=not heap,
             )
         )
+        if len(functions) == 1:
+            failures += miscounted(f"{cpu}, {name}", run, whole.executed(functions[0]))
         if run.stack > bound:
             failures.append(f"{cpu}, {name}: a step took {run.stack} B of stack, bound {bound} B")
     if len(lines) != len(references[0]):
@@ -185,11 +225,21 @@ def chip(cpu: str, expected: Callable[[], list[dict[tuple[str, str], str]]]) -> 
     return Chip(lines, beside, failures)
 
 
-def design_panics(archive: Path) -> list[str]:
+def miscounted(name: str, run: Run, executed: tuple[int, int] | None) -> Iterator[str]:
+    """Whether the counts of a run leave what the paths of its code allow."""
+    if executed is None:
+        return
+    least, most = executed
+    if not least * run.steps <= run.instructions or run.most > most:
+        mean = run.instructions / run.steps
+        yield f"{name}: counted {mean:g} (≤ {run.most}); its code executes {least} to {most}"
+
+
+def design_panics(linker: str, archive: Path) -> list[str]:
     """Which of the functions for designs on the chip reach a panic."""
     image = archive.parent / "design.elf"
     roots = [f"design_{scalar}" for scalar in ("f32", "f64")]
-    return [root for root in roots if not panic_free(archive, [root], image)]
+    return [root for root in roots if not panic_free(linker, archive, [root], image)]
 
 
 def limits(found: Sequence[Row], beside: Sequence[Run]) -> Iterator[str]:
@@ -246,15 +296,15 @@ def main() -> int:
     say("the C interface: board and this computer")
     failures += interface.check()
     tools = versions(Toolchain.find(THUMB))
-    text = report(found, dict(zip(BOARDS, (result.beside for result in done), strict=True)), tools)
+    beside = dict(zip(BOARDS, (result.beside for result in done), strict=True))
+    text = report(found, beside, tools)
     print(text)
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "firmware.md").write_text(text, encoding="utf-8")
     listed = json.dumps([asdict(row) for row in found], indent=1)
     (options.out / "firmware.json").write_text(listed + "\n", encoding="utf-8")
-    failures += update_readme(
-        FIRMWARE.parent / "README.md", found, done[0].beside, tools, options.readme
-    )
+    readme = FIRMWARE.parent / "README.md"
+    failures += update_readme(readme, found, beside, tools, options.readme)
     for failure in failures:
         say(f"FAILED: {failure}")
     say(f"{len(found)} rows, {len(failures)} failures; {options.out / 'firmware.json'}")

@@ -1,22 +1,25 @@
-"""A linked ELF image of a Cortex-M: its functions, its call graph, proven stack bounds.
+"""A linked ELF image of a processor: its functions, its call graph, proven stack bounds.
 
     image = Image.load("firmware.elf")
     image.stack_bound("step")         # bytes, or the error Unproved
     image.text_bytes("step")          # code of all that step reaches
     image.allocator_symbols()         # []: no heap
 
-The binutils read the file; thumb.py understands what they print and stack.py walks it.
+The binutils read the file; thumb.py and risc.py understand what they print, stack.py walks it.
 """
 
 from __future__ import annotations
 
 import re
 from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from stack import Bounds, Unproved
-from thumb import ImageError, Instruction, Listing, demangle, run
+import risc
+import thumb
+from listing import ImageError, Instruction, Listing, demangle, run
+from stack import Bounds, Unproved, Walk
 
 __all__ = ["Function", "Image", "ImageError", "Unproved"]
 
@@ -27,6 +30,25 @@ ALLOCATOR = re.compile(
 )
 # Num: Value Size Type Bind Vis Ndx Name
 SYMBOL = re.compile(r"\s*\d+: ([0-9a-f]+)\s+(\w+) (\w+)\s+(\w+)\s+\w+\s.*?(\w+) (\S+)$")
+
+
+@dataclass(frozen=True)
+class Processor:
+    """What reads the code of a processor."""
+
+    binutils: str
+    """The prefix of its binutils."""
+    parse: Callable[[str], Listing]
+    walk: type[Walk]
+    thumb: bool = False
+
+
+# By the machine that `readelf -h` names.
+PROCESSORS = {
+    "ARM": Processor("arm-none-eabi-", thumb.parse, Walk, thumb=True),
+    "AArch64": Processor("aarch64-linux-gnu-", risc.parse_a64, risc.FixedFrames),
+    "RISC-V": Processor("riscv64-unknown-elf-", risc.parse_riscv, risc.FixedFrames),
+}
 
 
 @dataclass
@@ -55,22 +77,27 @@ class Function:
 class Image:
     """A linked image. Functions are asked for by mangled or by demangled name."""
 
-    def __init__(self, path: Path, listing: Listing) -> None:
+    def __init__(self, path: Path, processor: Processor, listing: Listing) -> None:
         self.path = path
+        self.processor = processor
         self.listing = listing
         self.functions: dict[int, Function] = {}
         self._symbols: set[str] = set()
         self._undefined: set[str] = set()
-        self._bounds = Bounds(self)
+        self._bounds = Bounds(self, processor.walk)
 
     @classmethod
     def load(cls, path: str | Path) -> Image:
         """Reads an executable ELF file."""
-        kind = re.search(r"Type:\s+(\w+)", run("arm-none-eabi-readelf", "-h", str(path)))
-        if kind is None or kind[1] != "EXEC":
+        header = run("arm-none-eabi-readelf", "-h", str(path))  # it reads any processor's
+        if not re.search(r"Type:\s+EXEC", header):
             raise ImageError(f"{path} is not a linked executable: link it first")
-        listing = run("arm-none-eabi-objdump", "-dz", "--no-show-raw-insn", str(path))
-        image = cls(Path(path), Listing.parse(listing))
+        machine = re.search(r"Machine:\s+(\S+)", header)
+        processor = PROCESSORS.get(machine[1]) if machine else None
+        if processor is None:
+            raise ImageError(f"{path} is for none of the processors {', '.join(PROCESSORS)}")
+        objdump = [f"{processor.binutils}objdump", "-dz", "--no-show-raw-insn"]
+        image = cls(Path(path), processor, processor.parse(run(*objdump, str(path))))
         image._read_symbols(run("arm-none-eabi-readelf", "-sW", str(path)))
         if not image.functions:
             raise ImageError(f"{path} has no function symbols: link it without stripping")
@@ -89,8 +116,9 @@ class Image:
                     self._undefined.add(name)
                 continue
             self._symbols.add(name)
-            address = int(value, 16) - 1  # the lowest bit says that it is thumb code
-            if kind == "FUNC" and address + 1 in self.listing.code:
+            # The lowest bit says that it is thumb code.
+            address = int(value, 16) - self.processor.thumb
+            if kind == "FUNC" and address < int(value, 16) in self.listing.code:
                 raise ImageError(f"{self.path}: {name} is ARM code, which no Cortex-M runs")
             if kind == "FUNC" and address in self.listing.code:
                 largest, names = entries.get(address, (0, []))
@@ -114,12 +142,12 @@ class Image:
             target = instruction.target
             if instruction.indirect:
                 function.indirect.append(instruction)
-            elif target is not None and (instruction.mnemonic == "bl" or target not in function):
+            elif target is not None and (instruction.calls or target not in function):
                 function.calls.add(target)
         # Assembly may run on into the next function. (A call that comes last does not come back.)
         last = function.instructions[-1]
         after = self.listing.following.get(last.address)
-        if after in self.functions and not last.ends and last.mnemonic != "bl":
+        if after in self.functions and not last.ends and not last.calls:
             function.calls.add(after)
 
     def function(self, name: str) -> Function:
@@ -172,7 +200,7 @@ class Image:
 
     def text_total(self) -> int:
         """Bytes of flash for code, vectors and constants (.rodata): the text that `size` counts."""
-        return int(run("arm-none-eabi-size", str(self.path)).splitlines()[1].split()[0])
+        return int(run(f"{self.processor.binutils}size", str(self.path)).splitlines()[1].split()[0])
 
     def allocator_symbols(self) -> list[str]:
         """Symbols of a heap, demangled, defined or wanted. None: the image is heap free."""
@@ -186,6 +214,27 @@ class Image:
     def count_instructions(self, name: str) -> int:
         """Instructions in the code of one function (not the number that a call executes)."""
         return len(self.function(name).instructions)
+
+    def executed(self, name: str) -> tuple[int, int] | None:
+        """The least and the most instructions that a call of a function executes.
+
+        None where paths alone do not say: loops, calls, Thumb's conditional returns.
+        """
+        function = self.function(name)
+        returns = sum(i.returns for i in function.instructions)
+        if function.calls or function.indirect or (returns > 1 and self.processor.thumb):
+            return None
+        found: dict[int, tuple[int, int]] = {}
+        for i in reversed(function.instructions):
+            targets = [] if i.target is None else [i.target]
+            if any(target <= i.address for target in targets):
+                return None
+            after = [] if i.ends else [self.listing.following.get(i.address, -1)]
+            paths = [found[place] for place in targets + after if place in found]
+            if i.returns or paths:
+                least = min((path[0] for path in paths), default=0)
+                found[i.address] = 1 + least, 1 + max((path[1] for path in paths), default=0)
+        return found.get(function.address)
 
     def stack_bound(self, root: str) -> int:
         """The most bytes of stack that a call of `root` takes, counted from its entry."""

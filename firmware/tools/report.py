@@ -63,6 +63,11 @@ def count(mean: float, most: int) -> str:
     return str(most) if round(mean) == most else f"{mean:.0f} (≤ {most})"
 
 
+def counted(row: Row) -> str:
+    """An observer's number of instructions."""
+    return count(row.instructions_per_step, row.instructions_most)
+
+
 def report(
     rows: Sequence[Row], beside: Mapping[str, Sequence[Run]], versions: Mapping[str, str]
 ) -> str:
@@ -76,9 +81,8 @@ def report(
             "none" if row.panic_free else "REACHABLE",
             "none" if row.heap_free else "USED",
         ]
-        counted = count(row.instructions_per_step, row.instructions_most)
         sizes = [row.text_bytes, row.step_text_bytes, row.stack_bytes, row.stack_painted_bytes]
-        lines.append([row.observer, row.n, row.scalar, row.cpu, counted, *sizes, *proofs])
+        lines.append([row.observer, row.n, row.scalar, row.cpu, counted(row), *sizes, *proofs])
     others: list[Sequence[object]] = [
         [run.observer, run.n, "f32", cpu, count(run.instructions / run.steps, run.most), run.stack]
         for cpu, runs in beside.items()
@@ -98,38 +102,44 @@ def report(
     )
 
 
-def short(rows: Sequence[Row], beside: Sequence[Run], versions: Mapping[str, str]) -> str:
-    """The README's table: single precision on the M4F, double on the M7."""
-    plain = {
-        run.observer.removeprefix("C "): run for run in beside if run.observer.startswith("C ")
-    }
+# The README's columns beside the M4F's: a processor and the precision that its unit computes in.
+BESIDE = {
+    "M7, f64": ("cortex-m7", "f64"),
+    "A53, f64": ("cortex-a53", "f64"),
+    "RV32, f32": ("rv32imafc", "f32"),
+}
+
+
+def short(
+    rows: Sequence[Row], beside: Mapping[str, Sequence[Run]], versions: Mapping[str, str]
+) -> str:
+    """The README's table: each processor in the precision that its unit computes in."""
+    others = {(run.observer, cpu): run for cpu, runs in beside.items() for run in runs}
     lines: list[Sequence[object]] = []
-    by_key = {(row.observer, row.n, row.scalar, row.cpu): row for row in rows}
+    by_key = {(row.observer, row.n, row.cpu, row.scalar): row for row in rows}
     for row in rows:
         if (row.scalar, row.cpu) != ("f32", "cortex-m4"):
             continue
-        double = by_key[row.observer, row.n, "f64", "cortex-m7"]
-        yardstick = plain.get(row.observer)
-        own = yardstick is not None and yardstick.n == row.n
-        c = f"{yardstick.instructions / yardstick.steps:.0f}" if own and yardstick else ""
+        plain = others.get((f"C {row.observer}", row.cpu))
         lines.append(
             [
                 row.observer,
                 row.n,
-                count(row.instructions_per_step, row.instructions_most),
-                c,
+                counted(row),
+                f"{plain.instructions / plain.steps:.0f}" if plain and plain.n == row.n else "",
                 row.text_bytes,
                 row.stack_bytes,
-                count(double.instructions_per_step, double.instructions_most),
+                *(
+                    counted(by_key[row.observer, row.n, cpu, scalar])
+                    for cpu, scalar in BESIDE.values()
+                ),
             ]
         )
-    lines += [
-        [f"{run.observer} (crate adskalman)", run.n, count(run.instructions / run.steps, run.most)]
-        + [""] * 4
-        for run in beside
-        if not run.observer.startswith("C ")
-    ]
-    head = ["observer", "n", "M4F, f32", "plain C", "image (B)", "stack (B)", "M7, f64"]
+    filters = [others["Kalman filter", cpu] for cpu in ("cortex-m4", "rv32imafc")]  # in f32 alone
+    kalman, on_riscv = (count(run.instructions / run.steps, run.most) for run in filters)
+    name, empty = "Kalman filter (crate adskalman)", [""] * (2 + len(BESIDE))
+    lines.append([name, filters[0].n, kalman, *empty, on_riscv])
+    head = ["observer", "n", "M4F, f32", "plain C", "image (B)", "stack (B)", *BESIDE]
     made = f"{versions['rustc']}; {versions['arm-none-eabi-gcc']}; {versions['qemu']}"
     return f"{table(head, lines)}\n\nMade with {made}.\n"
 
@@ -137,7 +147,7 @@ def short(rows: Sequence[Row], beside: Sequence[Run], versions: Mapping[str, str
 def update_readme(
     readme: Path,
     rows: Sequence[Row],
-    beside: Sequence[Run],
+    beside: Mapping[str, Sequence[Run]],
     versions: Mapping[str, str],
     write: bool,
 ) -> list[str]:

@@ -12,7 +12,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from thumb import CONDITIONS, Instruction
+from listing import Instruction
+from thumb import CONDITIONS, Thumb
 
 if TYPE_CHECKING:
     from image import Image
@@ -94,8 +95,9 @@ Successors = list[tuple[int, State]]
 class Bounds:
     """The bounds of an image's functions, each walked once."""
 
-    def __init__(self, image: Image) -> None:
+    def __init__(self, image: Image, walk: type[Walk]) -> None:
         self.image = image
+        self.walk = walk
         self.found: dict[int, Bound] = {}
         self.open: set[int] = set()
 
@@ -106,7 +108,7 @@ class Bounds:
         if address not in self.found:
             self.open.add(address)
             try:
-                self.found[address] = Walk(self, address).run()
+                self.found[address] = self.walk(self, address).run()
             finally:
                 self.open.remove(address)
         return self.found[address]
@@ -161,7 +163,7 @@ class Walk:
         instruction = self.listing.code.get(place)
         if instruction is None:
             raise self.refuse(None, f"runs into data at {place:#x}")
-        if not instruction.block:
+        if not isinstance(instruction, Thumb) or not instruction.block:
             return self.step(instruction, state)
         condition = CONDITIONS.index(instruction.operands[0])
         return self.governed(self.listing.following[place], condition, instruction.block, state)
@@ -197,7 +199,7 @@ class Walk:
         """One instruction: its effect on the stack, and where it leads."""
         if not i.mnemonic:
             raise self.refuse(i, "is no instruction")
-        if state.link is not None and (i.mnemonic == "bl" or re.search(r"\blr\b", i.text)):
+        if state.link is not None and (i.calls or re.search(r"\blr\b", i.text)):
             if not i.returns:
                 raise self.refuse(i, "uses lr in a part that the function itself calls")
             return self.go([state.link], replace(state, link=None))
@@ -217,10 +219,10 @@ class Walk:
         following = self.listing.following.get(i.address, -1)
         if i.target is None:
             return self.go([] if i.ends else [following], state)
-        if i.mnemonic == "bl" and i.target not in self.image.functions and self.owns(i.target):
+        if i.calls and i.target not in self.image.functions and self.owns(i.target):
             # Assembly calls a part of itself, which may return to here or for both.
             return self.go([i.target], replace(state.without(CLOBBERED), link=following))
-        if i.mnemonic == "bl":
+        if i.calls:
             comes_back = self.call(i.target, state.depth)
             return self.go([following], state.without(CLOBBERED)) if comes_back else []
         return self.go([i.target] if i.ends else [i.target, following], state)

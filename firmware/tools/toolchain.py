@@ -28,17 +28,28 @@ FIRMWARE = Path(__file__).resolve().parents[1]
 SYSROOTS = FIRMWARE / "target" / "sysroot"
 
 THUMB = "thumbv7em-none-eabihf"
+A64 = "aarch64-unknown-none"
+RISCV = "riscv32imafc-unknown-none-elf"
 WASM = "wasm32-unknown-unknown"
 # The processors of each target; the first is the default. "generic" adds no -C target-cpu.
-CPUS = {THUMB: ("cortex-m4", "cortex-m7"), WASM: ("generic",)}
+CPUS = {
+    THUMB: ("cortex-m4", "cortex-m7"),
+    A64: ("cortex-a53",),
+    RISCV: ("generic-rv32",),
+    WASM: ("generic",),
+}
 # The linkers of Debian's package lld. A rustup toolchain brings its own.
-LINKERS = {THUMB: "ld.lld", WASM: "wasm-ld"}
+LINKERS = {THUMB: "ld.lld", A64: "ld.lld", RISCV: "ld.lld", WASM: "wasm-ld"}
 
 # What is looked for, and the Debian packages that hold it.
 PACKAGES: Mapping[str, tuple[str, ...]] = {
     "qemu-system-arm": ("qemu-system-arm",),
+    "qemu-system-aarch64": ("qemu-system-arm",),
+    "qemu-system-riscv32": ("qemu-system-misc",),
     "arm-none-eabi-gcc": ("gcc-arm-none-eabi", "libnewlib-arm-none-eabi"),
     "arm-none-eabi-objdump": ("binutils-arm-none-eabi",),
+    "aarch64-linux-gnu-objdump": ("binutils-aarch64-linux-gnu",),
+    "riscv64-unknown-elf-objdump": ("binutils-riscv64-unknown-elf",),
     "node": ("nodejs",),
 }
 # What compiles a core, in the same sense.
@@ -47,7 +58,7 @@ TOOLS = tuple(PACKAGES)
 TARGETS = tuple(CPUS)
 
 # core and compiler_builtins as their own build does it. The second's build script (which needs
-# crates that are not packaged) only sets these for a bare Cortex-M or WebAssembly target.
+# crates that are not packaged) only sets these for a bare processor or WebAssembly.
 COMMON = [
     "--edition=2024",
     "--crate-type=rlib",

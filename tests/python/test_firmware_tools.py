@@ -464,14 +464,17 @@ def test_what_is_missing_is_listed_with_its_packages(bare: Path, monkeypatch):
     with pytest.raises(toolchain.ToolchainError) as refused:
         toolchain.require()
     message = str(refused.value)
-    assert "qemu-system-arm, arm-none-eabi-gcc, arm-none-eabi-objdump, node" in message
+    assert "qemu-system-arm, qemu-system-aarch64, qemu-system-riscv32, arm-none-eabi-gcc" in message
+    assert "aarch64-linux-gnu-objdump, riscv64-unknown-elf-objdump, node" in message
     line = next(line for line in message.splitlines() if "apt-get install" in line)
     assert line.split("--no-install-recommends ")[1].split(" ") == sorted(
         ["qemu-system-arm", "gcc-arm-none-eabi", "libnewlib-arm-none-eabi", "nodejs", "lld"]
+        + ["qemu-system-misc", "binutils-aarch64-linux-gnu", "binutils-riscv64-unknown-elf"]
         + ["binutils-arm-none-eabi", "rust-web-src"]
         + ["rustc-web"] * (not Path("/usr/bin/rustc").exists())
     )
-    assert "rustup target add thumbv7em-none-eabihf wasm32-unknown-unknown" in message
+    chips = "thumbv7em-none-eabihf aarch64-unknown-none riscv32imafc-unknown-none-elf"
+    assert f"rustup target add {chips} wasm32-unknown-unknown" in message
     with pytest.raises(toolchain.ToolchainError, match="no precompiled core for thumbv7em"):
         toolchain.Toolchain.find(toolchain.THUMB)
 
@@ -487,14 +490,15 @@ def test_root_installs_exactly_what_is_missing(bare: Path, monkeypatch, capsys):
         "for t in qemu-system-arm arm-none-eabi-objdump; do echo > $t; /bin/chmod +x $t; done\n"
         "printf '#!/bin/sh\\necho /usr/lib/libm.a\\n' > arm-none-eabi-gcc",
     )
-    toolchain.require(targets=())
+    needed = ("qemu-system-arm", "arm-none-eabi-gcc", "arm-none-eabi-objdump", "node")
+    toolchain.require(needed, targets=())
     packages = "binutils-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
     assert capsys.readouterr().err == f"firmware: installing {packages}\n"
     assert (bare / "log").read_text().splitlines() == [
         "-q update",
         f"install -y --no-install-recommends {packages}",
     ]
-    toolchain.require(targets=())  # nothing is left to do
+    toolchain.require(needed, targets=())  # nothing is left to do
     assert len((bare / "log").read_text().splitlines()) == 2
 
 

@@ -1,64 +1,18 @@
-//! What a user would write or take instead: three observers in plain C, and a Kalman filter from a
-//! crate, fed and counted as the crate's own. Single precision.
+//! What a user would take or write instead: a Kalman filter from a crate and, on a Cortex-M, observers
+//! in plain C (`plain.rs`), fed and counted as the crate's own. Single precision.
 
+use crate::debugger::Console;
 use crate::meter::{count, record, reset};
 use crate::row;
 use adskalman::{
     KalmanFilterNoControl, ObservationModel, StateAndCovariance, TransitionModelLinearNoControl,
 };
-use cases::{Adaptive2, Case, LowPower5, Plain, Standard2, run_instead};
+use cases::{Case, Plain, Standard2, run_instead};
 use core::fmt;
-use cortex_m_semihosting::hio::HostStream;
 use hgo_rs::nalgebra::{
     Matrix1, Matrix1x2, Matrix2, Matrix2x1, SVector, U1, U2, Vector1, Vector2, Vector6,
 };
 use hgo_rs::{Observer, Status, Timing};
-
-/// Parameters and memory are rows of floats in C's structs too: see `../c/plain.h`.
-type Function = unsafe extern "C" fn(*const f32, *mut f32, f32, f32) -> u32;
-
-unsafe extern "C" {
-    fn plain_standard2(parameters: *const f32, x: *mut f32, y: f32, dt: f32) -> u32;
-    fn plain_low_power5(parameters: *const f32, z: *mut f32, y: f32, dt: f32) -> u32;
-    fn plain_adaptive2(parameters: *const f32, z: *mut f32, y: f32, dt: f32) -> u32;
-}
-
-/// An observer in C with P parameters and L numbers of memory.
-#[derive(Clone, Copy)]
-struct PlainC<const P: usize, const L: usize> {
-    parameters: [f32; P],
-    function: Function,
-}
-
-impl<const P: usize, const L: usize> Observer<f32> for PlainC<P, L> {
-    type State = SVector<f32, L>;
-    type Measurement = f32;
-    type Input = SVector<f32, 0>;
-    const TIMING: Timing = Timing::Predictor;
-    const ESTIMATED: usize = 2;
-
-    fn initial(&self) -> Self::State {
-        SVector::zeros()
-    }
-
-    fn advance(&self, z: &mut Self::State, y: &f32, _: &Self::Input, _: f32, dt: f32) -> Status {
-        let (parameters, z) = (self.parameters.as_ptr(), z.as_mut_slice().as_mut_ptr());
-        // SAFETY: a function pointer whose result is a word; the arrays are as long as the
-        // function's structs.
-        let (status, instructions) =
-            unsafe { count(self.function, |function| function(parameters, z, *y, dt)) };
-        record(instructions, self.function as *const ());
-        if status == 0 { Status::Updated } else { Status::Predicted }
-    }
-
-    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [f32] {
-        z.as_slice()
-    }
-
-    fn innovation(&self, _: f32, z: &Self::State, y: &f32, _: &Self::Input) -> f32 {
-        y - z[0]
-    }
-}
 
 /// Constant velocity: x1' = x1 + dt x2, with white acceleration; x1 is measured.
 #[derive(Clone, Copy)]
@@ -154,7 +108,7 @@ fn constant_velocity(dt: f32) -> ConstantVelocity {
 }
 
 /// Run an observer in a case's place and report it.
-fn beside<C, O>(out: &mut HostStream, name: &str, observer: &O, z0: O::State) -> fmt::Result
+pub fn beside<C, O>(out: &mut Console, name: &str, observer: &O, z0: O::State) -> fmt::Result
 where
     C: Case<f32>,
     O: Observer<
@@ -169,28 +123,9 @@ where
 }
 
 /// Run and report them all.
-pub fn report(out: &mut HostStream) -> fmt::Result {
-    let ell = 1.0_f32 / 0.01;
-    let parameters = [2.0 * ell, 2.0 * (ell * ell)];
-    let standard: PlainC<2, 2> = PlainC { parameters, function: plain_standard2 };
-    beside::<Standard2, _>(out, "C standard", &standard, standard.initial())?;
-
-    let (alpha, beta) = ([3.0_f32, 3.0, 3.0, 3.0, 2.0], [8.5714_f32, 3.2122, 1.4267, 0.5347]);
-    let ell = 7.0;
-    let mut parameters = [3.0; 10];
-    for (slot, a) in parameters.iter_mut().zip(alpha) {
-        *slot = a * ell;
-    }
-    for (slot, b) in parameters.iter_mut().skip(5).zip(beta) {
-        *slot = b * (ell * ell);
-    }
-    let low_power: PlainC<10, 9> = PlainC { parameters, function: plain_low_power5 };
-    beside::<LowPower5, _>(out, "C low-power", &low_power, low_power.initial())?;
-
-    let b = 0.183_f32;
-    let parameters = [2.0, 2.0, 10.0, 0.0025, 1.0 - (b + b), 1.9];
-    let adaptive: PlainC<6, 3> = PlainC { parameters, function: plain_adaptive2 };
-    beside::<Adaptive2, _>(out, "C adaptive", &adaptive, SVector::from([1.0, 0.0, 1.0]))?;
+pub fn report(out: &mut Console) -> fmt::Result {
+    #[cfg(target_arch = "arm")] // the C compiler and its libm are of the Cortex-M
+    crate::plain::report(out)?;
 
     let kalman = constant_velocity(4e-4);
     beside::<Standard2, _>(out, "Kalman filter", &kalman, kalman.initial())

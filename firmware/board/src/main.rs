@@ -1,4 +1,4 @@
-//! The cases on a Cortex-M, one line each by semihosting:
+//! The cases on a bare processor, one line each by semihosting:
 //! `row <case>|<observer>|<n>|<scalar>|<digest>|<samples>|<steps>|<instructions>|<most>|<stack>|<step>|<first>|<clock>`:
 //! instructions of all steps and of the longest one, deepest stack of a step in bytes, addresses
 //! of the step's function, of its first half's and of the clock's (0: none).
@@ -6,26 +6,27 @@
 #![no_main]
 
 mod beside;
+mod chip;
+mod debugger;
 mod meter;
+#[cfg(target_arch = "arm")]
+mod plain;
 
 use cases::{Case, Digest, Visitor, run, visit_all};
 use core::fmt::Write;
-use cortex_m_rt::entry;
-use cortex_m_semihosting::debug::{EXIT_FAILURE, EXIT_SUCCESS, exit};
-use cortex_m_semihosting::hio::{HostStream, hstdout};
+use debugger::{Console, exit};
 use hgo_rs::Scalar;
 use meter::{Counter, Meter};
 
 /// Formatting and semihosting may panic; the observers cannot (see `proof/`).
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-    exit(EXIT_FAILURE);
-    loop {}
+    exit(1)
 }
 
 /// Report a run: who, its digest, and what the meter saw.
 fn row(
-    out: &mut HostStream,
+    out: &mut Console,
     (symbol, name, n, scalar): (&str, &str, usize, &str),
     digest: Digest,
 ) -> core::fmt::Result {
@@ -38,7 +39,7 @@ fn row(
 }
 
 struct Rows {
-    out: HostStream,
+    out: Console,
     refused: bool,
 }
 
@@ -53,16 +54,10 @@ impl Visitor for Rows {
     }
 }
 
-#[entry]
-fn main() -> ! {
-    meter::start();
-    let mut refused = true;
-    if let Ok(out) = hstdout() {
-        let mut rows = Rows { out, refused: false };
-        visit_all(&mut rows);
-        rows.refused |= beside::report(&mut rows.out).is_err();
-        refused = rows.refused;
-    }
-    exit(if refused { EXIT_FAILURE } else { EXIT_SUCCESS });
-    loop {}
+/// Run and report everything, then end the simulation: what `chip` calls after a reset.
+pub extern "C" fn report() -> ! {
+    let mut rows = Rows { out: Console, refused: false };
+    visit_all(&mut rows);
+    rows.refused |= beside::report(&mut rows.out).is_err();
+    exit(usize::from(rows.refused))
 }

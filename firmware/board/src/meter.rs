@@ -1,19 +1,16 @@
 //! Counts the instructions of a step and finds how deep its stack went.
 //!
-//! QEMU under `-icount shift=10` takes 1024 ns an instruction, and the board's timer runs at
-//! 25 MHz: 25.6 ticks an instruction, so that a difference of two readings is an exact count.
+//! QEMU under `-icount shift=10` takes 1024 ns an instruction, and a timer of the chip runs with it,
+//! so that a difference of two readings is an exact count.
 //! What is counted is what the caller pays: from the function's first instruction to its return.
 
+use crate::chip::{instructions, now, stack_pointer};
 use cases::Instrument;
-use core::arch::asm;
 use core::hint::black_box;
 use core::ptr::{read_volatile, write_volatile};
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use hgo_rs::schedule::Schedule;
 use hgo_rs::{Observer, Scalar, Status, Timing};
-
-/// CMSDK timer 0: control, value, reload.
-const TIMER: *mut u32 = 0x4000_0000 as *mut u32;
 
 /// Bytes below the stack pointer that are painted, every how many steps, and with what.
 const PAINTED: usize = 8192;
@@ -48,26 +45,8 @@ static CLOCK: AtomicU32 = AtomicU32::new(0);
 static TICKED: AtomicU32 = AtomicU32::new(0);
 static CALLS: AtomicU32 = AtomicU32::new(0);
 
-core::arch::global_asm!(
-    ".global hgo_one_instruction",
-    ".type hgo_one_instruction, %function",
-    ".thumb_func",
-    "hgo_one_instruction:",
-    "bx lr",
-);
-
 unsafe extern "C" {
     fn hgo_one_instruction();
-}
-
-/// Start the timer: counting down from 2^32 − 1, again and again.
-pub fn start() {
-    // SAFETY: the board's timer lies there.
-    unsafe {
-        write_volatile(TIMER.add(2), u32::MAX);
-        write_volatile(TIMER.add(1), u32::MAX);
-        write_volatile(TIMER, 1);
-    }
 }
 
 /// Forget what was seen.
@@ -90,12 +69,6 @@ pub fn read() -> Counter {
     }
 }
 
-#[inline(always)]
-fn now() -> u32 {
-    // SAFETY: the board's timer lies there.
-    unsafe { read_volatile(TIMER.add(1)) }
-}
-
 /// Make the call `call(function)`, count its instructions and look at its stack.
 ///
 /// The call is made twice, by the same machine code: first with a function of one instruction in
@@ -110,18 +83,14 @@ pub unsafe fn count<F: Copy, R>(function: F, mut call: impl FnMut(F) -> R) -> (R
     let (_, of_one) = timed(one, false, &mut call);
     let paint = CALLS.fetch_add(1, Relaxed) % PAINT_EVERY == 0;
     let (result, ticks) = timed(function, paint, &mut call);
-    // 25.6 ticks an instruction, rounded
-    (result, (10 * ticks.wrapping_sub(of_one) + 128) / 256 + 1)
+    (result, instructions(ticks.wrapping_sub(of_one)) + 1)
 }
 
 /// A call and its ticks, with the stack below it painted before if so wanted, and looked at after.
 #[inline(never)]
 fn timed<F: Copy, R>(function: F, paint: bool, call: &mut impl FnMut(F) -> R) -> (R, u32) {
     let function = black_box(function);
-    let bottom: usize;
-    // SAFETY: reads the stack pointer.
-    unsafe { asm!("mov {}, sp", out(reg) bottom, options(nomem, nostack)) };
-    let lowest = (bottom - PAINTED) as *mut u32;
+    let lowest = (stack_pointer() - PAINTED) as *mut u32;
     if paint {
         for i in 0..PAINTED / 4 {
             // SAFETY: below the stack pointer, within the stack's memory; nothing lives there.
@@ -130,7 +99,7 @@ fn timed<F: Copy, R>(function: F, paint: bool, call: &mut impl FnMut(F) -> R) ->
     }
     let before = now();
     let result = call(function);
-    let ticks = before.wrapping_sub(now());
+    let ticks = now().wrapping_sub(before);
     if paint {
         let mut untouched = 0;
         // SAFETY: as above.
