@@ -20,7 +20,7 @@
 //! A file uses lower floors only, or what is named before it on its own: `elementary`,
 //! `scalar`, `error`, `memory`, `measurement`, `wide`, `polynomial` (0); `gain`, `schedule`, `saturation`, `model`, `laws`,
 //! `integrate`, `observer`, `injection`, `noise`, `metrics`, `program` (1); `models`,
-//! `observers` (2); `simulate`, `covariance`, `estimator` (3). Nothing names `std`, `alloc` or
+//! `observers`, `turn` (2); `simulate`, `covariance`, `estimator` (3). Nothing names `std`, `alloc` or
 //! Python, nothing allocates and nothing panics.
 #![cfg_attr(not(feature = "std"), no_std)]
 
@@ -49,6 +49,7 @@ pub mod saturation;
 pub mod scalar;
 pub mod schedule;
 pub mod simulate;
+pub mod turn;
 mod wide;
 
 /// The examples of the documentation, run as tests.

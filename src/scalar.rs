@@ -81,6 +81,11 @@ pub trait Scalar:
     #[must_use]
     fn powf(self, power: Self) -> Self;
 
+    /// The nearest whole number, of two the even one, up to 2²² in magnitude (`f64`: 2⁵¹); beyond it
+    /// only near. NaN and infinities stay what they are.
+    #[must_use]
+    fn nearest(self) -> Self;
+
     /// The smaller of the two; `self` stays NaN, so that a blow-up is seen, and NaN is passed over
     /// in `other`.
     #[inline(always)]
@@ -151,7 +156,7 @@ pub trait Scalar:
 }
 
 macro_rules! scalar {
-    ($t:ident, $bits:ident) => {
+    ($t:ident, $bits:ident, $shift:literal) => {
         impl Scalar for $t {
             const ZERO: Self = 0.0;
             const NEG_ZERO: Self = -0.0;
@@ -224,9 +229,14 @@ macro_rules! scalar {
             fn powf(self, power: Self) -> Self {
                 elementary::powf(self, power)
             }
+            #[inline(always)]
+            fn nearest(self) -> Self {
+                // no digit behind the point is left of a number of this size
+                self + $shift - $shift
+            }
         }
     };
 }
 
-scalar!(f32, u32);
-scalar!(f64, u64);
+scalar!(f32, u32, 12_582_912.0); // 3·2²²
+scalar!(f64, u64, 6_755_399_441_055_744.0); // 3·2⁵¹

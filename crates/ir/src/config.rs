@@ -38,8 +38,8 @@ pub const FORMAT: u64 = 1;
 /// The keys that say what a structure is.
 fn keys(kind: &str) -> Option<Vec<&'static str>> {
     let law = match kind {
-        "sampled-data" => return Some(vec!["gain"]),
-        "reduced-order" => return Some(vec!["epsilon", "h_bar"]),
+        "sampled-data" => return Some(vec!["gain", "wrap"]),
+        "reduced-order" => return Some(vec!["epsilon", "h_bar", "wrap"]),
         "chains" => return Some(vec!["observers"]),
         _ => Law::find(LAWS, kind)?,
     };
@@ -55,7 +55,7 @@ fn keys(kind: &str) -> Option<Vec<&'static str>> {
     }
     keys.extend(law.coefficients.iter().map(|list| list.name));
     keys.extend(law.size.map(|(name, _)| name));
-    keys.extend(["method", "timing"]);
+    keys.extend(["method", "timing", "wrap"]);
     if law.saturated {
         keys.extend(["saturation", "clip"]);
     }
@@ -244,6 +244,7 @@ fn law(spec: &Spec<'_>, model: Option<&Value>, also: &[&str]) -> Result<Value> {
         }
         _ => rates(&mut made, spec, model)?,
     }
+    made.put_given(spec, "wrap");
     match model {
         Some(model) => made.put("model", model.clone()),
         None if kind == "sampled-data" => made.put("model", kind_alone("van-der-pol")),

@@ -446,6 +446,13 @@ impl Scalar for Traced {
         min(other) Min; max(other) Max; innovation(x_hat) Innovation;
     }
     #[inline(never)]
+    fn nearest(self) -> Self {
+        // as the numbers of the trace's precision do it
+        let single = with(|trace| trace.single);
+        let shift = Self::from_f64(if single { 12_582_912.0 } else { 6_755_399_441_055_744.0 });
+        self + shift - shift
+    }
+    #[inline(never)]
     fn or(self, other: Self) -> Self {
         apply(Operation::Select, [self, self, other])
     }

@@ -169,3 +169,29 @@ fn what_is_refused() {
     starts(of(expression), "model[\"phi\"] is not read here: expressions are compiled in Python");
     starts(of("gain = 1.0\n[model]\nstate = ['q']"), "model has an unknown key \"state\"");
 }
+
+/// An output that wraps: a turn for the one output, in each of several observers, or one for each of
+/// several outputs, of which nan does not wrap. The record has the bits of one in any other turn.
+#[test]
+fn a_file_says_how_an_output_wraps() {
+    let head = "format = 1\nobserver = 'standard'\norder = 2\ngain = 20.0\n";
+    let observer = config(&format!("{head}wrap = 64.0")).observer().unwrap();
+    let plain = config(head).observer().unwrap();
+    let (mut ours, mut whole) = (observer.initial(), plain.initial());
+    for k in 0_u8..200 {
+        let y = 3.0 * f64::from(k); // of whole numbers, so that no turn costs a digit
+        observer.recursion().correct(&mut ours, &[y.rem_euclid(64.0)], 0.0).unwrap();
+        plain.recursion().correct(&mut whole, &[y], 0.0).unwrap();
+        assert!(ours[0].abs() <= 32.0, "{ours:?}");
+        assert!(((whole[0] - ours[0]).rem_euclid(64.0) - 32.0).abs() > 31.9, "{ours:?} {whole:?}");
+        assert!((whole[1] - ours[1]).abs() < 1e-9, "{ours:?} {whole:?}");
+        observer.recursion().advance(&mut ours, &[f64::NAN], &[], 0.0, 0.01).unwrap();
+        plain.recursion().advance(&mut whole, &[f64::NAN], &[], 0.0, 0.01).unwrap();
+    }
+    assert!(whole[0] > 9.0 * 64.0);
+    let ship = "format = 1\nobserver = 'reduced-order'\nepsilon = 1.0\n";
+    config(&format!("{ship}wrap = [nan, nan, 6.28]")).observer().unwrap();
+    assert!(refusal(&format!("{ship}wrap = 6.28")).contains("it must have 3"));
+    assert!(refusal(&format!("{head}wrap = 0.0")).contains("wrap = 0 is not allowed"));
+    assert!(refusal(&format!("{head}wrap = inf")).contains("wrap = inf is not allowed"));
+}

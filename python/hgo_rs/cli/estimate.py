@@ -23,6 +23,7 @@ from hgo_rs.logs.estimation import check_fit
 from hgo_rs.logs.times import UNITS
 from hgo_rs.logs.write import check_writable_format
 from hgo_rs.observers import Gap, Observer, RunResult
+from hgo_rs.observers.turns import nearest
 
 
 class _Numbers(click.ParamType):
@@ -77,6 +78,12 @@ class _Numbers(click.ParamType):
     help="current (the estimate at a sample uses it) or predictor; by default "
     f"{DEFAULT_TIMING}, where the law takes it.",
 )
+@click.option(
+    "--wrap",
+    type=float,
+    metavar="TURN",
+    help="Turn of an output that wraps, in its unit: 6.283185307179586, 65536, ...",
+)
 @click.option("--saturation", type=_Numbers(), help="Bounds on the states 2 to n (peaking-free).")
 @click.option("--allow-unstable", is_flag=True, help="Go beyond the step limit of the method.")
 @click.option(
@@ -130,7 +137,7 @@ def estimate_command(
     if save_config is not None:
         results["--save-config"] = save_config
     _check_places(results, {"the log itself": log, "the file of --config": config})
-    summary, gaps, trace = LogSummary(), _LongestGaps(), _Trace()
+    summary, gaps, trace = LogSummary(), _LongestGaps(), _Trace(law.wrap[0])
 
     def seen(chunks: Iterable[Log]) -> Iterator[Log]:
         for chunk in chunks:
@@ -177,6 +184,7 @@ def _law(law: Observer) -> str:
         words += [f"order {part['n']}"] if "n" in part else []
         words += [f"gain {ell:g} 1/s"] if ell is not None else []
         words += [f"method {part['method']}"] if "method" in part else []
+        words += [f"wrap {part['wrap']}"] if "wrap" in part else []
         told.append(", ".join(words))
     return f"{'; '.join(told)}; timing {law.timing}"
 
@@ -335,10 +343,15 @@ class _Trace:
 
     MOST = 200_000
 
-    def __init__(self) -> None:
+    def __init__(self, turn: float | None) -> None:
+        self.turn = turn
         self.parts: dict[str, list[np.ndarray]] = {}
         self.stride, self.count, self.kept = 1, 0, 0
         self.end = self.offset = math.nan
+
+    def shown(self, y: np.ndarray) -> np.ndarray:
+        """The samples, in the turn of the estimate."""
+        return y if self.turn is None else nearest(y[:, None], [self.turn])[:, 0]
 
     def add(self, log: Log, result: RunResult) -> None:
         if not log.t[0] > self.end:  # the clock starts again: draw it behind what there is
@@ -348,7 +361,7 @@ class _Trace:
         single = log.y.ndim == 1
         signals: dict[str, np.ndarray] = {"time": log.t + self.offset, "x_hat": result.x_hat}
         if single:
-            signals |= {"y": log.y, "innovation": result.innovation.ravel()}
+            signals |= {"y": self.shown(log.y), "innovation": result.innovation.ravel()}
         signals["missing"] = result.missing
         if result.gain is not None:
             signals["gain"] = result.gain

@@ -95,6 +95,7 @@ TOP: dict[str, Kind] = {
     "clip": TEXT,
     "method": TEXT,
     "timing": TEXT,
+    "wrap": NUMBER_OR_NUMBERS,
     "allow_unstable": FLAG,
     "observers": TABLES,
     "model": TABLE,

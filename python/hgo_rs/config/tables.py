@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -38,6 +39,8 @@ def observer_table(spec: Mapping[str, Any]) -> dict[str, Any]:
             data["gain"] = value["ell"] if value["law"] == "constant" else dict(value)
         elif key == "observers":
             data["observers"] = [observer_table(inner) for inner in value]
+        elif key == "wrap" and isinstance(value, (list, tuple)):
+            data["wrap"] = [math.nan if length is None else length for length in value]
         elif key in TOP and key != "model":
             data[key] = value
     return data

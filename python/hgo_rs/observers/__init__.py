@@ -20,6 +20,7 @@ from hgo_rs.observers.result import Gap, RunResult
 from hgo_rs.observers.sampled_data import SampledDataObserver
 from hgo_rs.observers.several_outputs import MultiOutputObserver
 from hgo_rs.observers.standard import StandardObserver
+from hgo_rs.observers.turns import TurnWarning
 
 __all__ = [
     "METHODS",
@@ -42,5 +43,6 @@ __all__ = [
     "SampledDataObserver",
     "StandardObserver",
     "StochasticApproximation",
+    "TurnWarning",
     "gap_bound",
 ]

@@ -27,6 +27,7 @@ from hgo_rs.observers.gaps import gap_error
 from hgo_rs.observers.online import TAMER, OnlineObserver
 from hgo_rs.observers.records import Array
 from hgo_rs.observers.result import Gap, RunResult
+from hgo_rs.observers.turns import check_motion
 from hgo_rs.read_only import shown as frozen
 
 _OVERFLOW = "choose a smaller step or gain, another method, or fewer samples"
@@ -43,6 +44,8 @@ class Observer(OnlineObserver):
         Numbers of estimated states, measured outputs, known inputs.
     timing : "predictor" or "current"
         Whether the estimate at sample k uses samples up to k - 1, or up to k.
+    wrap : tuple
+        The turn of each output, None where it does not wrap.
     memory : (m,) ndarray
         Where it stands: x_hat first, then auxiliary states, then the gain r where it moves; with
         current timing then the time that the next correction is for [s]. A step makes a new one; an
@@ -118,6 +121,8 @@ class Observer(OnlineObserver):
         # elsewhere the innovation is y - x_hat_1, which is computed when it is asked for
         own_sampled = self.spec["kind"] == "sampled-data" and self.spec["model"]["kind"] == "own"
         tells = self._core.is_current or self.spec["kind"] == "chains" or own_sampled
+        wraps = any(self.wrap)
+        tells |= wraps
         end = None if until is None else records.after(until, clock, len(samples))
         slowdown = 1.0
         if self._interpreted:
@@ -167,6 +172,8 @@ class Observer(OnlineObserver):
             where = f"sample {k} (t = {time(k):g} s)" if k < len(memory) else f"t = {end:g} s"
             raise HgoError(f"the estimate overflowed at {where}: {_OVERFLOW}")
         self._tell_end(start, memory[-1])
+        if wraps:
+            check_motion(track["y"], self.wrap, stacklevel=2)
         result = RunResult.of_run(
             clock,
             track.get("innovation"),

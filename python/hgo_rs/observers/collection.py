@@ -16,6 +16,7 @@ from hgo_rs.observers.base import Observer
 from hgo_rs.observers.gains import AdaptiveGain
 from hgo_rs.observers.online import initial_gain
 from hgo_rs.observers.records import Array, vector
+from hgo_rs.observers.turns import turn
 
 
 class CopiesMetWarning(UserWarning):
@@ -37,6 +38,7 @@ class _Copies(Observer):
         model: System | None = None,
         method: str = "rk4",
         timing: str = DEFAULT_TIMING,
+        wrap: float | None = None,
         allow_unstable: bool = False,
     ) -> None:
         remedy = "the collection is defined for law (6) only"
@@ -50,6 +52,7 @@ class _Copies(Observer):
             "gain": gain.spec,
             "model": arguments.model(model, 2),
             **arguments.manner(method, timing),
+            **turn(wrap),
         }
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
@@ -140,7 +143,7 @@ class RepelledCollection(_Copies):
         Coefficients, and repulsion gains mu P^-1 (1, 0)' (`hgo_rs.design.repulsion_gains`).
     copies : int
         2 to 5.
-    model, method, timing, allow_unstable
+    model, method, timing, wrap, allow_unstable
         As in `StandardObserver`.
     """
 

@@ -32,6 +32,7 @@ from hgo_rs.design.discrete import following
 from hgo_rs.errors import HgoError, check, check_array, check_integer, check_number
 from hgo_rs.laws import LAWS
 from hgo_rs.observers.result import Gap, RunResult
+from hgo_rs.observers.turns import nearest, turns_of
 
 Array = npt.NDArray[np.float64]
 
@@ -106,6 +107,12 @@ class _Record:
         self.core, self.u, self.gain = core, u, index
         law = LAWS.get(spec["kind"])
         self.behind = following(spec)[core.n :] if law is not None and law.single else None
+        chains = spec.get("observers")  # one for each output, or one chain
+        self.orders = [chain["n"] for chain in chains] if chains else [core.n]
+        self.turns = np.full(core.n, np.nan)  # of estimates that are known to a turn
+        if len(self.orders) == core.n_y:
+            firsts = np.cumsum([0, *self.orders[:-1]])
+            self.turns[firsts] = np.array(turns_of(spec, core.n_y), dtype=float)
         self.t, self.y, self.memory = result.time, result.y, result.memory
         self.innovation = result.innovation
         self.filters = core.is_current
@@ -114,8 +121,6 @@ class _Record:
         self.gap = np.zeros(self.y.shape, bool)
         for gap in result.gaps:
             self.gap[gap.start : gap.start + gap.length, gap.channel] = True
-        chains = spec.get("observers")  # one for each output, or one chain
-        self.orders = [chain["n"] for chain in chains] if chains else [core.n]
 
     def _found(self, k: int) -> Array:
         """The memory as sample k finds it."""
@@ -123,6 +128,12 @@ class _Record:
             return self.memory[k]
         none = np.full(self.y.shape[1], np.nan)
         return self._advance(k - 1, self.memory[k - 1], none)
+
+    def _apart(self, a: Array, b: Array) -> Array:
+        """a - b of memories or estimates, to the nearest turn."""
+        apart = a - b
+        apart[: self.core.n] = nearest(apart[: self.core.n], self.turns)
+        return apart
 
     def _advance(self, k: int, memory: Array, y: Array) -> Array:
         dt = self.t[k + 1] - self.t[k]
@@ -144,7 +155,8 @@ class _Record:
         size = 1e-6 * (1.0 + float(np.max(np.abs(memory))))
         after = self._step(k, memory, y)
         columns = [
-            (self._step(k, memory + size * unit, y) - after) / size for unit in np.eye(len(memory))
+            self._apart(self._step(k, memory + size * unit, y), after) / size
+            for unit in np.eye(len(memory))
         ]
         states = [i for i in range(len(memory)) if i != self.gain]
         matrix = np.array(columns).T[np.ix_(states, states)]
@@ -184,7 +196,8 @@ class _Record:
             # as the sample that ends the gap finds it
             track = self.core.run(*record, innovation=False, until=float(t[stop]))
             told[row] = track["undefined"] is None  # else the model has no value in such a gap
-            drift[row] = self._found(stop)[:n] - track["next"][:n] + self.usual(stop)
+            found = self._apart(self._found(stop)[:n], track["next"][:n])
+            drift[row] = found + self.usual(stop)
         return t[begin][told], drift[told]
 
     def usual(self, stop: int) -> Array:
@@ -217,7 +230,7 @@ class _Record:
             if self.behind is not None:  # auxiliary states as x_hat has them: no correction inside
                 found[n : n + len(self.behind)] = self.behind @ found[:n]
             free = self._advance(before, found, none)
-            known[k - first] = self.memory[before + 1, :n] - free[:n]
+            known[k - first] = self._apart(self.memory[before + 1, :n], free[:n])
         return known
 
 

@@ -15,6 +15,7 @@ from hgo_rs.observers import arguments
 from hgo_rs.observers.arguments import Gain, Poles
 from hgo_rs.observers.base import Observer
 from hgo_rs.observers.records import vector
+from hgo_rs.observers.turns import turn
 
 
 class HighGainObserver(Observer):
@@ -29,7 +30,7 @@ class HighGainObserver(Observer):
         A law by its word in `hgo_rs.laws.LAWS`, such as "standard".
     n : int
         Order, one of the law's.
-    gain, epsilon, model, method, timing, allow_unstable
+    gain, epsilon, model, method, timing, wrap, allow_unstable
         As in `StandardObserver`. Default of `method`: "zoh" where the law can be placed.
     poles : numbers, optional
         As many as make the law's coefficients, before scaling by ell. Default: the usual ones.
@@ -59,6 +60,7 @@ class HighGainObserver(Observer):
         timing: str = DEFAULT_TIMING,
         saturation: npt.ArrayLike | None = None,
         clip: str | None = None,
+        wrap: float | None = None,
         allow_unstable: bool = False,
         **entries: Any,
     ) -> None:
@@ -77,6 +79,7 @@ class HighGainObserver(Observer):
             "gain": gain_law,
             "model": arguments.model(model, n),
             **arguments.manner(usual if method is None else method, timing),
+            **turn(wrap),
         }
         for name, value in (("saturation", saturation), ("clip", clip)):
             remedy = f"the {law.title} has no saturation"

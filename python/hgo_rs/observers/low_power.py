@@ -17,7 +17,7 @@ class LowPowerObserver(HighGainObserver):
     ----------
     n : int
         Order, 2 to 12.
-    gain, epsilon, model, method, timing, allow_unstable
+    gain, epsilon, model, method, timing, wrap, allow_unstable
         As in `StandardObserver`. The model must be of phase-variable form.
     poles : 2 n - 1 numbers, optional
         Eigenvalues of M_n. Default: 2 n - 2 equidistant ones in [-2, -1], and -2; for n = 5 the
@@ -38,6 +38,7 @@ class LowPowerObserver(HighGainObserver):
         model: System | None = None,
         method: str | None = None,
         timing: str = DEFAULT_TIMING,
+        wrap: float | None = None,
         allow_unstable: bool = False,
     ) -> None:
         super().__init__(
@@ -49,6 +50,7 @@ class LowPowerObserver(HighGainObserver):
             model=model,
             method=method,
             timing=timing,
+            wrap=wrap,
             allow_unstable=allow_unstable,
             alpha=alpha,
             beta=beta,
@@ -60,7 +62,7 @@ class PeakingFreeObserver(HighGainObserver):
 
     Parameters
     ----------
-    n, gain, epsilon, poles, alpha, beta, model, method, timing, allow_unstable
+    n, gain, epsilon, poles, alpha, beta, model, method, timing, wrap, allow_unstable
         As in `LowPowerObserver`.
     saturation : float or n - 1 numbers
         Levels r_2 ... r_n >= max |x_i| (10).
@@ -88,6 +90,7 @@ class PeakingFreeObserver(HighGainObserver):
         model: System | None = None,
         method: str | None = None,
         timing: str = DEFAULT_TIMING,
+        wrap: float | None = None,
         allow_unstable: bool = False,
     ) -> None:
         super().__init__(
@@ -101,6 +104,7 @@ class PeakingFreeObserver(HighGainObserver):
             timing=timing,
             saturation=saturation,
             clip=clip,
+            wrap=wrap,
             allow_unstable=allow_unstable,
             alpha=alpha,
             beta=beta,

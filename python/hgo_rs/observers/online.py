@@ -15,6 +15,7 @@ from hgo_rs.laws import LAWS
 from hgo_rs.models import Model, System
 from hgo_rs.models.own.callables import runnable
 from hgo_rs.observers.records import MARK, Array, check_inputs, check_samples, inputs, vector
+from hgo_rs.observers.turns import turns_of
 from hgo_rs.read_only import ReadOnlyDict
 
 if TYPE_CHECKING:
@@ -75,6 +76,11 @@ class OnlineObserver(_core.Online):
     def timing(self) -> str:
         """ "predictor" or "current"."""
         return TIMINGS[self._core.is_current]
+
+    @property
+    def wrap(self) -> tuple[float | None, ...]:
+        """The turn of each output, (n_y,); None where it does not wrap."""
+        return turns_of(self.spec, self.n_y)
 
     def __getstate__(self) -> tuple[dict[str, Any], bool, Array, Any, Any]:
         """All that a copy needs, or a pickle."""

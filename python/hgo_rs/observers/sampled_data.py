@@ -5,6 +5,7 @@ from __future__ import annotations
 from hgo_rs.errors import check, check_choice
 from hgo_rs.models import Model, VanDerPol
 from hgo_rs.observers.base import Observer
+from hgo_rs.observers.turns import turn
 
 
 class SampledDataObserver(Observer):
@@ -18,6 +19,8 @@ class SampledDataObserver(Observer):
     gain : "derived" or "printed"
         Of VanDerPol: l1 = (5 + mu) T, which gives the error matrix the constant spectrum {-2, -3};
         or the paper's (5 - mu) T. mu = epsilon (1 - y^2).
+    wrap
+        As in `StandardObserver`; of a model whose output h is its first state.
     """
 
     def __init__(
@@ -25,6 +28,7 @@ class SampledDataObserver(Observer):
         model: VanDerPol | Model | None = None,
         *,
         gain: str = "derived",
+        wrap: float | None = None,
         allow_unstable: bool = False,
     ) -> None:
         known = VanDerPol() if model is None else model
@@ -32,5 +36,5 @@ class SampledDataObserver(Observer):
         remedy = "leave it out, or write Model(states=..., f=[...], K_T=[...])"
         check(fits, "model", model, "a VanDerPol, or a Model of sampled-data form", remedy)
         choice = check_choice("gain", gain, ("derived", "printed"))
-        spec = {"kind": "sampled-data", "model": known.spec, "gain": choice}
+        spec = {"kind": "sampled-data", "model": known.spec, "gain": choice, **turn(wrap)}
         super().__init__(spec, model=model, allow_unstable=allow_unstable)

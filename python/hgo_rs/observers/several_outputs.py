@@ -27,6 +27,8 @@ class MultiOutputObserver(Observer):
     allow_unstable : bool
         As in `StandardObserver`.
 
+    An output that wraps is said where its observer is made: `StandardObserver(2, 40, wrap=2*pi)`.
+
     The memory holds the estimates of all chains, one chain after the other, then the rest of each
     observer's memory. `run` takes y of shape (N, number of chains).
 

@@ -39,6 +39,10 @@ class StandardObserver(HighGainObserver):
     timing : "predictor" or "current"
         Whether the estimate at sample k uses samples up to k - 1, as the papers' recursions do, or
         up to k.
+    wrap : float, optional
+        The length of a turn of an output that begins again after it, in its unit: 2*pi, or the
+        counts of a counter. The innovation is then that to the nearest turn, and x_hat_1 stays
+        within half a turn of 0; a model sees that one. A sample may be given in any turn.
     allow_unstable : bool
         Let `step` and `run` use a step beyond the stability limit.
 
@@ -59,6 +63,7 @@ class StandardObserver(HighGainObserver):
         model: System | None = None,
         method: str | None = None,
         timing: str = DEFAULT_TIMING,
+        wrap: float | None = None,
         allow_unstable: bool = False,
     ) -> None:
         super().__init__(
@@ -70,6 +75,7 @@ class StandardObserver(HighGainObserver):
             model=model,
             method=method,
             timing=timing,
+            wrap=wrap,
             allow_unstable=allow_unstable,
             k=k,
         )

@@ -961,6 +961,69 @@ class ChainsObserver(Law):
         return self.each(memory, lambda i, law, own: law.predict(own, u, t, dt))
 
 
+class WrappedLaw(Law):
+    """A law whose outputs wrap: it takes each sample by its innovation to the nearest turn, and its
+    estimate is brought back to within half a turn of 0, with all that is of the same coordinate.
+    """
+
+    def __init__(self, law: Law, lengths: Array, entries: list[list[int]]) -> None:
+        self.law = law
+        self.n, self.n_y, self.n_u = law.n, law.n_y, law.n_u
+        self.memory_len, self.is_current = law.memory_len, law.is_current
+        self.may_be_undefined = law.may_be_undefined
+        self.lengths, self.entries = lengths, entries
+
+    @property
+    def signals(self) -> int:
+        """The law's."""
+        return self.law.signals
+
+    def initial(self) -> Array:
+        """The law's."""
+        return self.law.initial()
+
+    def check(self, memory: Array) -> None:
+        """As the law's."""
+        self.law.check(memory)
+
+    def settle(self, old: Array, new: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """As the law's."""
+        return self.law.settle(old, new)
+
+    def near(self, memory: Array, y: Array, u: Array | None, t: float) -> Array:
+        """The sample, moved by whole turns to the nearest to its prediction."""
+        beyond = np.reshape(self.law.residual(memory, y, u, t), (self.n_y, -1))
+        moved = np.reshape(y, (self.n_y, -1)).copy()
+        for i, length in enumerate(self.lengths):
+            if np.isfinite(length):
+                moved[i] -= length * np.rint(beyond[i] / length)
+        return np.reshape(moved, np.shape(y))
+
+    def back(self, memory: Array) -> Array:
+        """The memory within one turn."""
+        new = memory.copy()
+        for length, entries in zip(self.lengths, self.entries, strict=True):
+            if np.isfinite(length):
+                new[entries] -= length * np.rint(memory[entries[0]] / length)
+        return new
+
+    def residual(self, memory: Array, y: Array, u: Array | None, t: float) -> Array:
+        """The law's innovation, to the nearest turn."""
+        return self.law.residual(memory, self.near(memory, y, u, t), u, t)
+
+    def step(self, memory: Array, y: Array, u: Array | None, t: float, dt: float) -> Array:
+        """The law's step between the two reductions."""
+        return self.back(self.law.step(memory, self.near(memory, y, u, t), u, t, dt))
+
+    def correct(self, memory: Array, y: Array, t: float) -> Array:
+        """The law's correction between the two."""
+        return self.back(self.law.correct(memory, self.near(memory, y, None, t), t))
+
+    def predict(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
+        """The law's way to the next sample, brought back."""
+        return self.back(self.law.predict(memory, u, t, dt))
+
+
 LAWS: dict[str, type[Law]] = {
     "standard": StandardObserver,
     "low-power": LowPowerObserver,
@@ -975,7 +1038,7 @@ LAWS: dict[str, type[Law]] = {
 SINGLE = ("standard", "low-power", "peaking-free", "filtered")
 
 
-_CHAIN = ("n", "gain", "model", "method", "timing")
+_CHAIN = ("n", "gain", "model", "method", "timing", "wrap")
 KEYS: dict[str, tuple[str, ...]] = {
     "standard": ("k", *_CHAIN),
     "low-power": ("alpha", "beta", *_CHAIN),
@@ -983,8 +1046,8 @@ KEYS: dict[str, tuple[str, ...]] = {
     "filtered": ("c", "k", "filters", *_CHAIN),
     "collection": ("k", "k_bar", "copies", *_CHAIN),
     "modified": ("k", "k_bar", "copies", *_CHAIN),
-    "sampled-data": ("model", "gain"),
-    "reduced-order": ("model", "h_bar", "epsilon"),
+    "sampled-data": ("model", "gain", "wrap"),
+    "reduced-order": ("model", "h_bar", "epsilon", "wrap"),
     "chains": ("observers", "model"),
 }
 
@@ -996,7 +1059,7 @@ def law_from(spec: Spec) -> Law:
     law: Any = LAWS[kind]
     if kind == "sampled-data" and member(spec, "model", "observer").get("kind") == "own":
         law = OwnSampledDataObserver
-    return _timed(law(spec), spec)
+    return _wrapped(_timed(law(spec), spec), spec)
 
 
 def _single(spec: Spec, chain: Chain) -> Law:
@@ -1004,7 +1067,25 @@ def _single(spec: Spec, chain: Chain) -> Law:
     kind = choice(member(spec, "kind", "observers"), "observers.kind", SINGLE)
     known(spec, "observers", ("kind", *KEYS[kind]))
     law: Any = LAWS[kind]
-    return _timed(law(spec, chain), spec)
+    return _wrapped(_timed(law(spec, chain), spec), spec)
+
+
+def _wrapped(law: Law, spec: Spec) -> Law:
+    """The law of outputs that wrap, if any does: one length, or one or None for each output."""
+    if spec.get("wrap") is None:
+        return law
+    given = np.atleast_1d(np.array(spec["wrap"], dtype=np.float64))
+    if given.shape != (law.n_y,):
+        raise fail("observer.wrap", spec["wrap"], f"of {law.n_y} entries", "None: does not wrap")
+    for length in given[~np.isnan(given)]:
+        number(float(length), "observer.wrap", above=0.0)
+    entries = [[0]]
+    if isinstance(law, ReducedOrderObserver):  # its last sample
+        entries = [[law.n + i] for i in range(law.n_y)]
+    elif "copies" in spec:  # the observer beside them, or the first copy, and all others
+        copies = spec["copies"] + (spec["kind"] == "modified")
+        entries = [[copy * (law.n + 1) for copy in range(copies)]]
+    return WrappedLaw(law, given, entries)
 
 
 def _timed(law: Law, spec: Spec) -> Law:

@@ -5,6 +5,9 @@ mod chains;
 mod rates;
 mod reduced_order;
 mod sampled;
+mod wrap;
+
+pub use wrap::wraps;
 
 use crate::error::Result;
 use crate::model::Given;
@@ -31,9 +34,10 @@ fn of(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Result<Tables> {
         let known: Vec<&str> = LAWS.iter().map(|law| law.kind).collect();
         spec.unknown("kind", &kind, &known)
     })?;
-    match kind.as_str() {
+    let tables = match kind.as_str() {
         "sampled-data" => sampled::tables(spec, given, setting),
         "reduced-order" => reduced_order::tables(spec, given, setting),
         _ => rates::tables(law, spec, given, setting),
-    }
+    }?;
+    wrap::wrapped(tables, law, spec, given, setting)
 }

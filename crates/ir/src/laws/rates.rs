@@ -54,7 +54,7 @@ impl<'a> Described<'a> {
         let mut known = vec!["kind", "n"];
         known.extend(law.coefficients.iter().map(|list| list.name));
         known.extend(law.size.map(|(name, _)| name));
-        known.extend(["gain", "model", "method", "timing"]);
+        known.extend(["gain", "model", "method", "timing", "wrap"]);
         if law.saturated {
             known.extend(["saturation", "clip"]);
         }

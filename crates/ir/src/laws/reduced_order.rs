@@ -14,7 +14,7 @@ use hgo_rs::observers::ReducedOrderObserver;
 use std::cmp::Ordering;
 
 pub(super) fn tables(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Result<Tables> {
-    spec.only(&["kind", "model", "h_bar", "epsilon"])?;
+    spec.only(&["kind", "model", "h_bar", "epsilon", "wrap"])?;
     let Given::Own(own) = &given else {
         let known = spec.sub("model")?;
         let name = known.text("kind")?;

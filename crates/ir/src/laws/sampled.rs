@@ -14,7 +14,7 @@ use hgo_rs::observer::Observer;
 use hgo_rs::observers::SampledDataObserver;
 
 pub(super) fn tables(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Result<Tables> {
-    spec.only(&["kind", "model", "gain"])?;
+    spec.only(&["kind", "model", "gain", "wrap"])?;
     if let Given::Own(own) = given {
         return dispatch_order!(own.n, N => of_own::<N>(given, own, setting),
                                else Err(order_refused(own.n)));

@@ -13,6 +13,7 @@ mod tables;
 
 use crate::choices::Manner;
 use crate::error::{Error, Result, refused};
+use crate::laws::wraps;
 use crate::spec::Spec;
 use crate::tables::Tables;
 use crate::trace::{PlacedGains, Setting};
@@ -126,6 +127,13 @@ impl Study {
     pub fn read(spec: &Spec<'_>) -> Result<Self> {
         let plan = Plan::read(spec, &[])?;
         let of_observer = spec.sub("observer")?;
+        if wraps(&of_observer) {
+            return Err(refused(
+                "wrap is not allowed for the observer of a simulation, whose errors would be known to a \
+                 turn only: leave it out; what is simulated does not wrap, and while an innovation is \
+                 less than half a turn the estimates are the same",
+            ));
+        }
         // gains for the length of a step are constants
         let gains = match plan.schedule {
             AnySchedule::Fixed(fixed) => PlacedGains::For(fixed.dt(0)),

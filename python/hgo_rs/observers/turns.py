@@ -1,0 +1,74 @@
+"""Outputs that wrap: angles that begin again after a turn, counters that overflow."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs.errors import HgoError, check_number
+from hgo_rs.observers.records import Array
+
+NEAR_HALF = 0.4
+"""Part of a turn between two samples from which on their direction is in doubt."""
+
+_REMEDY = "give the length of a whole turn in the unit of y, such as 2*pi or 65536"
+
+
+class TurnWarning(UserWarning):
+    """Samples so far apart that a turn more or less between them could not be told."""
+
+
+def turn(wrap: Any) -> dict[str, float]:
+    """What the spec of a law of one output says of its turn."""
+    return {} if wrap is None else {"wrap": check_number(wrap, "wrap", above=0.0, remedy=_REMEDY)}
+
+
+def turns(wrap: Any, n_y: int) -> dict[str, list[float | None]]:
+    """The same of a law of several outputs: one number, or None, for each."""
+    if wrap is None:
+        return {}
+    given = list(wrap) if isinstance(wrap, (list, tuple, np.ndarray)) else [wrap]
+    if len(given) != n_y:
+        allowed = f"must have {n_y}, one for each output"
+        raise HgoError(f"wrap of {len(given)} entries: {allowed}; None for one that does not wrap")
+    lengths = [None if one is None or one != one else turn(one)["wrap"] for one in given]
+    return {} if all(length is None for length in lengths) else {"wrap": lengths}
+
+
+def turns_of(spec: Mapping[str, Any], n_y: int) -> tuple[float | None, ...]:
+    """The turn of each output of an observer; None: it does not wrap."""
+    if "observers" in spec:
+        return tuple(inner.get("wrap") for inner in spec["observers"])
+    wrap = spec.get("wrap")
+    return tuple(wrap) if isinstance(wrap, (list, tuple)) else (wrap,) * n_y
+
+
+def nearest(values: npt.ArrayLike, lengths: npt.ArrayLike) -> Array:
+    """Values (..., m) less the whole turns nearest to them; lengths (m,), NaN: does not wrap."""
+    given, length = np.asarray(values, dtype=float), np.asarray(lengths, dtype=float)
+    with np.errstate(invalid="ignore"):
+        whole = length * np.rint(given / length)
+    return np.asarray(given - np.where(np.isfinite(length), whole, 0.0))
+
+
+def check_motion(y: Array, lengths: tuple[float | None, ...], stacklevel: int) -> None:
+    """Warn of neighbours among samples (N, n_y) so far apart that their direction is in doubt."""
+    for channel, length in enumerate(lengths):
+        if length is None or len(y) < 2:
+            continue
+        moved = np.abs(nearest(np.diff(y[:, channel, None], axis=0), [length]))[:, 0]
+        k = int(np.argmax(np.where(np.isnan(moved), -1.0, moved)))
+        if moved[k] > NEAR_HALF * length:
+            output = f" of output {channel + 1}" if len(lengths) > 1 else ""
+            warnings.warn(
+                f"wrap = {length:g}{output}: samples {k} and {k + 1} lie {moved[k]:.4g} apart, "
+                f"{moved[k] / length:.2g} of a turn; from half a turn on neither direction nor "
+                "number of turns can be told, whether motion or noise makes it: sample faster, or "
+                "check that wrap is the whole turn",
+                TurnWarning,
+                stacklevel=stacklevel + 1,
+            )
