@@ -152,10 +152,14 @@ def trace_step(
     missing: bool = False,
     dt: float | None = None,
     part: str = "step",
-    held: bool = False,
+    gains: Literal["computed", "held", "given"] = "computed",
+    fixed_dt: float | None = None,
 ) -> dict[str, Any]: ...
 def placed_gains(
-    spec: Mapping[str, Any], lengths: list[float], single: bool = False
+    spec: Mapping[str, Any],
+    lengths: list[float],
+    single: bool = False,
+    gains: Literal["held", "given"] = "held",
 ) -> list[tuple[int, int | None, list[list[float]]]]: ...
 def evaluate_table(
     table: Mapping[str, Any], inputs: npt.ArrayLike, single: bool = False

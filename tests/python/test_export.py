@@ -330,7 +330,7 @@ def test_held_gains_are_those_of_a_table_for_their_time_alone(kind: str, precisi
         z[elapsed] = length
         y = rng.standard_normal(observer.n_y)
         alone = _core.trace_step(spec, single, part="correct", dt=float(length))
-        any_time = _core.trace_step(spec, single, part="correct", held=True)
+        any_time = _core.trace_step(spec, single, part="correct", gains="held")
         gains = [gain for of in rows.gains for gain in of.held.rows[k]]
         given = [0.0, *z, *y, *([2.0] if kind == "arm_held" else [])]
         made = [

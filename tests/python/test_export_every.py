@@ -19,6 +19,7 @@ from exported import STRICT, put, run
 
 import hgo_rs as hgo
 from hgo_rs.exports.c import files as c_files
+from hgo_rs.exports.expressions import RUST, C, Dialect
 from hgo_rs.exports.program import Program, program
 from hgo_rs.exports.rust import files as rust_files
 from hgo_rs.observers import Observer
@@ -230,13 +231,14 @@ def cases() -> dict[str, tuple[Program, list[tuple[int, bytes]], list[float]]]:
     return made
 
 
-def calls_of(described: Program, times: list[float], nan: str) -> list[tuple[str, str]]:
+def calls_of(described: Program, times: list[float], dialect: Dialect) -> list[tuple[str, str]]:
     """Verbs and arguments of all calls, as text."""
     made, words = [], described.words
     for k, t in enumerate(times):
         given = dict(zip(words.samples, Y[k].tolist(), strict=False))
-        given |= dict(zip(words.controls, U[k].tolist(), strict=False)) | {"t": t, "dt": STEPS[k]}
-        text = {word: repr(value) if value == value else nan for word, value in given.items()}
+        given |= dict(zip(words.controls, U[k].tolist(), strict=False)) | {"dt": STEPS[k]}
+        text = {w: dialect.literal(value, described.precision) for w, value in given.items()}
+        text["t"] = repr(t)
         for move in described.moves:
             made.append((move.verb, ", ".join(text[word] for word in described.arguments(move))))
     return made
@@ -248,10 +250,10 @@ C_HEAD = """\
 
 static int status;
 
-static void show(const double *memory, size_t count)
+static void show(const void *memory, size_t bytes)
 {
     printf("%d ", status);
-    for (size_t i = 0; i < 8 * count; ++i) printf("%02x", ((const unsigned char *)memory)[i]);
+    for (size_t i = 0; i < bytes; ++i) printf("%02x", ((const unsigned char *)memory)[i]);
     printf("\\n");
 }
 """
@@ -268,10 +270,12 @@ def in_c(folder: Path, cases: dict[str, Any]) -> str:
         fields = ", ".join(f"state.{field.name}" for field in described.memory)
         lines.append(f"static void run_{name}(void)\n{{\n    {name}_state state;\n")
         lines.append(f"    {name}_init(&state);")
-        for verb, given in calls_of(described, times, "(double)NAN"):
-            lines.append(f"    status = {name}_{verb}(&state, {given});")
-            count = len(described.memory)
-            lines.append(f"    {{ const double memory[] = {{{fields}}}; show(memory, {count}); }}")
+        real = {"double": "double", "single": "float"}[described.precision.name]
+        for verb, given in calls_of(described, times, C):
+            arguments = f", {given}" if given else ""
+            lines.append(f"    status = {name}_{verb}(&state{arguments});")
+            lines.append(f"    {{ const {real} memory[] = {{{fields}}};")
+            lines.append("      show(memory, sizeof memory); }")
         lines.append("}\n")
     main = ["int main(void)", "{", *calls, "    return 0;", "}", ""]
     put(folder, {"every.c": "\n".join([*includes, C_HEAD, *lines, *main])})
@@ -282,9 +286,9 @@ def in_c(folder: Path, cases: dict[str, Any]) -> str:
 RUST_HEAD = """\
 #![allow(dead_code)]
 
-fn show(status: u8, memory: &[f64]) {
+fn show(status: u8, memory: &[u8]) {
     print!("{status} ");
-    for byte in memory.iter().flat_map(|value| value.to_le_bytes()) {
+    for byte in memory {
         print!("{byte:02x}");
     }
     println!();
@@ -300,12 +304,12 @@ def in_rust(folder: Path, cases: dict[str, Any]) -> str:
         source = re.sub(r"^#!\[no_std\]\n", "", rust_files(described)["src/lib.rs"], flags=re.M)
         put(folder, {f"{name}.rs": source.replace("#![forbid(unsafe_code)]\n", "")})
         calls.append(f"    run_{name}();")
-        fields = ", ".join(f"state.{field.name}" for field in described.memory)
+        fields = ", ".join(f"state.{field.name}.to_le_bytes()" for field in described.memory)
         lines += [f"mod {name};", f"fn run_{name}() {{"]
         lines.append(f"    let mut state = {name}::{kind}::new();")
-        for verb, given in calls_of(described, times, "f64::NAN"):
+        for verb, given in calls_of(described, times, RUST):
             lines.append(f"    let status = state.{verb}({given});")
-            lines.append(f"    show(status as u8, &[{fields}]);")
+            lines.append(f"    show(status as u8, &[{fields}].concat());")
         lines.append("}")
     put(folder, {"main.rs": "\n".join([RUST_HEAD, *lines, "fn main() {", *calls, "}"])})
     flags = ("--edition=2024", "-Copt-level=0", "-Cdebuginfo=0", "-Dwarnings")
@@ -315,9 +319,13 @@ def in_rust(folder: Path, cases: dict[str, Any]) -> str:
 
 @pytest.fixture(scope="module", params=["c", "rust"])
 def printed(request: Any, tmp_path_factory: Any, cases: dict[str, Any]) -> dict[str, list[Any]]:
+    return printed_in(request.param, tmp_path_factory.mktemp(request.param), cases)
+
+
+def printed_in(language: str, folder: Path, cases: dict[str, Any]) -> dict[str, list[Any]]:
     """What the programs print, a row each call."""
-    build = in_c if request.param == "c" else in_rust
-    rows = build(tmp_path_factory.mktemp(request.param), cases).splitlines()
+    build = in_c if language == "c" else in_rust
+    rows = build(folder, cases).splitlines()
     made, first = {}, 0
     for case, (described, _, times) in cases.items():
         count = len(times) * len(described.moves)

@@ -129,7 +129,7 @@ impl Gains {
         Ok(Arc::new(Self { count: L::Gains::COUNT, of: Box::new(of), recent: Mutex::default() }))
     }
 
-    /// Of a law in the precision of the trace, where the table does not compute them itself.
+    /// Of a law in the precision of the trace.
     pub fn of<L, L32>(
         setting: Setting,
         at: Placement,
@@ -140,10 +140,7 @@ impl Gains {
         L: Injected<f64, Gains: Numbers<f64>, Poles: Send + Sync> + Send + Sync + 'static,
         L32: Injected<f32, Gains: Numbers<f32>, Poles: Send + Sync> + Send + Sync + 'static,
     {
-        if const { !L32::TRACEABLE } && setting.single {
-            return Self::new(single()?, at);
-        }
-        Self::new(double()?, at)
+        if setting.single { Self::new(single()?, at) } else { Self::new(double()?, at) }
     }
 
     /// The gains of a correction for this time, of a gain that does not move. No thread waits for another:

@@ -205,26 +205,41 @@ impl Tables {
     /// the part does not take. "step", with predictor timing: (z after the step, innovation). With current
     /// timing "correct", the use of a sample, of (t, z, y): (z, innovation); and "predict", the way to the
     /// next one, of (t, dt, z, u): z. With `missing` the part that takes the sample where it is missing.
-    pub fn part(&self, part: &str, missing: bool, single: bool) -> Result<Table> {
+    /// With a `fixed` length of a step, dt is this number and no input: what depends on it alone is
+    /// computed here, by the operations of the table and so with their bits.
+    pub fn part(
+        &self,
+        part: &str,
+        missing: bool,
+        single: bool,
+        fixed: Option<f64>,
+    ) -> Result<Table> {
         let Shape { memory, n_y, n_u, current, .. } = self.shape;
+        let step = MEMORY - 1; // where its length stands
         let y = MEMORY + memory..MEMORY + memory + n_y;
         let u = y.end..y.end + n_u;
         let traced = |of: &Table, made: &dyn Fn(&[Traced]) -> Vec<Traced>| {
             trace(Setting::usual(single), || {
-                let given: Vec<Traced> = of.inputs.iter().map(|name| input(name)).collect();
+                let mut given: Vec<Traced> = of.inputs.iter().map(|name| input(name)).collect();
+                if let (Some(dt), Some(length)) = (fixed, given.get_mut(step)) {
+                    *length = Traced::from_f64(dt);
+                }
                 Ok(of.output_names.iter().cloned().zip(made(&given)).collect())
             })
         };
+        let known = |i: usize| i == step && fixed.is_some();
         match (part, &self.correct) {
-            ("step", None) => traced(&self.advance, &|given| self.form(missing, given)),
+            ("step", None) => {
+                let step = traced(&self.advance, &|given| self.form(missing, given))?;
+                Ok(step.without_inputs(known))
+            }
             ("correct", Some(correct)) => {
-                let step = MEMORY - 1; // its length
                 let correct = traced(correct, &|given| self.form(missing, given))?;
                 Ok(correct.without_inputs(|i| i == step || u.contains(&i)))
             }
             ("predict", Some(_)) => {
                 let predict = traced(&self.advance, &|given| self.predicted(given))?;
-                Ok(predict.without_inputs(|i| y.contains(&i)))
+                Ok(predict.without_inputs(|i| known(i) || y.contains(&i)))
             }
             (other, _) => {
                 let parts = if current { "correct or predict" } else { "step" };

@@ -1,6 +1,6 @@
 //! Floor 2. Tables of operations at the Python border.
 
-use crate::errors::Result;
+use crate::errors::{Result, refused};
 use crate::values::{numbers, read_dict};
 use hgo_ir::Spec;
 use hgo_ir::table::Table;
@@ -31,10 +31,15 @@ fn to_dict<'py>(py: Python<'py>, table: &Table) -> Result<Bound<'py, PyDict>> {
 /// the step, innovation). With current timing "correct", the use of a sample, of (t, z, y): (z, innovation);
 /// and "predict", the way to the next one, of (t, dt, z, u): z. With `missing` the part that takes the
 /// sample where it is missing. With `dt`, corrections that are placed (zoh, bilinear) are right for times
-/// of this length only; with `held`, those of their gains that no operations compute are inputs behind the
-/// parameters, see [`placed_gains`].
+/// of this length only; else their `gains` are "computed" in the table; or those that no operations
+/// compute ("held"), or all that depend on that time alone ("given"), are inputs behind the parameters,
+/// see [`placed_gains`]. With `fixed_dt` every step has this length: dt is no input, and what depends on
+/// it alone is a constant.
 #[pyfunction]
-#[pyo3(signature = (spec, single=false, missing=false, dt=None, part="step", held=false))]
+#[pyo3(signature = (
+    spec, single=false, missing=false, dt=None, part="step", gains="computed", fixed_dt=None
+))]
+#[allow(clippy::too_many_arguments)]
 pub fn trace_step<'py>(
     py: Python<'py>,
     spec: &Bound<'py, PyAny>,
@@ -42,28 +47,41 @@ pub fn trace_step<'py>(
     missing: bool,
     dt: Option<f64>,
     part: &str,
-    held: bool,
+    gains: &str,
+    fixed_dt: Option<f64>,
 ) -> Result<Bound<'py, PyDict>> {
-    let computed = if held { PlacedGains::Held } else { PlacedGains::Computed };
-    let gains = dt.map_or(computed, PlacedGains::For);
+    let gains = dt.map_or(read_gains(gains), |dt| Ok(PlacedGains::For(dt)))?;
     let setting = Setting { gains, ..Setting::usual(single) };
     let spec = read_dict(spec, "observer")?;
     let tables = Tables::read(&Spec::new(&spec, "observer")?, setting)?;
-    to_dict(py, &tables.part(part, missing, single)?)
+    to_dict(py, &tables.part(part, missing, single, fixed_dt)?)
 }
 
-/// Gains for corrections that are for times of these lengths, as [`trace_step`] takes them with `held`:
-/// for each chain that takes any, which sample corrects it, where its time stands in the memory (with
+/// "computed", "held" or "given".
+fn read_gains(word: &str) -> Result<PlacedGains> {
+    match word {
+        "computed" => Ok(PlacedGains::Computed),
+        "held" => Ok(PlacedGains::Held),
+        "given" => Ok(PlacedGains::Given),
+        other => {
+            Err(refused(&format!("gains = {other:?} is not allowed: computed, held or given")))
+        }
+    }
+}
+
+/// Gains for corrections that are for times of these lengths, as [`trace_step`] takes them with the same
+/// `gains`, "held" or "given": for each chain that takes any, which sample corrects it, where its time stands in the memory (with
 /// current timing; else it is the step's length), and a row of gains for each length.
 #[pyfunction]
-#[pyo3(signature = (spec, lengths, single=false))]
+#[pyo3(signature = (spec, lengths, single=false, gains="held"))]
 #[allow(clippy::needless_pass_by_value, clippy::type_complexity)]
 pub fn placed_gains(
     spec: &Bound<'_, PyAny>,
     lengths: Vec<f64>,
     single: bool,
+    gains: &str,
 ) -> Result<Vec<(usize, Option<usize>, Vec<Vec<f64>>)>> {
-    let setting = Setting { gains: PlacedGains::Held, ..Setting::usual(single) };
+    let setting = Setting { gains: read_gains(gains)?, ..Setting::usual(single) };
     let spec = read_dict(spec, "observer")?;
     let tables = Tables::read(&Spec::new(&spec, "observer")?, setting)?;
     let held = tables.held(&lengths).into_iter();

@@ -44,6 +44,11 @@ from hgo_rs.exports import FMI, LANGUAGES, PERIODS, export
     metavar="NAME=UNIT",
     help="Unit of a variable of an FMU, such as w=rad/s; may be repeated.",
 )
+@click.option(
+    "--fixed-dt",
+    type=float,
+    help="Length of every period [s]: gains are constants, and the functions take no dt.",
+)
 def export_command(
     config: Path,
     to: str,
@@ -54,6 +59,7 @@ def export_command(
     periods: int,
     fmi_version: str | None,
     units: tuple[str, ...],
+    fixed_dt: float | None,
 ) -> int:
     """Write the observer of CONFIG, an observer.toml, as source code that needs nothing else.
 
@@ -68,10 +74,11 @@ def export_command(
         out=out,
         name=name,
         precision=precision,
-        dt=told.log.get("dt") if dt is None else dt,
+        dt=told.log.get("dt") if dt is None and fixed_dt is None else dt,
         periods=periods,
         version=fmi_version,
         units=dict(map(_unit, units)) or None,
+        fixed_dt=fixed_dt,
     )
     folder = out.parent if files == [out] else out
     names = ", ".join(str(file.relative_to(folder)) for file in files)

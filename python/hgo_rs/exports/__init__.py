@@ -37,6 +37,7 @@ def export(
     log: Log | None = None,
     version: str | None = None,
     units: Mapping[str, str] | None = None,
+    fixed_dt: float | None = None,
 ) -> list[Path]:
     """Write an observer as a self-contained program; return the files.
 
@@ -73,9 +74,12 @@ def export(
     Raises
     ------
     HgoError
-        An unknown language or precision, a name that is no identifier, a missing `dt`, a law that
-        is no table of operations, a folder that cannot be written; `version` or `units` of what is
-        no FMU, or a unit of an unknown name.
+        An unknown language or precision, a name that is no identifier, a missing `dt`, a
+        `fixed_dt` that is no period or beside another `dt`, a log at other times, a law that is no
+        table of operations, a folder that cannot be written; `version` or `units` of what is no
+        FMU, or a unit of an unknown name; `fixed_dt` of an FMU, whose steps are its master's.
+    DesignError
+        A `fixed_dt` at or beyond the limit of a stable step, as in `run`.
 
     Warns
     -----
@@ -92,6 +96,7 @@ def export(
         log=log,
         version=version,
         units=units,
+        fixed_dt=fixed_dt,
     )
     folder = Path(out)
     contents = {file: text.encode() for file, text in texts.items()}
@@ -128,12 +133,16 @@ def sources(
     log: Log | None = None,
     version: str | None = None,
     units: Mapping[str, str] | None = None,
+    fixed_dt: float | None = None,
 ) -> dict[str, str]:
     """The files of `export` as texts, by their names; of an FMU, the texts in it."""
     check_choice("to", to, LANGUAGES)
     for word, value in (("version", version), ("units", units)):
         if value is not None and to != "fmu":
             raise HgoError(explain(word, value, 'left out but with to="fmu"', f"leave {word} out"))
+    if fixed_dt is not None and to == "fmu":
+        allowed = 'left out with to="fmu": the master of an FMU tells the length of its steps'
+        raise HgoError(explain("fixed_dt", fixed_dt, allowed, "give dt="))
     if version is not None:
         check_choice("version", version, FMI)
     check_choice("precision", precision, ("double", "single"))
@@ -141,7 +150,15 @@ def sources(
     if dt is not None:
         check_number(dt, "dt", above=0.0)
     check_integer(periods, "periods", least=1, most=256)
-    described = program(observer, name=name, precision=precision, dt=dt, periods=periods, log=log)
+    described = program(
+        observer,
+        name=name,
+        precision=precision,
+        dt=dt,
+        periods=periods,
+        log=log,
+        fixed_dt=fixed_dt,
+    )
     if to == "fmu":
         from hgo_rs.exports import fmu
 

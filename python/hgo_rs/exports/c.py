@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from itertools import compress
 
 from hgo_rs import _core
 from hgo_rs.exports.expressions import C, Written
@@ -85,7 +86,8 @@ def _signature(program: Program, verb: str, moves: tuple[Move, ...]) -> str:
     # a time of hours in steps of milliseconds needs more digits than a float has
     types = {"t": "double"}
     given = [f"{types.get(word, real)}\0{word}" for word in program.arguments(*moves)]
-    line = wrapped(f"int {name}_{verb}(", f"{name}_state\0*state, {', '.join(given)})")
+    words = ", ".join([f"{name}_state\0*state", *given])
+    line = wrapped(f"int {name}_{verb}(", f"{words})")
     return line.replace("\0", " ")
 
 
@@ -93,6 +95,7 @@ def _header(program: Program) -> str:
     name, real = program.name, _real(program)
     fields = [f"    {real} {f.name}; {_comment(f.meaning)}" for f in program.memory]
     fields += [f"    {real} {f.name}; {_comment(f.meaning)}" for f in program.parameters]
+    fields += [f"    int {f.name}; {_comment(f.meaning)}" for f in program.counters]
     if program.is_current:
         fields.append(f"    int {program.words.started}; {_comment('0 until the first sample')}")
     codes = ",\n".join(
@@ -104,7 +107,7 @@ def _header(program: Program) -> str:
     )
     if program.is_current:
         functions += f"\n\n{_comment(_loop(program))}"
-    if program.periods is not None:
+    if program.periods is not None and not program.counters:
         functions += f"\n\n{_comment(program.told_count)}\n{_count(program)};"
     return f"""\
 {_comment(program.description)}
@@ -187,6 +190,7 @@ def _source(program: Program) -> str:
         f"    state->{f.name} = {C.literal(f.value, program.precision)};"
         for f in (*program.memory, *program.parameters)
     ]
+    values += [f"    state->{f.name} = {f.value:.0f};" for f in program.counters]
     if program.is_current:
         values.append(f"    state->{program.words.started} = 0;")
     parts.append(f"void {name}_init({name}_state *state)\n{{\n" + "\n".join(values) + "\n}\n")
@@ -208,6 +212,9 @@ def _held(program: Program) -> list[str]:
     """The gains that are held, and which of them are for a time."""
     if program.periods is None:
         return []
+    rows = [_rows(program, gains) for gains in program.gains]
+    if program.counters:
+        return rows
     real, precision = _real(program), program.precision
     fabs = "fabs" if real == "double" else "fabsf"
     dt, half, least, most, tolerance = (
@@ -222,7 +229,7 @@ def _held(program: Program) -> list[str]:
     return {fabs}(counted - ({real})nearest) <= {tolerance} * counted ? nearest : 0;
 }}
 """
-    return [*(_rows(program, gains) for gains in program.gains), count]
+    return [*rows, count]
 
 
 def _rows(program: Program, gains: Gains) -> str:
@@ -243,6 +250,14 @@ def _table(program: Program, gains: Gains) -> str:
 def _chosen(program: Program, gains: Gains) -> list[str]:
     """The row of the time that a correction is for."""
     real, zero = _real(program), C.literal(0.0, program.precision)
+    if program.periods and gains.counter:
+        known = f"isfinite({program.words.samples[gains.held.sample]})"
+        known += f" && {gains.since} <= {program.periods.most}"
+        return [
+            f"    const int {gains.since} = state->{gains.counter.name};",
+            f"    const int {gains.periods} = {known} ? {gains.since} : 0;",
+            f"    const {real} *const {gains.row} = {_table(program, gains)}[{gains.periods}];",
+        ]
     time = "dt"
     if gains.held.elapsed is not None:
         sample = program.words.samples[gains.held.sample]
@@ -267,25 +282,36 @@ def _move(program: Program, move: Move, text: Written) -> str:
     corrects = move is program.moves[0]
     for gains in program.gains if corrects else ():
         lines += _chosen(program, gains)
+    most = program.periods.most if program.periods else 0
+    for counter in () if corrects else program.counters:
+        count = f"state->{counter.name}"  # one more than gains are held for stands for any more
+        lines.append(wrapped(f"    {count} = ", f"{count} > {most} ? {count} : {count} + 1;"))
     lines += [wrapped(f"    const {real} {name} = ", f"{value};") for name, value in text.steps]
     idle = [word for word in arguments if word not in used and word not in program.words.samples]
     lines += [f"    (void){word};" for word in idle]
-    alone = len(set(text.outputs)) == 1
-    finite = " && ".join(f"isfinite({value})" for value in dict.fromkeys(text.outputs))
+    asked = dict.fromkeys(compress(text.outputs, move.moving))
+    alone = len(asked) == 1
+    finite = " && ".join(f"isfinite({value})" for value in asked)
     lines.append(wrapped("    if (!", f"{finite if alone else f'({finite})'}) {{"))
     for i in program.elapsed if move.verb == "predict" else ():
         value = text.outputs[i]
-        lines += [
-            f"        if (isfinite({value})) {{",
-            f"            state->{program.memory[i].name} = {value};",
-            "        }",
-        ]
+        kept = f"state->{program.memory[i].name} = {value};"
+        lines += (
+            [f"        if (isfinite({value})) {{", f"            {kept}", "        }"]
+            if move.moving[i]
+            else [f"        {kept}"]
+        )
     lines += [f"        return {up}_UNDEFINED;", "    }"]
     lines += [
         f"    state->{field.name} = {value};"
         for field, value in zip(program.memory, text.outputs, strict=True)
         if field.name != value
     ]
+    for gains in program.gains if corrects else ():
+        if gains.counter:
+            sample = program.words.samples[gains.held.sample]
+            kept = f"isfinite({sample}) ? 0 : {gains.since}"
+            lines.append(f"    state->{gains.counter.name} = {kept};")
     if move.verb == "correct":
         lines.append(f"    state->{program.words.started} = 1;")
     if program.gains and corrects:
@@ -304,9 +330,10 @@ def _both(program: Program) -> str:
     """The step of current timing: over the period that is over, then the sample."""
     name, up = program.name, program.name.upper()
     correct, predict = program.moves
-    end = "t + dt" if program.precision.name == "double" else "t + (double)dt"
+    dt = "dt" if program.fixed is None else C.literal(program.fixed, program.precision)
+    end = f"t + {dt}" if program.precision.name == "double" else f"t + (double){dt}"
     sample = [end if word == "t" else word for word in program.arguments(correct)]
-    call = f"{name}_predict(state, {', '.join(program.arguments(predict))})"
+    call = f"{name}_predict({', '.join(['state', *program.arguments(predict)])})"
     return "\n".join(
         [
             _signature(program, "step", program.moves),

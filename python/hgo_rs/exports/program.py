@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from hgo_rs import _core, laws
-from hgo_rs._version import __version__
 from hgo_rs.errors import HgoError, check
-from hgo_rs.exports.expressions import LENGTH, PLAIN, Dialect, Written, number, written
-from hgo_rs.exports.held import TOLERANCE, Held, Periods, held_gains
+from hgo_rs.exports.comment import description
+from hgo_rs.exports.expressions import LENGTH, Dialect, Written, number, written
+from hgo_rs.exports.held import TOLERANCE, Held, Periods, check_fixed, held_gains
 from hgo_rs.exports.names import Names, names_of_export
 from hgo_rs.exports.precision import PRECISIONS, Precision
-from hgo_rs.exports.table import graph
-from hgo_rs.exports.traced import Move, Traced, indexed, model_of, numbered_parameters
+from hgo_rs.exports.traced import Move, Traced, model_of
 from hgo_rs.exports.vector import OTHER_PERIOD, STATUS, Log, Recursion, Row, vector
+from hgo_rs.exports.words import (
+    ELAPSED,
+    SINCE,
+    UNUSED,
+    Words,
+    memory_words,
+    parameters_of,
+    words_of,
+)
 from hgo_rs.observers import Observer
 
 __all__ = ["PERIODS", "Field", "Gains", "Program", "Words", "program", "words_of", "wrapped"]
@@ -26,29 +32,7 @@ __all__ = ["PERIODS", "Field", "Gains", "Program", "Words", "program", "words_of
 PERIODS = 16
 """For how many periods gains are held, if nothing else is asked."""
 
-ELAPSED = "time that the next correction is for, s"
-SINCE = "time since that sample, s"
-UNUSED = "not used"
-"""Of entries of a memory that an export leaves out."""
-
-_LAWS = {
-    "standard": "x_i' = x_(i+1) + f_i(x, u, t) + g^i k_i e,  e = y - x_1",
-    "low-power": "x_i' = eta_(i+1) + alpha_i g e_i,  eta_(i+1)' = eta_(i+2) + beta_i g^2 e_i,\n"
-    "e_1 = y - x_1,  e_i = eta_i - x_i,  the chain ends in phi(x, u, t)",
-    "peaking-free": "x_i' = eta_(i+1) + alpha_i g e_i,  "
-    "eta_(i+1)' = sat(eta_(i+2)) + beta_i g^2 e_i,\n"
-    "e_1 = y - x_1,  e_i = sat(eta_i) - x_i,  the chain ends in phi(x, u, t)",
-    "sampled-data": "x(k+1) = x(k) + T f(x(k), u(k)) + K_T(x(k), y(k))",
-    "reduced-order": "z(k+1) = (I - T H) z(k) + T (H Psi(k) + f2(y(k), Psi(k), u(k))),\n"
-    "H = diag(h)/epsilon",
-}
-"""Laws in one or two lines."""
-
-
-def _law(kind: str) -> str:
-    """The law in one or two lines, or its name and its source."""
-    row = laws.LAWS.get(kind)
-    return _LAWS.get(kind, f"{row.title}: {row.source}" if row else "")
+COUNT = "sampling periods since the last sample used"
 
 
 @dataclass(frozen=True)
@@ -58,20 +42,6 @@ class Field:
     name: str
     meaning: str
     value: float
-
-
-@dataclass(frozen=True)
-class Words:
-    """Identifiers: the user's words where they are free."""
-
-    memory: tuple[str, ...]
-    samples: tuple[str, ...]
-    controls: tuple[str, ...]
-    parameters: tuple[str, ...]
-    started: str
-    """Whether a sample was taken, which current timing knows."""
-    renamed: tuple[str, ...]
-    """What is told of the user's words that could not stay."""
 
 
 @dataclass(frozen=True)
@@ -85,14 +55,21 @@ class Gains:
     """The row of the time that a correction is for."""
     periods: str
     """How many periods that is."""
+    counter: Field | None = None
+    """The state's count of periods since the last sample used, where the period is fixed."""
+    since: str = ""
+    """What it was before the correction."""
 
     @classmethod
-    def of(cls, held: Held, move: Move, names: Names) -> Gains:
+    def of(cls, held: Held, move: Move, names: Names, counter: Field | None) -> Gains:
         """Of the move that corrects."""
         used = move.used
         columns = tuple(i for i, name in enumerate(held.named(0)) if name in used)
         number = f"_{held.number}" if held.number else ""
-        return cls(held, columns, names.local(f"gains{number}"), names.local(f"periods{number}"))
+        row = names.local(f"gains{number}")
+        periods = names.local(f"{'row' if counter else 'periods'}{number}")
+        since = names.local(f"since{number}") if counter else ""
+        return cls(held, columns, row, periods, counter, since)
 
     @property
     def rows(self) -> list[tuple[float, ...]]:
@@ -131,6 +108,8 @@ class Program:
     gains: tuple[Gains, ...] = ()
     closes: bool = False
     """Whether a sample closes the period before it: the estimate moves then."""
+    fixed: float | None = None
+    """The length of every period [s], if it is fixed."""
 
     @property
     def is_current(self) -> bool:
@@ -156,6 +135,11 @@ class Program:
         return {"t": "t", LENGTH: "dt", **named}
 
     @property
+    def counters(self) -> tuple[Field, ...]:
+        """Counts of periods, whole numbers of the state."""
+        return tuple(gains.counter for gains in self.gains if gains.counter)
+
+    @property
     def statuses(self) -> tuple[str, ...]:
         """What a call may give."""
         return STATUS if self.gains else STATUS[:OTHER_PERIOD]
@@ -179,7 +163,7 @@ class Program:
         at = any("t" in move.used for move in self.moves)
         if not self.is_current:
             taken = f"{sample} and {control}" if control else sample
-            return f"Take {taken} at time t [s]; advance by dt [s]{self._told_times('dt')}."
+            return f"Take {taken} at time t [s]; advance by {self._length}{self._told_times('dt')}."
         if verb == "correct":
             told = (
                 f"Take {sample} of now: the estimate is then that of now. The correction is for "
@@ -192,13 +176,20 @@ class Program:
         if verb == "predict":
             begins = f", from time t [s]{under}" if at else under
             then = " The estimate moves when a sample closes the period." if self.closes else ""
-            return f"Move over the period of length dt [s] that begins now{begins}.{then}"
-        belong = [*self.words.controls, "dt [s]", "t [s], the time of its beginning,"]
+            of = "length dt [s]" if self.fixed is None else self._length
+            return f"Move over the period of {of} that begins now{begins}.{then}"
+        length = ["dt [s]"] * (self.fixed is None)
+        belong = [*self.words.controls, *length, "t [s], the time of its beginning,"]
         return (
             f"One call a sample: predict over the period that has just ended, then correct by "
             f"{sample} of now. {_and(belong)} to the period that has ended; the first call only "
             "corrects and does not use them."
         )
+
+    @property
+    def _length(self) -> str:
+        """The length of a period."""
+        return "dt [s]" if self.fixed is None else f"{number(self.fixed, self.precision)} s"
 
     def _told_times(self, which: str) -> str:
         """For which times there are corrections."""
@@ -209,11 +200,7 @@ class Program:
     @property
     def told_periods(self) -> str:
         """The times that gains are held for."""
-        if self.periods is None:
-            return "any"
-        dt, most = self.periods.dt, self.periods.most
-        length = f"{number(dt, self.precision)} s"
-        return f"1 to {most} periods of {length}" if most > 1 else f"one period of {length}"
+        return _told_periods(self.periods)
 
     @property
     def told_count(self) -> str:
@@ -230,7 +217,10 @@ class Program:
             condition = f"{gains.periods} == 0"
             if gains.held.elapsed is not None:
                 sample = finite.format(self.words.samples[gains.held.sample])
-                condition += f" && {sample} && {self.memory[gains.held.elapsed].name} > {zero}"
+                if gains.counter:
+                    condition += f" && {sample} && {gains.since} > 0"
+                else:
+                    condition += f" && {sample} && {self.memory[gains.held.elapsed].name} > {zero}"
             conditions.append(condition)
         held_in = "({})" if len(conditions) > 1 and self.is_current else "{}"
         return " || ".join(map(held_in.format, conditions))
@@ -260,6 +250,7 @@ def program(
     dt: float | None = None,
     periods: int = PERIODS,
     log: Log | None = None,
+    fixed_dt: float | None = None,
 ) -> Program:
     """An observer as a program, its moves traced by the core.
 
@@ -271,6 +262,8 @@ def program(
         Sampling period, for gains that are held, the comment and the made-up samples [s].
     periods : int
         For how many periods at most gains are held.
+    fixed_dt : float, optional
+        The length of every period [s]: no argument then, and what depends on it is constant.
     """
     spec, current = observer.spec, observer._core.is_current
     if model_of(spec).get("table", {}) is None:
@@ -279,24 +272,33 @@ def program(
             " operations; write its equations as expressions"
         )
     real = PRECISIONS[precision]
-    times, held = held_gains(spec, real, dt, periods)
+    fixed = None if fixed_dt is None else check_fixed(observer, real, fixed_dt, dt)
+    times, held = held_gains(spec, real, dt, periods, fixed)
     if precision == "single":
         _check_single(observer)
-    entries = _memory_words(observer)
+    entries = memory_words(observer)
     memory = [i for i, (_, meaning) in enumerate(entries) if meaning != UNUSED]
     verbs = ("correct", "predict") if current else ("step",)
-    traced = {verb: Traced.of(spec, verb, precision, memory) for verb in verbs}
-    moves = tuple(of.move() for of in traced.values())
+    traced = {verb: Traced.of(spec, verb, precision, memory, fixed) for verb in verbs}
+    # the time of a correction whose periods are counted is no number of the state
+    counted = [of.elapsed for of in held if of.elapsed is not None and fixed is not None]
+    kept = [i for i in memory if i not in counted]
+    moves = tuple(
+        (Traced.of(spec, verb, precision, kept, fixed) if counted else of).move(counted)
+        for verb, of in traced.items()
+    )
     names = Names(names_of_export(name))
-    words = words_of(observer, names)
-    words = replace(words, memory=tuple(words.memory[i] for i in memory))
-    meanings = [entries[i][1] for i in memory]
-    elapsed = tuple(i for i, told in enumerate(meanings) if told.startswith((ELAPSED, SINCE)))
-    parameters = _parameters(spec)
+    words = words_of(observer, names, counted)
+    counters: dict[int | None, Field] = {
+        i: _counter(observer, i, words.memory[i], times) for i in counted
+    }
+    words = replace(words, memory=tuple(words.memory[i] for i in kept))
+    meanings = [entries[i][1] for i in kept]
+    parameters = parameters_of(spec)
     return Program(
         name,
         real,
-        tuple(map(Field, words.memory, meanings, map(float, observer.memory[memory]))),
+        tuple(map(Field, words.memory, meanings, map(float, observer.memory[kept]))),
         tuple(
             Field(word, "parameter" if word == own else f"parameter {own}", value)
             for word, (own, value) in zip(words.parameters, parameters, strict=True)
@@ -304,8 +306,8 @@ def program(
         words,
         names,
         moves,
-        elapsed,
-        _description(observer, precision, dt, times, words),
+        _times(entries, kept),
+        description(observer, precision, dt, times, words, fixed),
         vector(
             Recursion(
                 observer,
@@ -315,24 +317,57 @@ def program(
                 real,
                 times,
                 held,
-                elapsed,
+                _times(entries, memory),
+                [memory.index(i) for i in kept],
+                fixed,
             ),
             log,
-            dt or _period(observer),
+            fixed or dt or _period(observer),
         ),
         times,
-        tuple(Gains.of(chain, moves[0], names) for chain in held),
+        tuple(Gains.of(chain, moves[0], names, counters.get(chain.elapsed)) for chain in held),
         spec["kind"] == "reduced-order",
+        fixed,
     )
+
+
+def _times(entries: Sequence[tuple[str, str]], memory: Sequence[int]) -> tuple[int, ...]:
+    """Where what is written of the memory holds times."""
+    return tuple(
+        place for place, i in enumerate(memory) if entries[i][1].startswith((ELAPSED, SINCE))
+    )
+
+
+def _counter(observer: Observer, entry: int, word: str, times: Periods | None) -> Field:
+    """The count of periods in the place of a time of the memory."""
+    elapsed = float(observer.memory[entry])
+    count = times.count(elapsed) if times else 0
+    check(
+        count > 0 or elapsed == 0.0,
+        "observer.memory",
+        elapsed,
+        f"0 or {_told_periods(times)} in entry {entry}, the time since the last sample used",
+        "export after a sample was used, or after observer.reset()",
+    )
+    return Field(word, COUNT, count)
+
+
+def _told_periods(periods: Periods | None) -> str:
+    """The times that gains are held for."""
+    if periods is None:
+        return "any"
+    length = f"{number(periods.dt, periods.precision)} s"
+    most = periods.most
+    return f"1 to {most} periods of {length}" if most > 1 else f"one period of {length}"
 
 
 def _check_single(observer: Observer) -> None:
     """Refuse numbers that single precision does not hold."""
     real, spec = PRECISIONS["single"].real, observer.spec
-    given = [(f"parameter {word}", value) for word, value in _parameters(spec)]
+    given = [(f"parameter {word}", value) for word, value in parameters_of(spec)]
     given += [
         (f"memory {word}", float(value))
-        for (word, _), value in zip(_memory_words(observer), observer.memory, strict=True)
+        for (word, _), value in zip(memory_words(observer), observer.memory, strict=True)
     ]
     table = model_of(spec).get("table", {})
     given += [("a constant of the model", float(value)) for value in table.get("constants", ())]
@@ -344,37 +379,6 @@ def _check_single(observer: Observer) -> None:
         check(
             not lost, what, value, "within the range of single precision, 1.4e-45 to 3.4e38", remedy
         )
-
-
-def words_of(observer: Observer, names: Names | None = None) -> Words:
-    """Identifiers of memory, samples, inputs and parameters."""
-    names = Names() if names is None else names
-    memory = [word for word, _ in _memory_words(observer)]
-    controls = _controls(observer)
-    parameters = [word for word, _ in _parameters(observer.spec)]
-    n, n_u, n_p = observer.n, len(controls), len(parameters)
-    samples = ["y"] if observer.n_y == 1 else _numbered("y", observer.n_y)
-    users = [("state", word) for word in memory[:n]]
-    users += [("input", word) for word in controls]
-    users += [("parameter", word) for word in parameters]
-    ours = [("memory", word) for word in [*memory[n:], "started"]]
-    ours += [("sample", word) for word in samples]
-    found = names.several([(word, role) for role, word in users + ours])
-    renamed = [
-        f"{role} {word} is called {new}"
-        for (role, word), new in zip(users, found, strict=False)
-        if new != word
-    ]
-    rest = found[n + n_u + n_p :]
-    at = len(memory) - n
-    return Words(
-        (*found[:n], *rest[:at]),
-        tuple(rest[at + 1 :]),
-        tuple(found[n : n + n_u]),
-        tuple(found[n + n_u : n + n_u + n_p]),
-        rest[at],
-        tuple(renamed),
-    )
 
 
 def wrapped(head: str, text: str) -> str:
@@ -401,66 +405,6 @@ def _list(what: str, words: Sequence[str]) -> str:
     return f"the {what}{plural} {', '.join(words)}" if words else ""
 
 
-def _numbered(word: str, count: int) -> list[str]:
-    return [f"{word}{i + 1}" for i in range(count)]
-
-
-def _own_names(spec: Mapping[str, Any]) -> Mapping[str, Sequence[str]]:
-    """The user's names of states, inputs and parameters."""
-    return dict(model_of(spec).get("names") or {})
-
-
-def _parameters(spec: Mapping[str, Any]) -> list[tuple[str, float]]:
-    model = model_of(spec)
-    if model.get("kind") != "own":
-        return []
-    values = [float(value) for value in model.get("parameters", ())]
-    return list(zip(_own_names(spec).get("parameters", ()), values, strict=True))
-
-
-def _memory_words(observer: Observer) -> list[tuple[str, str]]:
-    """A name and a meaning for every entry of the memory."""
-    n, spec = observer.n, observer.spec
-    states = list(_own_names(spec).get("states", ()))
-    if len(states) < n:
-        states = _numbered("z" if spec["kind"] == "reduced-order" else "x", n)
-    states = states[-n:]
-    words = [(word, f"estimate of {word}") for word in states]
-    count = len(observer.memory) - n
-    if spec["kind"] == "reduced-order":
-        n_y, n_u = observer.n_y, observer.n_u
-        words += [(f"last_{word}", "last sample") for word in _numbered("y", n_y)]
-        words += [(f"held_{word}", "input since then") for word in _numbered("u", n_u)]
-        unused = len(observer.memory) - 2 - len(words)
-        words += [(word, UNUSED) for word in _numbered("unused", unused)]
-        return [*words, ("elapsed", SINCE), ("period", "length of the period since then, s")]
-    if spec["kind"] != "chains":
-        return words + _rest_of(spec, states, count)
-    for i, chain in enumerate(spec["observers"], start=1):
-        of_chain, states = states[: chain["n"]], states[chain["n"] :]
-        rest = _rest_of(chain, of_chain, _core.Observer(chain).memory_len - chain["n"])
-        words += [(f"{word}_{i}", f"{meaning} (output {i})") for word, meaning in rest]
-    return words
-
-
-def _rest_of(spec: Mapping[str, Any], states: Sequence[str], count: int) -> list[tuple[str, str]]:
-    """The entries, `count` in number, that a continuous law remembers behind its estimates."""
-    words = []
-    if spec["kind"] in ("low-power", "peaking-free"):
-        words += [(f"eta_{word}", f"auxiliary state, follows {word}") for word in states[1:]]
-    gain = spec.get("gain")
-    if isinstance(gain, Mapping) and gain["law"] != "constant":
-        words.append(("r", "gain"))
-    last = [("elapsed", ELAPSED)] if spec.get("timing") == "current" else []
-    rest = range(len(words), count - len(last))
-    return words + [(f"z{len(states) + i + 1}", "auxiliary state") for i in rest] + last
-
-
-def _controls(observer: Observer) -> list[str]:
-    own = _own_names(observer.spec).get("inputs")
-    return list(own or (["u"] if observer.n_u == 1 else _numbered("u", observer.n_u)))
-
-
 def _period(observer: Observer) -> float:
     """A step that is surely stable."""
     try:
@@ -468,78 +412,3 @@ def _period(observer: Observer) -> float:
     except HgoError:
         return 1e-3
     return period if np.isfinite(period) else 1e-3  # zoh and bilinear are stable at any step
-
-
-# --- the comment ------------------------------------------------------------------------------
-
-
-def _description(
-    observer: Observer, precision: str, dt: float | None, periods: Periods | None, words: Words
-) -> str:
-    """Equations and settings, a paragraph a line."""
-    spec = observer.spec
-    lines = [f"{spec['kind'].capitalize()} observer of order {observer.n}."]
-    lines += _law(spec["kind"]).splitlines()
-    lines += _equations(spec)
-    lines.append("")
-    for key, value in spec.items():
-        if key not in ("kind", "n", "model", "timing"):
-            lines.append(f"{key}: {_shown(value)}")
-        if key == "k":
-            roots = np.sort_complex(np.roots([1.0, *value]))
-            lines.append(f"poles at gain 1: {', '.join(map(_pole, roots))}")
-    model = model_of(spec)
-    if model:
-        hidden = ("table", "names", "n", "n_u", "parameters")
-        lines.append(f"model: {_shown({k: v for k, v in model.items() if k not in hidden})}")
-        lines += [f"{name} = {value!r}" for name, value in _parameters(spec)]
-        lines += words.renamed
-    current = observer._core.is_current
-    lines.append(
-        "timing: current, the estimate after a step is that at its sample"
-        if current
-        else "timing: predictor, the estimate after a step is that at the next sample"
-    )
-    lines.append(f"sampling: {f'{dt:g} s' if dt is not None else 'dt is given at every step'}")
-    if periods is not None:
-        lines.append(f"corrections: for times of 1 to {periods.most} sampling periods")
-    lines.append(f"precision: {precision}")
-    lines.append(f"written by hgo_rs {__version__}")
-    return "\n".join(lines)
-
-
-def _pole(root: complex) -> str:
-    return f"{root:.6g}" if root.imag else f"{root.real:.6g}"
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_shown(inner)}" for key, inner in value.items())
-    if isinstance(value, (list, tuple)):
-        return ", ".join(_shown(inner) for inner in value)
-    return repr(value) if isinstance(value, float) else str(value)
-
-
-def _equations(spec: Mapping[str, Any]) -> list[str]:
-    """An own model's equations, from its table; its inputs are called x[0], u[0] and so on."""
-    model = model_of(spec)
-    if model.get("kind") != "own":
-        return []
-    table, own = model["table"], model["names"]
-    outputs = table.get("output_names") or [f"f{i + 1}" for i in range(len(table["outputs"]))]
-    known = {f"u[{i}]": word for i, word in enumerate(own["inputs"])}
-    n = model.get("n", 0)
-    for i, word in enumerate(own["states"]):
-        known |= {f"x[{i}]": word, f"z[{i - n}]": word}
-    table = model_of(numbered_parameters(spec))["table"]
-    known |= dict(zip(indexed("p", len(own["parameters"])), own["parameters"], strict=True))
-    given = {word: known.get(word, word) for word in table["inputs"]}
-    text = written(graph(table, "double"), given, outputs, Names(given.values()), PLAIN, "double")
-    lines = [f"{name} = {value}" for name, value in text.steps]
-    named = {name for name, _ in text.steps}
-    lines += [
-        f"{name} = {value}"
-        for name, value in zip(outputs, text.outputs, strict=True)
-        if value not in named
-    ]
-    return lines

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from itertools import compress
 
 from hgo_rs import _core
 from hgo_rs.exports.expressions import RUST, Written
@@ -131,6 +132,9 @@ def _library(program: Program) -> str:
         f"            {field.name}: {RUST.literal(field.value, program.precision)},"
         for field in (*program.memory, *program.parameters)
     ]
+    for counter in program.counters:
+        fields.append(f"    /// {_sentence(counter.meaning)}\n    pub {counter.name}: usize,")
+        values.append(f"            {counter.name}: {counter.value:.0f},")
     if program.is_current:
         fields.append(
             f"    /// Whether a sample was taken.\n    pub {program.words.started}: bool,"
@@ -202,7 +206,7 @@ def _rows(program: Program, gains: Gains) -> str:
 
 def _count(program: Program) -> list[str]:
     """The function that counts periods."""
-    if program.periods is None:
+    if program.periods is None or program.counters:
         return []
     real, precision = program.precision.rust, program.precision
     dt, half, most, tolerance = (
@@ -226,16 +230,22 @@ def _count(program: Program) -> list[str]:
 
 def _chosen(program: Program, gains: Gains) -> list[str]:
     """The row of the time that a correction is for."""
+    table = _table(gains)
+    row = f"        let {gains.row} = {table}.get({gains.periods}).unwrap_or(&{table}[0]);"
+    if program.periods and gains.counter:
+        known = f"{program.words.samples[gains.held.sample]}.is_finite()"
+        known += f" && {gains.since} <= {program.periods.most}"
+        return [
+            f"        let {gains.since} = self.{gains.counter.name};",
+            f"        let {gains.periods} = if {known} {{ {gains.since} }} else {{ 0 }};",
+            row,
+        ]
     time = "dt"
     if gains.held.elapsed is not None:
         sample = program.words.samples[gains.held.sample]
         elapsed = program.memory[gains.held.elapsed].name
         time = f"if {sample}.is_finite() {{ {elapsed} }} else {{ 0.0 }}"
-    table = _table(gains)
-    return [
-        f"        let {gains.periods} = Self::periods({time});",
-        f"        let {gains.row} = {table}.get({gains.periods}).unwrap_or(&{table}[0]);",
-    ]
+    return [f"        let {gains.periods} = Self::periods({time});", row]
 
 
 def _sentence(text: str) -> str:
@@ -252,7 +262,8 @@ def _head(program: Program, verb: str, moves: tuple[Move, ...]) -> str:
     real, types = program.precision.rust, {"t": "f64"}
     given = [f"{word}: {types.get(word, real)}" for word in program.arguments(*moves)]
     told = _doc(program.told(verb), "    ///")
-    signature = wrapped(f"    pub fn {verb}(&mut self, ", f"{', '.join(given)}) -> Status {{")
+    head = f"    pub fn {verb}(&mut self{', ' if given else ''}"
+    signature = wrapped(head, f"{', '.join(given)}) -> Status {{")
     return f"\n{told}\n{signature}"
 
 
@@ -272,23 +283,38 @@ def _move(program: Program, move: Move, text: Written) -> str:
     corrects = move is program.moves[0]
     for gains in program.gains if corrects else ():
         lines += _chosen(program, gains)
+    most = program.periods.most if program.periods else 0
+    for counter in () if corrects else program.counters:
+        # one more than gains are held for stands for any more
+        lines.append(f"        self.{counter.name} = (self.{counter.name} + 1).min({most + 1});")
     lines += [wrapped(f"        let {name} = ", f"{value};") for name, value in text.steps]
-    alone = len(set(text.outputs)) == 1
-    finite = " && ".join(f"{real}::is_finite({value})" for value in dict.fromkeys(text.outputs))
+    asked = dict.fromkeys(compress(text.outputs, move.moving))
+    alone = len(asked) == 1
+    finite = " && ".join(f"{real}::is_finite({value})" for value in asked)
     lines.append(wrapped("        if !", f"{finite if alone else f'({finite})'} {{"))
     for i in program.elapsed if move.verb == "predict" else ():
         value = text.outputs[i]
-        lines += [
-            f"            if {real}::is_finite({value}) {{",
-            f"                self.{program.memory[i].name} = {value};",
-            "            }",
-        ]
+        kept = f"self.{program.memory[i].name} = {value};"
+        lines += (
+            [
+                f"            if {real}::is_finite({value}) {{",
+                f"                {kept}",
+                "            }",
+            ]
+            if move.moving[i]
+            else [f"            {kept}"]
+        )
     lines += ["            return Status::Undefined;", "        }"]
     lines += [
         f"        self.{field.name} = {value};"
         for field, value in zip(program.memory, text.outputs, strict=True)
         if field.name != value
     ]
+    for gains in program.gains if corrects else ():
+        if gains.counter:
+            sample = program.words.samples[gains.held.sample]
+            kept = f"if {sample}.is_finite() {{ 0 }} else {{ {gains.since} }}"
+            lines.append(f"        self.{gains.counter.name} = {kept};")
     if move.verb == "correct":
         lines.append(f"        self.{program.words.started} = true;")
     if program.gains and corrects:
@@ -307,7 +333,8 @@ def _move(program: Program, move: Move, text: Written) -> str:
 def _both(program: Program) -> str:
     """The step of current timing: over the period that is over, then the sample."""
     correct, predict = program.moves
-    end = "t + dt" if program.precision.name == "double" else "t + f64::from(dt)"
+    dt = "dt" if program.fixed is None else RUST.literal(program.fixed, program.precision)
+    end = f"t + {dt}" if program.precision.name == "double" else f"t + f64::from({dt})"
     sample = [end if word == "t" else word for word in program.arguments(correct)]
     call = f"self.predict({', '.join(program.arguments(predict))})"
     started = f"self.{program.words.started}"
@@ -382,7 +409,8 @@ def _main(program: Program) -> str:
     places = [*program.words.samples, *program.words.controls]
     arguments = program.arguments(*program.moves)
     given = ", ".join(f"given[{places.index(w)}]" if w in places else w for w in arguments)
-    row = f"given, {'t' if 't' in arguments else '_'}, dt, status, expected"
+    t, dt = (word if word in arguments else "_" for word in ("t", "dt"))
+    row = f"given, {t}, {dt}, status, expected"
     memory = ", ".join(f"state.{field.name}" for field in program.memory)
     words = ", ".join(f'"{field.name}"' for field in program.memory)
     return f"""\

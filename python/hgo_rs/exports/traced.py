@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs import _core
+from hgo_rs.errors import HgoError
 from hgo_rs.exports.table import Graph, graph
 
 __all__ = ["Move", "Traced", "indexed", "model_of", "numbered_parameters"]
@@ -37,6 +38,11 @@ class Move:
         """The inputs that the outputs need."""
         return {term.name for term in self.graph.terms if term.kind == "input"}
 
+    @property
+    def moving(self) -> list[bool]:
+        """For each output whether it is more than a constant."""
+        return [self.graph.terms[output].kind != "constant" for output in self.graph.outputs]
+
     def takes(self, kind: str) -> bool:
         """Whether samples (y), inputs (u), t or dt are among the table's inputs."""
         return any(name.split("[")[0] == kind for name in self.inputs)
@@ -53,14 +59,26 @@ class Traced:
 
     @classmethod
     def of(
-        cls, spec: Mapping[str, Any], verb: str, precision: str, memory: Sequence[int]
+        cls,
+        spec: Mapping[str, Any],
+        verb: str,
+        precision: str,
+        memory: Sequence[int],
+        fixed: float | None = None,
     ) -> Traced:
-        """The move `verb` of an observer, over these entries of its memory; the others are 0."""
+        """The move `verb` of an observer, over these entries of its memory; the others are 0.
+
+        With a `fixed` period [s] its length is no input: what depends on it is constant.
+        """
         spec, single = numbered_parameters(spec), precision == "single"
         kept = {f"z[{entry}]": f"z[{i}]" for i, entry in enumerate(memory)}
+        # with predictor timing every correction is for the fixed period
+        how: dict[str, Any] = {"gains": "held"}
+        if fixed is not None:
+            how = {"fixed_dt": fixed, **({"dt": fixed} if verb == "step" else {"gains": "given"})}
 
         def table(missing: bool) -> dict[str, Any]:
-            given = _core.trace_step(spec, single, missing=missing, part=verb, held=True)
+            given = _core.trace_step(spec, single, missing=missing, part=verb, **how)
             inputs = [
                 kept.get(name, f"{_UNUSED}{name}") if name.startswith("z[") else name
                 for name in given["inputs"]
@@ -80,15 +98,25 @@ class Traced:
         names = self.with_sample["inputs"]
         return tuple(name for name in names if not name.startswith(_UNUSED))
 
-    def move(self) -> Move:
-        """What of it is written."""
+    def move(self, counted: Sequence[int] = ()) -> Move:
+        """What of it is written. Entries of the whole memory that are `counted` elsewhere, times,
+        must not be needed.
+        """
         zeros = {name: 0.0 for name in self.with_sample["inputs"] if name.startswith(_UNUSED)}
+        for entry in counted:
+            zeros.pop(f"{_UNUSED}z[{entry}]", None)
         samples = [name for name in self.inputs if name.startswith("y[")]
         missing = self.without if samples else None
         made = graph(
             self.with_sample, self.precision, missing=missing, samples=samples, constant=zeros
         )
-        return Move(self.verb, made, self.inputs)
+        move = Move(self.verb, made, self.inputs)
+        if any(name.startswith(_UNUSED) for name in move.used):
+            raise HgoError(
+                f"fixed_dt: {self.verb} of this law needs the time since the last sample itself; "
+                "export with dt="
+            )
+        return move
 
     def evaluate(self, numbers: Mapping[str, Array], values: Mapping[str, float]) -> Array:
         """The memory after the move, for numbers by their letter and other inputs by their name."""

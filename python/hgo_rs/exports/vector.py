@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, check
 from hgo_rs.exports.expressions import LENGTH
-from hgo_rs.exports.held import Held, Periods
+from hgo_rs.exports.held import TOLERANCE, Held, Periods
 from hgo_rs.exports.precision import Precision
 from hgo_rs.exports.traced import Traced
 from hgo_rs.observers import Observer
@@ -46,13 +46,17 @@ class Recursion:
     observer: Observer
     traced: Mapping[str, Traced]
     memory: Sequence[int]
-    """Entries of the observer's memory that are written."""
+    """Entries of the observer's memory that are used."""
     parameters: Sequence[float]
     precision: Precision
     periods: Periods | None
     held: tuple[Held, ...]
     elapsed: tuple[int, ...]
-    """Where what is written of the memory holds times."""
+    """Where these entries hold times."""
+    shown: Sequence[int]
+    """Which of them stand in a row."""
+    fixed: float | None
+    """The length of every period [s], if it is fixed."""
 
     @property
     def is_current(self) -> bool:
@@ -134,9 +138,9 @@ def vector(moves: Recursion, log: Log | None, period: float) -> tuple[Row, ...]:
     """Steps over a log, or over samples made up for this period [s]."""
     real = moves.precision.real
     if log is None:
-        t, steps, y, u = _made_up(moves.observer, period, moves.periods)
+        t, steps, y, u = _made_up(moves.observer, period, moves.periods, moves.fixed)
     else:
-        t, steps, y, u = _given(moves.observer, log)
+        t, steps, y, u = _given(moves.observer, log, moves.fixed)
     y, u = y.astype(real).astype(float), u.astype(real).astype(float)
     rows: list[Row] = []
     memory: Array = np.asarray(moves.observer.memory, dtype=float)[moves.memory]
@@ -159,19 +163,23 @@ def vector(moves: Recursion, log: Log | None, period: float) -> tuple[Row, ...]:
                 status = OTHER_PERIOD
             after = moves.moved(verb, memory, y[k], u[i], now, dt)
         memory, status = (after, status) if np.isfinite(after).all() else (memory, UNDEFINED)
-        sample, control, moved_to = (tuple(v.tolist()) for v in (y[k], u[i], memory))
+        shown = memory[moves.shown]
+        sample, control, moved_to = (tuple(v.tolist()) for v in (y[k], u[i], shown))
         rows.append(Row(at, dt, sample, control, status, moved_to))
     return tuple(rows)
 
 
 def _made_up(
-    observer: Observer, period: float, periods: Periods | None
+    observer: Observer, period: float, periods: Periods | None, fixed: float | None
 ) -> tuple[Any, Any, Any, Any]:
     """100 samples of slow sines at uneven times, with a gap; where gains are held at even ones,
-    with a period of double length and one that is no whole number of them.
+    with a period of double length and one that is no whole number of them; at even ones where the
+    period is fixed.
     """
     k = np.arange(101.0)
-    if periods is None:
+    if fixed is not None:
+        t, steps = fixed * k, np.full(100, fixed)
+    elif periods is None:
         t = period * (k + 0.2 * np.sin(k))
         steps = np.diff(t)
     else:
@@ -186,9 +194,19 @@ def _made_up(
     return t, steps, y, u
 
 
-def _given(observer: Observer, log: Log) -> tuple[Any, Any, Any, Any]:
+def _given(observer: Observer, log: Log, fixed: float | None) -> tuple[Any, Any, Any, Any]:
     t, y, u = (np.asarray(values, dtype=float) for values in log)
     y, u = y.reshape(len(t), observer.n_y), u.reshape(len(t), observer.n_u)
     steps = np.diff(t)
     check(np.all(steps > 0.0), "log", t, "at increasing times", "sort it")
+    if fixed is not None:
+        apart = np.abs(steps - fixed)
+        check(
+            np.all(apart <= TOLERANCE * fixed),
+            "a step of log",
+            float(steps[np.argmax(apart)]),
+            f"fixed_dt = {fixed:g} s, the period of every call",
+            "resample it, put NaN where a sample is missing, or leave log out",
+        )
+        steps = np.full(len(steps), fixed)
     return t, steps, y, u
