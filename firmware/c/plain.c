@@ -1,5 +1,5 @@
-/* Three observers as one writes them in C without a library, the yardstick of the instruction
- * counts: forward Euler, gains folded into the coefficients beforehand, single precision, and the
+/* Four observers as one writes them in C without a library, the yardstick of the instruction
+ * counts: forward Euler (zoh where it says so), gains folded into the coefficients beforehand, single precision, and the
  * same service as the crate's step: a missing sample (NaN or infinite) is predicted over and
  * reported. No call but powf of the C library. */
 
@@ -18,6 +18,24 @@ int plain_standard2(const struct plain_standard2 *o, float x[2], float y, float 
     x[0] = x1 + dt * (x2 + o->l[0] * e);
     x[1] = x2 + dt * (o->l[1] * e);
     return missing ? PREDICTED : UPDATED;
+}
+
+/* Standard, n = 2, zoh of a fixed period: the gains that place the eigenvalues for it, and the exact
+ * chain. In two halves, as a control loop calls it. */
+int plain_zoh2_correct(const struct plain_zoh2 *o, float x[2], float y)
+{
+    if (!isfinite(y))
+        return PREDICTED;
+    const float e = y - x[0];
+    x[0] += o->k[0] * e;
+    x[1] += o->k[1] * e;
+    return UPDATED;
+}
+
+int plain_zoh2_predict(const struct plain_zoh2 *o, float x[2])
+{
+    x[0] += o->dt * x[1];
+    return PREDICTED;
 }
 
 /* Low-power, n = 5, on the crackle system: a[i] = alpha_i l, b[i] = beta_i l^2. */

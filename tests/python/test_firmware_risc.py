@@ -11,6 +11,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "firmware" / "tools"))
 
 from image import Image, Unproved
+from report import Run
+
+import firmware
 
 CHIPS = {
     "a64": ("aarch64-linux-gnu-", [], []),
@@ -139,3 +142,24 @@ def test_paths_say_how_many_instructions_are_executed(images: dict[str, Image], 
     assert image.executed("in_loop") is None  # a loop
     assert image.executed("pushes") is None  # a call
     assert image.executed("jumps") is None
+
+
+def a_run(observer: str, digest: str, instructions: int = 50, most: int = 6) -> Run:
+    """Ten steps of an observer, n = 2."""
+    return Run(observer, observer, 2, "f32", digest, 10, instructions, most, 0, ())
+
+
+def test_counts_that_no_path_allows_fail():
+    run = a_run("standard", "0")
+    assert list(firmware.miscounted("chip", run, None)) == []
+    assert list(firmware.miscounted("chip", run, (5, 6))) == []
+    for executed in [(5, 5), (6, 6)]:
+        (failure,) = firmware.miscounted("chip", run, executed)
+        assert failure.startswith("chip: counted 5 (≤ 6); its code executes")
+
+
+def test_plain_c_with_other_bits_fails():
+    own = [a_run("standard", "a"), a_run("adaptive", "b"), a_run("Kalman filter", "c")]
+    assert list(firmware.unlike([*own, a_run("C standard", "a"), a_run("C adaptive", "d")])) == []
+    (failure,) = firmware.unlike([*own, a_run("C standard", "b")])
+    assert failure == "C standard does not give the bits of standard, n = 2"

@@ -120,6 +120,12 @@ pub fn record(instructions: u32, address: *const ()) {
     STEP.store(address as u32, Relaxed);
 }
 
+/// Take down the first half of a step, which the second half's [`record`] ends.
+pub fn record_first(instructions: u32, address: *const ()) {
+    TICKED.fetch_add(instructions, Relaxed);
+    FIRST.store(address as u32, Relaxed);
+}
+
 /// The instrument of the cases on the board.
 pub struct Meter;
 
@@ -181,8 +187,7 @@ impl<T: Scalar> Instrument<T> for Meter {
         // SAFETY: a function pointer; any byte is a result.
         let (number, instructions) =
             unsafe { count(function, |correct| correct(observer, z, y, t)) };
-        TICKED.fetch_add(instructions, Relaxed);
-        FIRST.store(function as *const () as u32, Relaxed);
+        record_first(instructions, function as *const ());
         status(number)
     }
 

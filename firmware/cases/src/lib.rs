@@ -260,6 +260,8 @@ fn visit_precision<T: Scalar>(visitor: &mut impl Visitor, scalar: &'static str) 
     visitor.visit::<T, Standard2>(scalar);
     visitor.visit::<T, Standard3>(scalar);
     visitor.visit::<T, Standard5>(scalar);
+    visitor.visit::<T, Zoh2>(scalar);
+    visitor.visit::<T, Zoh5>(scalar);
     visitor.visit::<T, LowPower5>(scalar);
     visitor.visit::<T, PeakingFree5>(scalar);
     visitor.visit::<T, StochasticApproximation2>(scalar);

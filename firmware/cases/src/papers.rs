@@ -1,11 +1,13 @@
 //! The papers' numbers, one case an observer.
 
 use crate::{Case, Instrument, Scenario, State, Watched};
+use hgo_rs::injection::Injected;
 use hgo_rs::model::StochasticIntegrator;
 use hgo_rs::models::{
     Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, ShipState, VanDerPol,
 };
 use hgo_rs::nalgebra::{SVector, Vector2, Vector3};
+use hgo_rs::observer::{Current, CurrentState};
 use hgo_rs::observers::{CopyState, ModifiedState, StandardState};
 use hgo_rs::prelude::*;
 
@@ -77,6 +79,33 @@ case! {
     schedule: |I| fixed(4e-4);
 }
 
+/// The exact chain between samples, corrected by gains that are computed once, for steps of length dt.
+fn zoh<T: Scalar, L: Injected<T>>(law: L, dt: T) -> Result<Zoh<T, L>, DesignError> {
+    let scheme = Placed::new(&law, Placement::Exact)?;
+    Ok(Current { law, scheme }.prepared(dt))
+}
+
+type Zoh<T, L> = Current<L, Placed<T, <L as Injected<T>>::Poles, <L as Injected<T>>::Gains>>;
+
+/// Its memory before the first sample, which corrects for a whole period.
+fn whole_period<T: Scalar, const N: usize>(dt: f64) -> CurrentState<T, StandardState<T, (), N>> {
+    CurrentState { elapsed: T::from_f64(dt), ..Memory::zero() }
+}
+
+case! {
+    /// The same observer with eigenvalues placed for the fixed step.
+    Zoh2 = "standard, zoh", 2;
+    observer: Zoh<T, StandardObserver<T, ConstantGain<T>, Unknown, 2>> = |number| {
+        let dt = number(4e-4);
+        zoh(differentiator(number)?.law, dt)
+    };
+    plant: Lee = || {
+        let Scenario { plant, scheme, draw, x0, .. } = lee();
+        Ok(Scenario { plant, scheme, draw, x0, z0: whole_period(4e-4) })
+    };
+    schedule: |I| fixed(4e-4);
+}
+
 case! {
     /// The same under the decreasing steps of stochastic approximation: (44). The clock is part of
     /// the observer.
@@ -125,6 +154,17 @@ case! {
         Ok(Discretised { law: StandardObserver::new(k, gain, model)?, scheme: Euler })
     };
     plant: Crackle<T> = || crackle(Memory::zero());
+    schedule: |I| fixed(1e-3);
+}
+
+case! {
+    /// The same observer with eigenvalues placed for the fixed step.
+    Zoh5 = "standard, zoh", 5;
+    observer: Zoh<T, StandardObserver<T, ConstantGain<T>, Crackle<T>, 5>> = |number| {
+        let dt = number(1e-3);
+        zoh(Standard5::observer(number)?.law, dt)
+    };
+    plant: Crackle<T> = || crackle(whole_period(1e-3));
     schedule: |I| fixed(1e-3);
 }
 
