@@ -26,6 +26,14 @@ FLAGS = {
 }
 
 
+BOARD = example.HERE
+LINKED = (
+    *("-T", BOARD / "board.ld"),
+    *("--specs=rdimon.specs", "-nostartfiles", "-Wl,--gc-sections"),
+)
+"""How a program for QEMU's board is linked."""
+
+
 def run(*command: str | Path, **options: Any) -> str:
     done = subprocess.run(
         list(map(str, command)), capture_output=True, text=True, check=False, **options
@@ -83,17 +91,10 @@ def lacking() -> str:
 
 def on_the_chip(folder: Path, name: str) -> str:
     """What the demonstration prints on QEMU's Cortex-M4F."""
-    board, program = example.HERE, folder / f"{name}.elf"
+    program = folder / f"{name}.elf"
     flags = ("-O2", *example.CHIP)
     # board.c is not strict C
-    run("arm-none-eabi-gcc", *flags, "-c", board / "board.c", "-o", folder / "board.o")
+    run("arm-none-eabi-gcc", *flags, "-c", BOARD / "board.c", "-o", folder / "board.o")
     parts = [folder / file for file in ("board.o", "main.c", f"{name}.c")]
-    linked = (
-        "-T",
-        board / "board.ld",
-        "--specs=rdimon.specs",
-        "-nostartfiles",
-        "-Wl,--gc-sections",
-    )
-    run("arm-none-eabi-gcc", *STRICT, *flags, *linked, *parts, "-lm", "-o", program)
+    run("arm-none-eabi-gcc", *STRICT, *flags, *LINKED, *parts, "-lm", "-o", program)
     return example.run_on_board(program)

@@ -1,4 +1,4 @@
-"""`hgo export`: an observer as source code, or as an FMU."""
+"""`hgo export`: an observer as source code, as an Arduino library or as an FMU."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from hgo_rs.errors import printable
 from hgo_rs.exports import FMI, LANGUAGES, PERIODS, export
 
 
-@click.command("export", short_help="Write an observer as C or Rust source, or as an FMU.")
+@click.command("export", short_help="Write an observer as C, Rust, Arduino library or FMU.")
 @click.argument("config", type=click.Path(path_type=Path))
 @click.option(
     "--to",
     type=click.Choice(LANGUAGES),
     required=True,
-    help="C99, no_std Rust, or an FMU for co-simulation.",
+    help="C99, no_std Rust, an Arduino library, or an FMU for co-simulation.",
 )
 @click.option(
     "--out",
@@ -27,7 +27,11 @@ from hgo_rs.exports import FMI, LANGUAGES, PERIODS, export
     help="Folder to write to; of an FMU also the file, NAME.fmu.",
 )
 @click.option("--name", help="Name of files and functions; by default the file's.")
-@click.option("--precision", type=click.Choice(["double", "single"]), default="double")
+@click.option(
+    "--precision",
+    type=click.Choice(["double", "single"]),
+    help="Default: double; single for Arduino.",
+)
 @click.option("--dt", type=float, help="Sampling period [s]; by default the file's.")
 @click.option(
     "--periods",
@@ -54,7 +58,7 @@ def export_command(
     to: str,
     out: Path,
     name: str | None,
-    precision: str,
+    precision: str | None,
     dt: float | None,
     periods: int,
     fmi_version: str | None,

@@ -1,5 +1,5 @@
 """An observer as source code: C99, or Rust without `std`; self-contained, readable, the same bits.
-Or as an FMU, a unit for co-simulation around that C.
+Or around that C: an Arduino library, or an FMU, a unit for co-simulation.
 
 The core traces one step of an observer into a table (every operation, in its order); this package
 writes the table down in a language, with the user's names, a test vector that the core computed,
@@ -13,14 +13,14 @@ from pathlib import Path
 
 from hgo_rs.errors import HgoError, check_choice, check_integer, check_number, explain
 from hgo_rs.exports.names import check_name
-from hgo_rs.exports.program import PERIODS, program
+from hgo_rs.exports.program import PERIODS, period_of, program
 from hgo_rs.exports.vector import Log
 from hgo_rs.files import write_bytes
 from hgo_rs.observers import Observer
 
 __all__ = ["FMI", "LANGUAGES", "PERIODS", "export", "sources"]
 
-LANGUAGES = ("c", "rust", "fmu")
+LANGUAGES = ("c", "rust", "arduino", "fmu")
 FMI = ("2.0", "3.0")
 """Versions of FMUs."""
 
@@ -31,7 +31,7 @@ def export(
     to: str,
     out: str | Path,
     name: str = "observer",
-    precision: str = "double",
+    precision: str | None = None,
     dt: float | None = None,
     periods: int = PERIODS,
     log: Log | None = None,
@@ -46,20 +46,24 @@ def export(
     Parameters
     ----------
     observer : Observer
-    to : "c", "rust" or "fmu"
-        C99 (a header, a source, a Makefile); a Rust crate without `std` and dependencies; or a
-        functional mock-up unit for co-simulation, which Simulink, Modelica tools and others take:
-        the C, FMI's functions around it, and the binary of this computer if it has a C compiler.
+    to : "c", "rust", "arduino" or "fmu"
+        C99 (a header, a source, a Makefile); a Rust crate without `std` and dependencies; an
+        Arduino library, for PlatformIO too (the C, manifests, a sketch); or a functional mock-up
+        unit for co-simulation, which Simulink, Modelica tools and others take: the C, FMI's
+        functions around it, and the binary of this computer if it has a C compiler.
     out : path
         Folder to write to; made where it is missing. Files of the same names are replaced. An FMU
         is the file NAME.fmu in it, or `out` itself where that ends in .fmu.
     name : str
-        What functions and files are called: a lower-case identifier.
-    precision : "double" or "single"
+        What functions and files are called: a lower-case identifier. In an Arduino library `hgo_`
+        stands before it.
+    precision : "double" or "single", optional
+        Default: double; single for Arduino, whose boards of AVR have no other.
     dt : float, optional
         Sampling period [s]. A low-power or peaking-free law under zoh or bilinear needs it: its
         source holds the gains of corrections that are for 1, 2, ... periods, and takes no sample
-        after another time. Other laws: for the comments and the test vector alone.
+        after another time. Other laws: for the comments, the test vector and the sketch alone,
+        which by default has 10 ms, or half of the step limit.
     periods : int
         For how many of them at most: 1 to 256.
     log : (t, y, u), optional
@@ -127,7 +131,7 @@ def sources(
     *,
     to: str,
     name: str = "observer",
-    precision: str = "double",
+    precision: str | None = None,
     dt: float | None = None,
     periods: int = PERIODS,
     log: Log | None = None,
@@ -145,11 +149,17 @@ def sources(
         raise HgoError(explain("fixed_dt", fixed_dt, allowed, "give dt="))
     if version is not None:
         check_choice("version", version, FMI)
+    arduino = to == "arduino"
+    precision = ("single" if arduino else "double") if precision is None else precision
     check_choice("precision", precision, ("double", "single"))
     check_name(name)
     if dt is not None:
         check_number(dt, "dt", above=0.0)
     check_integer(periods, "periods", least=1, most=256)
+    if arduino:
+        from hgo_rs.exports.arduino import library, name_of
+
+        name = name_of(name)
     described = program(
         observer,
         name=name,
@@ -159,6 +169,9 @@ def sources(
         log=log,
         fixed_dt=fixed_dt,
     )
+    if arduino:
+        period = fixed_dt or dt or min(0.01, 5.0 * period_of(observer))
+        return library(described, observer.n, period)
     if to == "fmu":
         from hgo_rs.exports import fmu
 

@@ -27,7 +27,17 @@ from hgo_rs.exports.words import (
 )
 from hgo_rs.observers import Observer
 
-__all__ = ["PERIODS", "Field", "Gains", "Program", "Words", "program", "words_of", "wrapped"]
+__all__ = [
+    "PERIODS",
+    "Field",
+    "Gains",
+    "Program",
+    "Words",
+    "period_of",
+    "program",
+    "words_of",
+    "wrapped",
+]
 
 PERIODS = 16
 """For how many periods gains are held, if nothing else is asked."""
@@ -322,7 +332,7 @@ def program(
                 fixed,
             ),
             log,
-            fixed or dt or _period(observer),
+            fixed or dt or period_of(observer),
         ),
         times,
         tuple(Gains.of(chain, moves[0], names, counters.get(chain.elapsed)) for chain in held),
@@ -405,8 +415,8 @@ def _list(what: str, words: Sequence[str]) -> str:
     return f"the {what}{plural} {', '.join(words)}" if words else ""
 
 
-def _period(observer: Observer) -> float:
-    """A step that is surely stable."""
+def period_of(observer: Observer) -> float:
+    """A sampling period [s] that is surely stable."""
     try:
         period = float(observer.step_limit().dt) / 10.0
     except HgoError:

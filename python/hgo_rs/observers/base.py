@@ -216,7 +216,7 @@ class Observer(OnlineObserver):
         return step_limit(self.spec)
 
     def export(self, *, to: str, out: str | Path, **options: Any) -> list[Path]:
-        """Write this observer as source code or as an FMU, see `hgo_rs.export`."""
+        """Write this observer as source code, Arduino library or FMU: see `hgo_rs.export`."""
         return cast("list[Path]", upward.call("export", self, to=to, out=out, **options))
 
     def to_control(self, dt: float, *, name: str = "observer") -> Any:
