@@ -179,8 +179,7 @@ def discrete(observer: Mapping[str, Any], dt: float, *, gain: float | None = Non
         )
         return _RECURSIONS[kind](observer, dt)
     law = continuous(observer, gain=gain)
-    steps = Steps(unit(observer), method(observer), timing(observer))
-    a, b, seen, direct = steps(law.ell * dt)
+    a, b, seen, direct = _step(unit(observer), method(observer), timing(observer), law.ell * dt)
     scale, n = law.scale[:, None], law.n
     back = scale / law.scale
     shown = (back * seen)[:n], (scale * direct)[:n]
@@ -280,6 +279,15 @@ class Steps:
 
 _NOTHING, _UNIT = np.zeros(1), np.ones(1)
 _NO_INPUT = np.empty(0)
+
+
+@lru_cache(maxsize=1024)
+def _step(of: Unit, rule: str, now: str, c: float) -> tuple[Array, ...]:
+    """One step of a law at gain 1 over ``c``, as ``Steps`` has it."""
+    found = Steps(of, rule, now)(c)
+    for array in found:
+        array.flags.writeable = False
+    return found
 
 
 @lru_cache(maxsize=256)

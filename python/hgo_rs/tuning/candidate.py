@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -14,13 +14,13 @@ from hgo_rs.design.discretisation import step_limit
 from hgo_rs.errors import HgoError, check, check_array, explain
 from hgo_rs.laws import LAWS
 from hgo_rs.observers import Observer
+from hgo_rs.tuning.offers import Build
 from hgo_rs.tuning.record import Record
+from hgo_rs.tuning.reference import Reference
 from hgo_rs.tuning.result import Array, TradeOff
 
-Build = Callable[[float], Observer]
-"""An observer with the gain given [1/s]."""
-
 _POINTS = 41
+_LONG, _FEW = 8000, 25  # a record from which on fewer gains are tried
 _SPAN = 1e-3, 5.0  # of ell dt; beyond, an observer is all but deadbeat
 _NEAR = 2.0  # innovations up to this many times the least variance tell of noise and model error
 _LAGS = 20  # of the innovations' autocorrelation
@@ -40,8 +40,10 @@ class Candidate:
     near: int  # gains of which the innovation is near the least
     misfit: float  # RMS of what the fit of R and Q leaves there, of the measured variance
 
-    def __init__(self, build: Build, dt: float, ells: npt.ArrayLike | None) -> None:
-        self.build, self.dt, self.n = build, dt, 0
+    def __init__(
+        self, build: Build, dt: float, ells: npt.ArrayLike | None, *, ours: bool = False
+    ) -> None:
+        self.build, self.dt, self.n, self.ours = build, dt, 0, ours
         self.refused: list[tuple[float, Exception]] = []
         self.ells = None if ells is None else np.unique(check_array(ells, "ells"))
         if self.ells is None:
@@ -86,20 +88,33 @@ class Candidate:
         check(self.n in (0, observer.n), f"order of {call}", observer.n, f"{self.n}", remedy)
         return observer
 
-    def look(self, index: int, record: Record | None, noise: float, model_error: float) -> None:
+    def look(
+        self,
+        index: int,
+        record: Record | None,
+        noise: float,
+        model_error: float,
+        reference: Reference | None = None,
+    ) -> None:
         """Compute the curve of estimate `index`, over a record where there is one."""
         self.index, self.noise, self.model_error = index, noise, model_error
+        self.reference = reference
         if record is not None:
             record.moves(self.n)
-        kept, squares, figures = [], [], []
+        kept, squares, figures, far = [], [], [], []
         for ell in self.grid(record).tolist():
             try:
                 with np.errstate(all="ignore"):
                     observer = self.made(ell)
-                    square, finite = math.nan, True
+                    square, finite, distance = math.nan, True, math.nan
                     if record is not None:
-                        square = float(np.nanmean(record.innovation(observer) ** 2))
+                        run = record.run(observer, self.start(record), spare=self.ours)
+                        square = float(np.mean(run.innovation[record.judged, 0] ** 2))
+                        if reference is not None:
+                            distance = reference.distance(run.x_hat, record, index)
                         finite = math.isfinite(square)
+                        if reference is not None:
+                            finite = finite and math.isfinite(distance)
                     remedy = "choose a smaller gain, or a larger unit of y"
                     check(finite, "mean square innovation", square, "finite", remedy)
                     figures.append(self.figures(observer))
@@ -108,15 +123,16 @@ class Candidate:
             else:
                 kept.append(ell)
                 squares.append(square)
+                far.append(distance)
         if len(kept) < 3:
             raise self.none_left()
         grid, measured = np.array(kept), np.array(squares)
         if record is not None:
-            smallest = np.finfo(np.float64).eps * float(np.max(np.abs(record.y[record.judged])))
-            self.found(grid, measured, smallest)
+            self.found(grid, measured, record.smallest)
         self.curve = TradeOff(
             ell=grid,
             innovation=np.sqrt(measured),
+            measured=self.with_spread(np.array(far)),
             noise=self.noise * np.sqrt([of["noise"] for of in figures]),
             model=self.model_error * np.sqrt([of["model"] for of in figures]),
             **{
@@ -125,23 +141,38 @@ class Candidate:
             },
         )
 
+    def start(self, record: Record) -> Array | None:
+        """Where to start on the record: by its own later samples, where these are known."""
+        if self.reference is None:
+            return None
+        start = np.zeros(self.n)
+        known = self.reference.start[: self.n]
+        start[: len(known)] = known
+        return start
+
+    def with_spread(self, distance: Array) -> Array:
+        """Errors for distances from the smoothed state."""
+        if self.reference is None:
+            return distance
+        return np.asarray(np.hypot(distance, self.reference.spread[self.index]))
+
     def grid(self, record: Record | None) -> Array:
-        """The gains asked for; else gains that are stable and, on a record, forget their start
-        before they are judged.
+        """The gains asked for; else gains that are stable and, on a record without a reference,
+        forget the start of this estimate before they are judged.
         """
         if self.ells is not None:
             return self.ells
         limit = step_limit(self.any.spec).c / self.dt
         low, high = _SPAN
         low, high = low / self.dt, min(high / self.dt, 0.9 * limit)
-        if record is not None:
+        if record is not None and self.reference is None:
             spec = self.any.spec
-            low = max(
-                low, float(np.max(response.settling(spec))) * spec["gain"]["ell"] / record.skip
-            )
+            settling = float(response.settling(spec)[self.index])
+            low = max(low, settling * spec["gain"]["ell"] / record.skip)
         remedy = "give a longer log or a longer skip, or ells="
         check(low < high, "least gain that settles within skip", low, f"< {high:.4g}", remedy)
-        return np.geomspace(low, high, _POINTS)
+        long = record is not None and len(record.y) > _LONG
+        return np.geomspace(low, high, _FEW if long else _POINTS)
 
     def figures(self, observer: Observer) -> dict[str, float]:
         """What an observer does to the estimate that is asked about, per unit of noise and model
@@ -187,6 +218,26 @@ class Candidate:
         model = self.model_error * math.sqrt(out["model"])
         return {**out, "noise": noise, "model": model, "error": math.hypot(noise, model)}
 
+    def errors(self, ell: float, record: Record | None) -> tuple[Array, Array]:
+        """The RMS error of each estimate at one gain, (n,), and what it exceeds hardly.
+
+        On paper from R and Q; over a record by the distance from the smoothed state, whose own
+        error adds at most as it stands, and 2 / sqrt(number of times 1/gain) of it by chance.
+        """
+        spec = self.made(ell).spec
+        noise, model = response.noise_gain(spec, self.dt), response.model_gain(spec, self.dt)
+        error = np.hypot(self.noise * np.sqrt(noise), self.model_error * np.sqrt(model))
+        bound = error.copy()
+        if record is None or self.reference is None:
+            return error, bound
+        run = record.run(self.made(ell), self.start(record), spare=self.ours)
+        lasted = self.dt * float(np.sum(record.two_sided)) * ell
+        for i in range(min(self.n, len(self.reference.spread))):
+            far, spread = self.reference.distance(run.x_hat, record, i), self.reference.spread[i]
+            error[i] = math.hypot(far, spread)
+            bound[i] = (far + spread) * (1.0 + 2.0 / math.sqrt(max(lasted, 1.0)))
+        return error, bound
+
     def reach(self, name: str, wanted: float) -> float:
         """The least gain with this cutoff, or within this settling time."""
         if name == "cutoff":
@@ -215,12 +266,14 @@ class Candidate:
         return math.exp(high)
 
     def least_error(self) -> float:
-        """The gain of the least R n(ell) + Q m(ell)."""
+        """The gain of the least error: measured where a record tells of it, else R n + Q m."""
         from scipy.optimize import minimize_scalar
 
         remedy = "no noise is left to weigh against; give a noise level and model_error, or cutoff="
         rms = float(np.nanmin(self.curve.innovation)) if self.noise != self.noise else math.nan
         check(rms != rms, "least RMS innovation", rms, "above the rounding of y", remedy)
+        if self.reference is not None:
+            return self.least_measured()
 
         def error(log_ell: float) -> float:
             spec, i = self.made(math.exp(log_ell)).spec, self.index
@@ -233,6 +286,17 @@ class Candidate:
         ends = np.log(self.curve.ell[[max(k - 1, 0), min(k + 1, len(self.curve.ell) - 1)]])
         best = minimize_scalar(error, bounds=ends, method="bounded", options={"xatol": 1e-6})
         return float(math.exp(best.x))
+
+    def least_measured(self) -> float:
+        """Where a parabola through the three points around the least has its own, over ln(ell)."""
+        measured = np.log(self.curve.measured)
+        k = int(np.argmin(measured))
+        if k in (0, len(measured) - 1):
+            return float(self.curve.ell[k])
+        at = np.log(self.curve.ell[k - 1 : k + 2])
+        two, one, _ = np.polyfit(at - at[1], measured[k - 1 : k + 2], 2)
+        shift = -0.5 * one / two if two > 0.0 else 0.0
+        return float(np.exp(at[1] + np.clip(shift, at[0] - at[1], at[2] - at[1])))
 
     # --- what it cannot know ---
 
@@ -291,12 +355,13 @@ class Candidate:
 
         try:
             observer = self.made(ell)
-            innovation = record.innovation(observer)
+            run = record.run(observer, self.start(record), spare=self.ours)
+            innovation = np.where(record.judged, np.ravel(run.innovation), np.nan)
         except HgoError as error:
             return math.nan, [f"the chosen gain, {ell:.4g} /s, is refused over the log: {error}"]
         said = []
         so = "so that the gain may be far too high; compare with lower ones, or choose by cutoff="
-        if by_target:
+        if by_target or self.reference is not None:
             so = "so that noise and model error may be wrong; the gain does not rest on them"
         if 0 < self.near < 3:
             said.append(
@@ -328,7 +393,8 @@ class Candidate:
             normal = np.linalg.lstsq(spread, np.sqrt(pairs) * excess, rcond=None)[0]
             whiteness = float(chi2.sf(normal @ normal, _LAGS))
             size = float(np.sqrt(np.sum(excess**2)))
-            severe = self.misfit > _MISFIT or (size > _CORRELATED and not by_target)
+            rests = not by_target and self.reference is None
+            severe = self.misfit > _MISFIT or (size > _CORRELATED and rests)
             if whiteness < _LEVEL and severe and not said:
                 said.append(
                     f"the noise found, {self.noise:.3g}, and model error, {self.model_error:.3g}, "

@@ -9,14 +9,18 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, check, check_integer, check_number
-from hgo_rs.tuning.candidate import Build, Candidate
-from hgo_rs.tuning.record import Record
+from hgo_rs.logs import Log
+from hgo_rs.models import System
+from hgo_rs.tuning.candidate import Candidate
+from hgo_rs.tuning.offers import Build, offered, sources
+from hgo_rs.tuning.record import Given, Record
+from hgo_rs.tuning.reference import Source, find
 from hgo_rs.tuning.result import Tuning
 
 
@@ -25,8 +29,8 @@ class TuningWarning(UserWarning):
 
 
 def tune(
-    build: Build | Mapping[str, Build],
-    log_or_noise: float | tuple[npt.ArrayLike, ...],
+    build: Build | Mapping[str, Build] | System | None,
+    log_or_noise: Given,
     dt: float | None = None,
     *,
     cutoff: float | None = None,
@@ -100,14 +104,19 @@ def tune(
         if value is not None
     }
     check(len(targets) < 2, "cutoff, settling", targets, "given one at a time", "leave one out")
-    structures = dict(build) if isinstance(build, Mapping) else {"": build}
+    free = build is None or isinstance(build, System)
+    structures: dict[str, Build]
+    if build is None or isinstance(build, System):
+        structures = offered(build)
+    else:
+        structures = dict(build) if isinstance(build, Mapping) else {"": build}
     check(structures, "build", build, "at least one observer", "give ell -> observer")
     for make in structures.values():
         check(callable(make), "build", make, "callable", "give ell -> observer")
 
     record, known = None, (math.nan, math.nan)
-    if isinstance(log_or_noise, (tuple, list)):
-        record = Record.of(tuple(log_or_noise), skip)
+    if isinstance(log_or_noise, (Log, tuple, list)):
+        record = Record.of(log_or_noise, skip)
         step = record.dt
         if dt is not None:
             given = check_number(dt, "dt", above=0.0)
@@ -134,17 +143,23 @@ def tune(
     refusals: dict[str, HgoError] = {}
     for name, make in structures.items():
         try:
-            candidates[name] = Candidate(make, step, ells)
+            candidates[name] = Candidate(make, step, ells, ours=free)
         except HgoError as error:
             refusals[name] = error
     if not candidates:
         raise next(iter(refusals.values()))
     order = min(candidate.n for candidate in candidates.values())
     index = order if state is None else check_integer(state, "state", least=1, most=order)
+    remarks: list[str] = []
+    reference = None
+    if record is not None:
+        record.moves(order)
+        models = [*_sources(candidates.values())]
+        reference = find(record, models, index - 1, remarks.append)
     reached: dict[str, float] = {}
     for name, candidate in candidates.items():
         try:
-            candidate.look(index - 1, record, *known)
+            candidate.look(index - 1, record, *known, reference)
             if targets:
                 reached[name] = candidate.reach(*next(iter(targets.items())))
             else:
@@ -155,9 +170,11 @@ def tune(
         raise next(iter(refusals.values()))
 
     def cost(name: str) -> float:
-        """The noise at the target; else what explains the log best, or errs least on paper."""
+        """The noise at the target; else the error over the log, or on paper."""
         if targets:
             return candidates[name].point(reached[name])["noise"]
+        if reference is not None:
+            return float(np.nanmin(candidates[name].curve.measured))
         if record is not None:
             return float(np.nanmin(candidates[name].curve.innovation))
         return candidates[name].point(reached[name])["error"]
@@ -168,10 +185,11 @@ def tune(
     for name, value in targets.items():
         criterion = f"{name} {value:.4g} " + ("rad/s" if name == "cutoff" else "s")
     ell = reached[best]
-    said = [f"structure {name!r} was left out: {error}" for name, error in refusals.items()]
+    remarks += [f"structure {name!r} was left out: {error}" for name, error in refusals.items()]
     for name in reached:
         of = f"{name}: " if name else ""
-        said += [of + text for text in candidates[name].left_out()]
+        remarks += [of + text for text in candidates[name].left_out()]
+    said = [] if free else remarks  # of structures that nobody asked for the report alone tells
     if not targets:
         said += chosen.at_an_edge(ell)
     whiteness = math.nan
@@ -180,6 +198,7 @@ def tune(
         said += doubts
     for text in said:
         warnings.warn(text, TuningWarning, stacklevel=2)
+    errors, bounds = chosen.errors(ell, record)
     return Tuning(
         observer=chosen.made(ell),
         ell=ell,
@@ -192,4 +211,22 @@ def tune(
         curves={name: candidates[name].curve for name in reached},
         whiteness=whiteness,
         warnings=tuple(said),
+        errors=errors,
+        bounds=bounds,
+        quantisation=0.0 if record is None else record.step(),
+        horizon=math.nan if reference is None else reference.horizon,
+        judged_by="" if reference is None else reference.name,
+        tried=tuple((name, reached[name], cost(name)) for name in sorted(reached, key=cost)),
+        remarks=tuple(remarks),
     )
+
+
+def _sources(candidates: Iterable[Candidate]) -> Iterable[Source]:
+    """What the smoothed state may rest on, for all models that the structures know, each once."""
+    seen: set[tuple[str, int]] = set()
+    for candidate in candidates:
+        for source in sources(candidate.any.model, candidate.n):
+            key = (repr(source[1]), source[2])
+            if key not in seen:
+                seen.add(key)
+                yield source

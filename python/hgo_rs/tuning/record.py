@@ -2,29 +2,61 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import check, check_array, check_number
-from hgo_rs.observers import Observer
+from hgo_rs.logs import Log
+from hgo_rs.observers import Observer, RunResult
 from hgo_rs.tuning.result import Array
+
+Given = float | Log | Sequence[npt.ArrayLike]
+"""A log, (t, y) or (t, y, u), or a noise level."""
+
+_LEAST = 50  # samples
+_SAMPLED = 256  # increments that a step must divide, at least
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A log, and the part of it that is judged."""
+    """A log, and the part of it that is judged.
 
-    arguments: tuple[Any, ...]
+    Attributes
+    ----------
+    t : (N,)
+    y : (N,)
+    u : (N, n_u) or None
+        As it was given, with a column for each input.
+    dt : float
+        Median time between samples of y [s].
+    skip : float
+        Time at its start that is not judged [s].
+    judged : (N,) bool
+    two_sided : (N,) bool
+        Judged, and told of by samples on both sides: not within `skip` of the end, nor before a gap
+        for as long as the gap is.
+    period : float or None
+        The sampling period, where it was given in place of times.
+    """
+
+    t: Array
     y: Array
+    u: Array | None
     dt: float
     skip: float
     judged: npt.NDArray[np.bool_]
+    two_sided: npt.NDArray[np.bool_]
+    period: float | None = None
 
     @classmethod
-    def of(cls, log: tuple[npt.ArrayLike, ...], skip: float | None) -> Record:
+    def of(cls, log: Log | Sequence[npt.ArrayLike], skip: float | None) -> Record:
+        """A log as arrays; of one whose clock starts again the longest piece."""
+        if isinstance(log, Log):
+            log = max(log.pieces, key=lambda piece: len(piece.t))
+            log = (log.t, log.y) if log.u is None else (log.t, log.y, log.u)
         fits = len(log) in (2, 3)
         check(fits, "log_or_noise", f"{len(log)} arrays", "(t, y) or (t, y, u)", "give these")
         clock, y = check_array(log[0], "t"), check_array(log[1], "y")
@@ -33,8 +65,8 @@ class Record:
         shapes = f"{clock.shape}, {y.shape}"
         check(one, "shapes of t and y", shapes, "(N,) each, or t a period", "give one output")
         longer = "give a longer log"
-        check(len(y) >= 50, "samples of the log", len(y), ">= 50", longer)
-        t = clock
+        check(len(y) >= _LEAST, "samples of the log", len(y), f">= {_LEAST}", longer)
+        t, period = clock, None
         if not clock.ndim:
             period = check_number(float(clock), "t, a period", above=0.0)
             t = period * np.arange(len(y), dtype=np.float64)
@@ -47,29 +79,49 @@ class Record:
         start = length / 20.0
         if skip is not None:
             start = check_number(skip, "skip", above=0.0, below=length)
-        there = np.flatnonzero(np.isfinite(y))
-        check(
-            there.size >= 50, "samples of the log that are not missing", there.size, ">= 50", longer
-        )
-        waits = np.diff(t[there])
-        period = float(np.median(waits))
-        # After a gap the estimate has to be found again, for as long as it was left alone.
-        gap = np.flatnonzero(waits > 1.5 * period)
-        found = np.full(len(y), -np.inf)
-        found[there[gap + 1]] = t[there[gap + 1]] + np.minimum(waits[gap] - period, start)
-        judged = np.isfinite(y) & (t - t[0] >= start) & (t >= np.maximum.accumulate(found))
+        there = int(np.sum(np.isfinite(y)))
+        name = "samples of the log that are not missing"
+        check(there >= _LEAST, name, there, f">= {_LEAST}", longer)
+        usual = float(np.median(np.diff(t[np.isfinite(y)])))
+        judged = _judged(t, y, usual, start)
         enough = int(np.sum(judged))
-        remedy = f"{longer}, steadier steps (their median is {period:.4g} s), or a shorter skip"
-        check(enough >= 50, "samples after skip and gaps", enough, ">= 50", remedy)
-        arguments = (clock if clock.ndim else float(clock), y, *log[2:])
-        return cls(arguments, y, period, start, judged)
+        remedy = f"{longer}, steadier steps (their median is {usual:.4g} s), or a shorter skip"
+        check(enough >= _LEAST, "samples after skip and gaps", enough, f">= {_LEAST}", remedy)
+        u = None
+        if len(log) == 3:
+            u = check_array(log[2], "u")
+            u = u[:, None] if u.ndim == 1 else u
+            fits = u.ndim == 2 and len(u) == len(y)
+            check(fits, "shape of u", u.shape, f"({len(y)}, n_u)", "give a row a sample")
+        back = _judged(t[-1] - t[::-1], y[::-1], usual, start)[::-1]
+        return cls(t, y, u, usual, start, judged, judged & back, period)
 
-    def innovation(self, observer: Observer) -> Array:
-        """The innovation y - y_hat, NaN where it is not judged."""
-        start = np.zeros(observer.n)
-        start[0] = self.y[np.argmax(np.isfinite(self.y))]
-        run = observer.run(*self.arguments, x_hat0=start)
-        return np.where(self.judged, np.ravel(run.innovation), np.nan)
+    @property
+    def first(self) -> float:
+        """The first sample that is not missing."""
+        return float(self.y[np.argmax(np.isfinite(self.y))])
+
+    @property
+    def smallest(self) -> float:
+        """Differences of y below this are rounding of its numbers."""
+        return float(np.finfo(np.float64).eps * np.max(np.abs(self.y[self.judged])))
+
+    def run(
+        self, observer: Observer, start: Array | None = None, *, spare: bool = False
+    ) -> RunResult:
+        """An observer over the record, from `start` or from rest at the first sample.
+
+        ``spare``: inputs are kept from a model that has none, in place of a refusal.
+        """
+        if start is None:
+            start = np.zeros(observer.n)
+            start[0] = self.first
+        clock = self.t if self.period is None else self.period
+        # Whether inputs fit is for the observer to say.
+        u = None if self.u is None else self.u if self.u.shape[1] > 1 else self.u[:, 0]
+        if spare and not observer.n_u:
+            u = None
+        return observer.run(clock, self.y, u, x_hat0=start)
 
     def moves(self, n: int) -> None:
         """Refuse a record that stands still."""
@@ -78,18 +130,45 @@ class Record:
         remedy = "give a log in which y moves, or the noise level in its place"
         check(values > n, "distinct values of y after skip", values, allowed, remedy)
 
-    def coarse_step(self) -> float:
-        """The step of y where most samples move by one of it or not at all; else 0.
+    def increments(self) -> tuple[float, Array]:
+        """The step of y and how many of it each sample is from the one before; else 0 and nothing.
 
-        All increments are whole numbers of it.
+        y moves in steps where all increments are whole numbers of the least one.
         """
         both = self.judged[1:] & self.judged[:-1]
         moved = np.abs(np.diff(self.y)[both])
-        rounding = 64.0 * np.finfo(np.float64).eps * float(np.max(np.abs(self.y[self.judged])))
+        rounding = 64.0 * self.smallest
         if not np.any(moved > rounding):
-            return 0.0
+            return 0.0, np.empty(0)
         step = float(np.min(moved[moved > rounding]))
+        # of many small steps, so that the step's own rounding does not add up
+        few = moved[(moved > rounding) & (moved < 1.5 * step)]
+        step = float(np.mean(few))
         counts = np.rint(moved / step)
-        whole = np.mean(np.abs(moved / step - counts) < 0.05) > 0.99
-        coarse = np.mean(counts <= 1.0) > 0.5 and np.unique(counts).size > 1
-        return step if whole and coarse else 0.0
+        off = np.abs(moved / step - counts)
+        whole = np.mean(off < 0.05) > 0.99 and np.unique(counts).size > 1
+        # Numbers of any kind are near a whole one in a tenth of the cases.
+        told = whole and moved.size * 0.9 > np.log(_SAMPLED)
+        return (step, counts) if told else (0.0, np.empty(0))
+
+    def step(self) -> float:
+        """The step of a quantised y; 0 where it is not."""
+        return self.increments()[0]
+
+    def coarse_step(self) -> float:
+        """The step of y where most samples move by one of it or not at all; else 0."""
+        step, counts = self.increments()
+        return step if step and np.mean(counts <= 1.0) > 0.5 else 0.0
+
+
+def _judged(t: Array, y: Array, usual: float, skip: float) -> npt.NDArray[np.bool_]:
+    """Samples after `skip`, and after a gap not before the estimate is found again: for as long as
+    it was left alone.
+    """
+    there = np.flatnonzero(np.isfinite(y))
+    waits = np.diff(t[there])
+    gap = np.flatnonzero(waits > 1.5 * usual)
+    found = np.full(len(y), -np.inf)
+    found[there[gap + 1]] = t[there[gap + 1]] + np.minimum(waits[gap] - usual, skip)
+    known = t >= np.maximum.accumulate(found)
+    return np.asarray(np.isfinite(y) & (t - t[0] >= skip) & known)

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import need
-from hgo_rs.observers import Observer
+from hgo_rs.observers import Observer, RunResult
+from hgo_rs.tuning.report import report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,6 +38,9 @@ class TradeOff:
         Standard deviation of its error from what the model lacks; NaN if that is not known.
     innovation
         RMS of y - y_hat, before the sample is used, over the log; NaN without a log.
+    measured
+        RMS error of the estimate over the log, from its distance to the smoothed state; NaN where
+        there is none.
     """
 
     ell: Array
@@ -46,6 +50,7 @@ class TradeOff:
     noise: Array
     model: Array
     innovation: Array
+    measured: Array
 
     @property
     def error(self) -> Array:
@@ -82,6 +87,23 @@ class Tuning:
         NaN without a log.
     warnings : tuple of str
         What the choice leaves open, each also given as a `TuningWarning`.
+    errors : (n,)
+        Predicted RMS error of each estimate: over a log from its distance to the smoothed state,
+        else from noise and model error; NaN where these are unknown.
+    bounds : (n,)
+        What `errors` exceed hardly, if the smoothed state's own error were all against the
+        estimate; without a log `errors` themselves.
+    quantisation : float
+        Step of y, found in the log; 0 where it moves in none.
+    horizon : float
+        How far ahead of each sample the log was asked whether the estimate was right [s], 1/gain
+        of the smoother; NaN without one.
+    judged_by : str
+        What the smoothed state rests on; empty without one.
+    tried : tuple of (str, float, float)
+        Each structure with its best gain [1/s] and what decided between them, least first.
+    remarks : tuple of str
+        What was left out, and why.
     """
 
     observer: Observer
@@ -95,6 +117,13 @@ class Tuning:
     curves: dict[str, TradeOff] = field(repr=False)
     whiteness: float = math.nan
     warnings: tuple[str, ...] = ()
+    errors: Array = field(default_factory=lambda: np.empty(0))
+    bounds: Array = field(default_factory=lambda: np.empty(0))
+    quantisation: float = 0.0
+    horizon: float = math.nan
+    judged_by: str = ""
+    tried: tuple[tuple[str, float, float], ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         name = f"{self.structure}: " if self.structure else ""
@@ -105,6 +134,31 @@ class Tuning:
             rows.append(f"  {'whiteness':10s} {self.whiteness:.2g}")
         rows += [f"  warning: {text}" for text in self.warnings]
         return "\n".join(rows)
+
+    @property
+    def R(self) -> float:
+        """Variance of the measurement noise."""
+        return self.noise**2
+
+    @property
+    def Q(self) -> float:
+        """Spectral density of what x_n' lacks."""
+        return self.model_error**2
+
+    def report(self) -> str:
+        """What was tried, what was found, and why this gain and structure were chosen."""
+        return report(self)
+
+    def run(self, log: Any) -> RunResult:
+        """The chosen observer over a log: (t, y), (t, y, u) or a `Log`, from rest at the first
+        sample.
+        """
+        given = (log.t, log.y, log.u) if hasattr(log, "pieces") else tuple(log)
+        t, y, u = (*given, None)[:3]
+        first = np.atleast_2d(np.asarray(y, dtype=np.float64).T)
+        start = np.zeros(self.observer.n)
+        start[0] = first[0, np.argmax(np.isfinite(first[0]))]
+        return self.observer.run(t, y, u if self.observer.n_u else None, x_hat0=start)
 
     def columns(self) -> dict[str, Any]:
         """The curves of all structures, one below the other, as named columns."""
