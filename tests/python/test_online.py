@@ -373,3 +373,14 @@ def test_an_own_model_that_explodes_overflows_as_a_built_in_one_does():
     observer = StandardObserver(1, 1.0, model=model, method="euler", timing="predictor")
     with pytest.raises(HgoError, match="overflowed at sample 10 "):
         observer.run(1.0, np.full(60, np.nan), x_hat0=[3.0], allow_unstable=True)
+
+
+def test_another_timing_after_a_record_of_its_own():
+    """What a record was run by belongs to one timing; a copy and a pickle make it anew."""
+    observer = StandardObserver(2, 12.0)
+    y = np.sin(np.arange(50) * 0.1)
+    first = observer.run(0.01, y)
+    fresh = StandardObserver(2, 12.0, timing="predictor").run(0.01, y)
+    np.testing.assert_array_equal(observer.run(0.01, y, timing="predictor").x_hat, fresh.x_hat)
+    for other in (copy.deepcopy(observer), pickle.loads(pickle.dumps(observer))):
+        np.testing.assert_array_equal(other.run(0.01, y).x_hat, first.x_hat)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
 _HUGE = 1e100  # beyond it a step overflows, whatever the model
+_MADE = "_core", "_records"  # what a copy makes anew from its spec
 
 
 class OnlineObserver(_core.Online):
@@ -84,7 +85,7 @@ class OnlineObserver(_core.Online):
 
     def __getstate__(self) -> tuple[dict[str, Any], bool, Array, Any, Any]:
         """All that a copy needs, or a pickle."""
-        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
+        own = {name: value for name, value in self.__dict__.items() if name not in _MADE}
         return (
             own,
             self.allow_unstable,
@@ -172,7 +173,7 @@ class OnlineObserver(_core.Online):
             return self
         check("timing" in self.spec, "timing", timing, repr(self.timing), "this law has no other")
         other = type(self).__new__(type(self))
-        own = {name: value for name, value in self.__dict__.items() if name != "_core"}
+        own = {name: value for name, value in self.__dict__.items() if name not in _MADE}
         other.__dict__.update(own)
         spec = self.spec | {"timing": timing}
         OnlineObserver.__init__(other, spec, model=self.model, allow_unstable=self.allow_unstable)

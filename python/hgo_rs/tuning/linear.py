@@ -1,6 +1,6 @@
 """Covariances of an observer's error: what noise and model error make of it.
 
-On the chain x+ = A x + w, y = x_1 + v, the law z+ = a z + b y, x_hat = c z + d y errs by e = z - L x:
+On x+ = A x + w, y = x_1 + v, the law z+ = a z + b y, x_hat = c z + d y errs by e = z - L x:
 
     e+ = a e + b v - L w,        x_hat - x = c e + d v,
 
