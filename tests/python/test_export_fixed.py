@@ -263,8 +263,3 @@ def test_a_gain_that_moves_and_is_found_by_iteration_is_still_refused() -> None:
     observer = hgo.LowPowerObserver(3, gain, method="zoh")
     with pytest.raises(HgoError, match='choose method="rk4"'):
         sources(observer, to="c", fixed_dt=DT)
-
-
-def test_an_fmu_is_told_the_length_of_its_steps() -> None:
-    with pytest.raises(HgoError, match=r"^fixed_dt = 0\.01: must be left out .* give dt="):
-        sources(standard(method="zoh"), to="fmu", fixed_dt=DT)

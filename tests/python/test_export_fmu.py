@@ -218,6 +218,40 @@ def test_laws_have_the_bits_of_run(tmp_path: Path, case: str) -> None:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("case", [SAMPLE[0], SAMPLE[2], SAMPLE[6], SAMPLE[1]])
+def test_a_fixed_period_has_the_bits_of_run(tmp_path: Path, case: str, version: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        observer = CASES[case]()
+        y, u = Y[:, : observer.n_y], U[:, : observer.n_u]
+        found = observer.run(DT, y, u)
+        of = unit(tmp_path, observer, version, fixed_dt=DT)
+    assert not of.described.coSimulation.canHandleVariableCommunicationStepSize
+    assert float(of.described.defaultExperiment.stepSize) == DT
+    of.start()
+    inputs = [name for name in names_of(of, "input") if not name.endswith("_present")]
+    current = observer.timing == "current"
+    shown = names_of(of, "output", "_corrected" if current else "_hat")
+    for k in range(len(y)):
+        if not current:
+            assert of.get(*shown) == found.x_hat[k].tolist()
+        of.time = DT * k
+        # a tool's steps are differences of its times
+        of.step(
+            DT * (1.0 + 1e-9 * (-1) ** k),
+            **dict(zip(inputs, map(float, (*y[k], *u[k])), strict=True)),
+        )
+        if current:
+            assert of.get(*shown) == found.x_hat[k].tolist()
+    with pytest.raises(FMICallException):
+        of.step(1.01 * DT)
+    if version == "3.0":
+        told = "a step whose length is not 0.01 s, for which the observer was exported"
+        assert of.said == [told]
+    of.close()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("timing", ["current", "predictor"])
 def test_single_precision_has_the_bits_of_the_vector(
     tmp_path: Path, timing: str, version: str
@@ -233,6 +267,22 @@ def test_single_precision_has_the_bits_of_the_vector(
         shown = ("q_corrected", "w_corrected") if current else ("q_hat", "w_hat")
         assert of.get(*shown) == list(row.memory[:2])
         assert np.float32(of.get("w_hat")[0]) == of.get("w_hat")[0]
+    of.close()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_turning_axis_stays_in_one_turn(tmp_path: Path, version: str) -> None:
+    observer = hgo.StandardObserver(2, 30.0, wrap=2.0 * np.pi)
+    t = 0.01 * np.arange(400)
+    y = np.mod(9.0 * t, 2.0 * np.pi)
+    y[200:230] = np.nan
+    found = observer.run(t, y)
+    of = unit(tmp_path, observer, version).start()
+    for k in range(400):
+        of.time = float(t[k])
+        of.step(float(t[k + 1] - t[k]) if k < 399 else 0.01, y=float(y[k]))
+        assert of.get("x1_corrected", "x2_corrected") == found.x_hat[k].tolist()
+    assert abs(of.get("x2_hat")[0] - 9.0) < 1e-6
     of.close()
 
 
@@ -467,6 +517,69 @@ def test_sources_compile_without_warnings(tmp_path: Path, version: str, precisio
         assert f" T axis_fmi{version[0]}DoStep\n" in run("nm", folder / "unit.o")
 
 
+PROGRAM = """\
+#include "fmi2Functions.h"
+#include <math.h>
+#include <stdlib.h>
+
+static void heard(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status,
+                  fmi2String category, fmi2String message, ...)
+{
+    (void)environment; (void)name; (void)status; (void)category; (void)message;
+}
+
+int main(void)
+{
+    const fmi2CallbackFunctions functions = {heard, calloc, free, NULL, NULL};
+    const fmi2ValueReference given[] = {1, 2}, shown[] = {3, 4};
+    fmi2FMUstate state = NULL;
+    char bytes[4096];
+    double first[2], second[2], values[2];
+    size_t size;
+    fmi2Component unit;
+    int run, k;
+    if (fmi2Instantiate("other", fmi2CoSimulation, "{other}", "", &functions, 0, 0)) return 1;
+    unit = fmi2Instantiate("of some length", fmi2CoSimulation, "TOKEN", "", &functions, 0, 0);
+    if (!unit || fmi2SetupExperiment(unit, 0, 0, 0, 0, 0)) return 2;
+    if (fmi2EnterInitializationMode(unit) || fmi2ExitInitializationMode(unit)) return 3;
+    if (fmi2GetFMUstate(unit, &state) || fmi2GetFMUstate(unit, &state)) return 4;
+    fmi2SerializedFMUstateSize(unit, state, &size);
+    if (size > sizeof bytes || fmi2SerializeFMUstate(unit, state, bytes, size)) return 5;
+    if (!fmi2SerializeFMUstate(unit, state, bytes, size - 1)) return 6;
+    fmi2FreeFMUstate(unit, &state);
+    for (run = 0; run < 2; ++run) {
+        for (k = 0; k < 50; ++k) {
+            values[0] = k % 7 ? sin(0.1 * k) : NAN;
+            values[1] = 0.1 * k;
+            if (fmi2SetReal(unit, given, 2, values)) return 7;
+            if (fmi2DoStep(unit, 0.01 * k, 0.01, fmi2True)) return 8;
+        }
+        fmi2GetReal(unit, shown, 2, run ? second : first);
+        if (fmi2DeSerializeFMUstate(unit, bytes, size, &state)) return 9;
+        if (fmi2SetFMUstate(unit, state)) return 10;
+    }
+    fmi2FreeFMUstate(unit, &state);
+    fmi2FreeFMUstate(unit, &state);
+    fmi2FreeInstance(unit);
+    fmi2FreeInstance(NULL);
+    return first[0] == second[0] && first[1] == second[1] && first[0] != 0.0 ? 0 : 11;
+}
+"""
+
+
+def test_a_c_program_by_the_headers_of_the_standard(tmp_path: Path) -> None:
+    """With sanitizers: no leak, no byte beside the unit's own."""
+    headers = Path(fmpy.__file__).parent / "c-code"
+    texts = sources(axis(), to="fmu", name="axis")
+    token = str(ElementTree.fromstring(texts["modelDescription.xml"]).get("guid"))
+    put(tmp_path, {**texts, "program.c": PROGRAM.replace("TOKEN", token)})
+    parts = [tmp_path / "program.c", *(tmp_path / "sources").glob("*.c")]
+    checked = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    include = (f"-I{headers}", f"-I{tmp_path / 'sources'}")
+    run("gcc", *checked, *include, *parts, "-lm", "-o", tmp_path / "program")
+    run(tmp_path / "program")
+
+
 @pytest.mark.parametrize("version", VERSIONS)
 def test_without_a_compiler_it_is_of_sources(
     tmp_path: Path, version: str, monkeypatch: pytest.MonkeyPatch
@@ -504,7 +617,9 @@ def test_the_same_observer_gives_the_same_file(tmp_path: Path) -> None:
     assert all(" T fmi2" in line for line in shown if line)
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     axis().save(tmp_path / "axis.toml")
     given = ["export", str(tmp_path / "axis.toml"), "--to", "fmu", "--out"]
     with pytest.raises(SystemExit) as ended:
@@ -521,3 +636,8 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     with pytest.raises(SystemExit) as ended:
         main([*given, str(tmp_path), "--unit", "w"])
     assert ended.value.code == 2 and "must be NAME=UNIT" in capsys.readouterr().err
+    monkeypatch.setenv("CC", "no-such-compiler")
+    with pytest.raises(SystemExit) as ended:
+        main([*given, str(tmp_path)])
+    assert ended.value.code == 0
+    assert capsys.readouterr().err.startswith("hgo: no C compiler (no-such-compiler) is here: the")

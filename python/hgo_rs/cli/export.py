@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import click
 
-from hgo_rs.cli.terminal import say
+from hgo_rs.cli.terminal import complain, say
 from hgo_rs.config import load
 from hgo_rs.errors import printable
 from hgo_rs.exports import FMI, LANGUAGES, PERIODS, export
@@ -72,18 +73,22 @@ def export_command(
     """
     told = load(config)
     name = name if name is not None else config.stem.lower().replace("-", "_")
-    files = export(
-        told.observer(),
-        to=to,
-        out=out,
-        name=name,
-        precision=precision,
-        dt=told.log.get("dt") if dt is None and fixed_dt is None else dt,
-        periods=periods,
-        version=fmi_version,
-        units=dict(map(_unit, units)) or None,
-        fixed_dt=fixed_dt,
-    )
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        files = export(
+            told.observer(),
+            to=to,
+            out=out,
+            name=name,
+            precision=precision,
+            dt=told.log.get("dt") if dt is None and fixed_dt is None else dt,
+            periods=periods,
+            version=fmi_version,
+            units=dict(map(_unit, units)) or None,
+            fixed_dt=fixed_dt,
+        )
+    for warning in warned:
+        complain(str(warning.message))
     folder = out.parent if files == [out] else out
     names = ", ".join(str(file.relative_to(folder)) for file in files)
     say(f"written to {printable(str(folder))}: {names}")

@@ -81,7 +81,7 @@ def export(
         An unknown language or precision, a name that is no identifier, a missing `dt`, a
         `fixed_dt` that is no period or beside another `dt`, a log at other times, a law that is no
         table of operations, a folder that cannot be written; `version` or `units` of what is no
-        FMU, or a unit of an unknown name; `fixed_dt` of an FMU, whose steps are its master's.
+        FMU, or a unit of an unknown name.
     DesignError
         A `fixed_dt` at or beyond the limit of a stable step, as in `run`.
 
@@ -144,9 +144,6 @@ def sources(
     for word, value in (("version", version), ("units", units)):
         if value is not None and to != "fmu":
             raise HgoError(explain(word, value, 'left out but with to="fmu"', f"leave {word} out"))
-    if fixed_dt is not None and to == "fmu":
-        allowed = 'left out with to="fmu": the master of an FMU tells the length of its steps'
-        raise HgoError(explain("fixed_dt", fixed_dt, allowed, "give dt="))
     if version is not None:
         check_choice("version", version, FMI)
     arduino = to == "arduino"

@@ -140,7 +140,7 @@ static outcome stepped(unit *of, double t, double dt)
         refuse(of, "a step that has no finite time, or no finite length > 0");
         return ERROR;
     }
-    advance(m, t, dt);
+$fixed    advance(m, t, dt);
     if (m->status == ${up}_UPDATED || m->status == ${up}_PREDICTED) {
         return OK;
     }

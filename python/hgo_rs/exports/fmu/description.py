@@ -30,7 +30,7 @@ def model_description(
     )
     state = "state" if second else "State"
     can = {
-        "canHandleVariableCommunicationStepSize": program.periods is None,
+        "canHandleVariableCommunicationStepSize": program.periods is None and program.fixed is None,
         f"canGetAndSetFMU{state}": True,
         f"canSerializeFMU{state}": True,
         "canNotUseMemoryManagementFunctions": True,
@@ -44,7 +44,8 @@ def model_description(
         for file in _sources(program.name):
             Xml.SubElement(files, "File", name=file)
     _define_units(root, variables)
-    experiment = {"startTime": "0"} | ({} if dt is None else {"stepSize": repr(float(dt))})
+    period = program.fixed or dt
+    experiment = {"startTime": "0"} | ({} if period is None else {"stepSize": repr(float(period))})
     Xml.SubElement(root, "DefaultExperiment", experiment)
     described = Xml.SubElement(root, "ModelVariables")
     for reference, variable in enumerate(variables.all):

@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from string import Template
 
+from hgo_rs.exports.expressions import number
 from hgo_rs.exports.fmu import fmi2, fmi3
 from hgo_rs.exports.fmu.core import CORE, FUNCTIONS
 from hgo_rs.exports.fmu.variables import Variable, Variables
+from hgo_rs.exports.held import TOLERANCE
 from hgo_rs.exports.program import Program, wrapped
 from hgo_rs.exports.traced import Move
 
@@ -47,6 +49,7 @@ def source(program: Program, variables: Variables, version: str) -> Source:
         "unload": _lines(_unloads(variables)),
         "mirror": _lines(_mirrors(variables) or ["(void)m;"]),
         "advance": _lines(_advance(program, variables)),
+        "fixed": _fixed(program),
         "other": OTHER,
     }
     for key in ("load", "unload"):
@@ -57,6 +60,19 @@ def source(program: Program, variables: Variables, version: str) -> Source:
     digest = hashlib.sha256(told.encode()).hexdigest()
     token = f"{{{digest[:8]}-{digest[8:12]}-{digest[12:16]}-{digest[16:20]}-{digest[20:32]}}}"
     return Source(Template(text).substitute(token=token), token)
+
+
+def _fixed(program: Program) -> str:
+    """A step of another length than the fixed one is refused."""
+    if program.fixed is None:
+        return ""
+    length = number(program.fixed, program.precision)
+    return f"""\
+    if (fabs(dt - {length}) > {TOLERANCE!r} * {length}) {{
+        refuse(of, "a step whose length is not {length} s, for which the observer was exported");
+        return ERROR;
+    }}
+"""
 
 
 def _lines(lines: Sequence[str]) -> str:
