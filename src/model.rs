@@ -32,6 +32,22 @@ use nalgebra::SVector;
 pub trait Model<T: Scalar, const N: usize, const M: usize = 0>: Copy {
     /// The known part f̂(t, x̂, u), one entry a state.
     fn f_hat(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, M>) -> SVector<T, N>;
+    /// What stands in the place of `last`, a value of the last state, in the rate of the state before it.
+    ///
+    /// In a chain of integrators that is `last` itself. Where the last state is an unknown d in a unit of
+    /// its own, it is φ(t, x̂, u, d), of which f̂ then has nothing, and ḋ = 0.
+    #[inline(always)]
+    fn enters(&self, _t: T, _x_hat: &SVector<T, N>, last: T, _u: &SVector<T, M>) -> T {
+        last
+    }
+    /// The slope of [`enters`](Self::enters) in the last state, by which its correction is divided.
+    ///
+    /// It must not be 0 anywhere, and may depend on the states alone: a correction is told neither time
+    /// nor input.
+    #[inline(always)]
+    fn slope(&self, _x_hat: &SVector<T, N>) -> T {
+        T::ONE
+    }
 }
 
 /// A model whose known part enters the last equation only: ẋₙ = φ(x, u, t).

@@ -95,10 +95,11 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
             }
             let r = copies[i].r;
             let mut factor = powers[i] * apart;
-            for (rate, k_bar) in rates.x_hat.iter_mut().zip(self.k_bar.iter()) {
+            let apart = self.k_bar.map(|k_bar| {
                 factor *= r; // r^{j+b}
-                *rate -= *k_bar * factor; // (23), with eᵢ = −(ŷᵢ − y)
-            }
+                k_bar * factor
+            });
+            rates.x_hat -= self.copy.in_unit(&copies[i].x_hat, apart); // (23), with eᵢ = −(ŷᵢ − y)
             rates
         })
     }
@@ -227,7 +228,7 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
         let (observer, r) = (&self.collection.copy, z.main.r);
         let nominal = self.collection.nominal_gain(&z.copies);
         let main = CopyState {
-            x_hat: observer.injected(r * nominal, *e),
+            x_hat: observer.injected(&z.main.x_hat, r * nominal, *e),
             r: driven::<T, _, N>(observer.gain(), &r, *e),
         };
         ModifiedState { main, copies: self.collection.injection(&z.copies, errors) }

@@ -13,7 +13,7 @@
 //! (2019); Astolfi, Zaccarian and Jungers, Systems & Control Letters 148 (2021) 104856. In their coordinates
 //! w₁ = −η₁/(cₘℓᵐ) is the first state of a companion form, from which (1), (2) come by scaling.
 
-use super::{StandardObserver, checked, driven, folded, stagger_chain};
+use super::{StandardObserver, checked, driven, folded};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
@@ -157,7 +157,7 @@ where
     /// The chain of (2) is swept; the filter is not.
     #[inline(always)]
     fn stagger(&self, old: &Self::State, new: Self::State, dt: T) -> Self::State {
-        FilteredState { x_hat: stagger_chain(&old.x_hat, new.x_hat, dt), ..new }
+        FilteredState { x_hat: self.chain.staggered(&old.x_hat, new.x_hat, dt), ..new }
     }
 
     #[inline(always)]

@@ -94,6 +94,27 @@ where
         let (alpha, beta) = (folded(&alpha, ell, |_| 1)?, folded(&beta, ell, |_| 2)?);
         Ok(Self { alpha, beta, gain, model, saturation })
     }
+
+    /// What the value `eta` of slot i stands for in the rate of the state before: the last one as the model
+    /// has it [enter](crate::model::Model::enters).
+    #[inline(always)]
+    fn above(&self, t: T, x_hat: &SVector<T, N>, (i, eta): (usize, T), u: &SVector<T, M>) -> T {
+        if i + 2 == N { self.model.enters(t, x_hat, eta, u) } else { eta }
+    }
+
+    /// By how much the state before moves faster where slot i grows: the last one times its
+    /// [slope](crate::model::Model::slope).
+    #[inline(always)]
+    fn moves(&self, x_hat: &SVector<T, N>, i: usize, grown: T) -> T {
+        if i + 2 == N { grown * self.model.slope(x_hat) } else { grown }
+    }
+
+    /// A correction of η, its last one in the [unit](crate::model::Model::slope) of the last state.
+    #[inline(always)]
+    fn in_unit(&self, x_hat: &SVector<T, N>, of_chain: SVector<T, N>) -> SVector<T, N> {
+        let slope = self.model.slope(x_hat);
+        SVector::from_fn(|i, _| if i + 2 == N { of_chain[i] / slope } else { of_chain[i] })
+    }
 }
 
 impl<T, G, Md, S, const N: usize, const M: usize> ContinuousLaw<T> for LowPower<T, G, Md, S, N, M>
@@ -134,15 +155,17 @@ where
         let e: SVector<T, N> =
             SVector::from_fn(|i, _| if i == 0 { *e1 } else { eta_s[i - 1] - x_hat[i] }); // (11b)
         let x_rate = SVector::from_fn(|i, _| {
-            let above = if i + 1 < N { eta[i] } else { phi };
+            let above = if i + 1 < N { self.above(t, x_hat, (i, eta[i]), u) } else { phi };
             above + self.alpha[i] * r * e[i]
         });
+        let injected = self.in_unit(x_hat, SVector::from_fn(|i, _| self.beta[i] * r2 * e[i]));
         let eta_rate: SVector<T, N> = SVector::from_fn(|i, _| {
             if i + 1 == N {
                 T::ZERO
             } else {
-                let above = if i + 2 < N { eta_s[i + 1] } else { phi };
-                above + self.beta[i] * r2 * e[i]
+                let above =
+                    if i + 2 < N { self.above(t, x_hat, (i + 1, eta_s[i + 1]), u) } else { phi };
+                above + injected[i]
             }
         });
         LowPowerState { x_hat: x_rate, eta: eta_rate.into(), r: self.gain.rate::<N>(m, *e1) }
@@ -154,6 +177,7 @@ where
         let first = |i: usize, injected: T| if i == 0 { injected } else { T::ZERO };
         let eta: SVector<T, N> =
             SVector::from_fn(|i, _| first(i + usize::from(N < 2), self.beta[0] * (r * r) * *e1));
+        let eta = self.in_unit(&z.x_hat, eta);
         LowPowerState {
             x_hat: SVector::from_fn(|i, _| first(i, self.alpha[0] * r * *e1)),
             eta: eta.into(),
@@ -165,10 +189,10 @@ where
     fn stagger(&self, old: &Self::State, mut new: Self::State, dt: T) -> Self::State {
         for i in (1..N - 1).rev() {
             let moved = self.saturation.apply(i, new.eta[i]) - self.saturation.apply(i, old.eta[i]);
-            new.eta[i - 1] += dt * moved;
+            new.eta[i - 1] += dt * self.moves(&old.x_hat, i, moved);
         }
         for i in 0..N - 1 {
-            new.x_hat[i] += dt * (new.eta[i] - old.eta[i]);
+            new.x_hat[i] += dt * self.moves(&old.x_hat, i, new.eta[i] - old.eta[i]);
         }
         new
     }
@@ -403,11 +427,16 @@ where
     fn flow(&self, t: T, z: &Self::State, u: &Self::Input, dt: T) -> Self::State {
         let LowPowerState { x_hat, eta, r: m } = z;
         let phi = self.model.phi(t, x_hat, u);
-        let above: SVector<T, N> =
-            SVector::from_fn(|i, _| if i + 1 < N { self.saturation.apply(i, eta[i]) } else { phi });
+        let above: SVector<T, N> = SVector::from_fn(|i, _| {
+            if i + 1 == N {
+                return phi;
+            }
+            self.above(t, x_hat, (i, self.saturation.apply(i, eta[i])), u)
+        });
         let moved = ahead(&SVector::from_element(T::ZERO), &above, dt);
         let x_hat = SVector::from_fn(|i, _| {
-            let own = if i + 1 < N { dt * (eta[i] - above[i]) } else { T::NEG_ZERO };
+            let own = |i: usize| dt * (self.above(t, x_hat, (i, eta[i]), u) - above[i]);
+            let own = if i + 1 < N { own(i) } else { T::NEG_ZERO };
             x_hat[i] + moved[i] + own
         });
         let eta: SVector<T, N> =
@@ -419,6 +448,7 @@ where
     #[inline(always)]
     fn inject(&self, z: &Self::State, e1: &T, k: &Self::Gains, dt: T) -> Self::State {
         let ([placed, alone], mut new) = (k, *z);
+        let (placed_b, alone_b) = (self.in_unit(&z.x_hat, placed.b), self.in_unit(&z.x_hat, alone.b));
         for i in 0..N {
             let e =
                 if i == 0 { *e1 } else { self.saturation.apply(i - 1, z.eta[i - 1]) - z.x_hat[i] };
@@ -426,12 +456,12 @@ where
                 new.x_hat[i] += placed.a[i] * e;
                 continue;
             }
-            let asked = alone.b[i] * e;
+            let asked = alone_b[i] * e;
             // no time: nothing moves
-            let beyond = (asked - self.saturation.apply(i, asked)) / alone.b[i].or(T::ONE);
+            let beyond = (asked - self.saturation.apply(i, asked)) / alone_b[i].or(T::ONE);
             let within = e - beyond;
             new.x_hat[i] += placed.a[i] * within + alone.a[i] * beyond;
-            new.eta[i] += placed.b[i] * within + alone.b[i] * beyond;
+            new.eta[i] += placed_b[i] * within + alone_b[i] * beyond;
         }
         new.r = z.r.plus(dt, &driven::<T, G, N>(&self.gain, &z.r, *e1));
         new

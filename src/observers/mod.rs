@@ -314,12 +314,6 @@ fn unfolded<T: Scalar, const N: usize>(
     })
 }
 
-/// A x̂: the chain of integrators ẋᵢ = xᵢ₊₁.
-#[inline(always)]
-fn chain<T: Scalar, const N: usize>(x: &SVector<T, N>) -> SVector<T, N> {
-    SVector::from_fn(|i, _| if i + 1 < N { x[i + 1] } else { T::NEG_ZERO })
-}
-
 /// What of the gain's rate is due to the innovation.
 #[inline(always)]
 fn driven<T: Scalar, G: GainLaw<T>, const N: usize>(
@@ -328,18 +322,4 @@ fn driven<T: Scalar, G: GainLaw<T>, const N: usize>(
     e: T,
 ) -> G::Memory {
     gain.rate::<N>(memory, e).zip(&gain.rate::<N>(memory, T::ZERO), |rate, free| rate - free)
-}
-
-/// Staggered sweep of a chain: xᵢ⁺ += dt·(xᵢ₊₁⁺ − xᵢ₊₁), from the bottom up.
-#[inline(always)]
-fn stagger_chain<T: Scalar, const N: usize>(
-    old: &SVector<T, N>,
-    mut new: SVector<T, N>,
-    dt: T,
-) -> SVector<T, N> {
-    for i in (1..N).rev() {
-        let moved = dt * (new[i] - old[i]);
-        new[i - 1] += moved;
-    }
-    new
 }

@@ -8,7 +8,7 @@
 //! Lee, Choi and Khalil (39), whose forward Euler form under a fixed step is (42) and under the
 //! decreasing steps a(k) of [`crate::schedule::StochasticApproximation`] is (44).
 
-use super::{chain, checked, driven, folded, stagger_chain};
+use super::{checked, driven, folded};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
@@ -16,6 +16,7 @@ use crate::injection::{Injected, Placement, Poles, ahead, chain_gains};
 use crate::memory::Memory;
 use crate::model::Model;
 use crate::observer::ContinuousLaw;
+use core::cmp::Ordering::{Equal, Greater, Less};
 use nalgebra::SVector;
 
 crate::memory_struct! {
@@ -77,17 +78,52 @@ where
         e: T,
         u: &SVector<T, M>,
     ) -> SVector<T, N> {
-        chain(x_hat) + self.model.f_hat(t, x_hat, u) + self.injected(r, e) // (5)
+        self.free(t, x_hat, u) + self.injected(x_hat, r, e) // (5)
     }
 
-    /// Λ(r) K e.
+    /// A x̂ + f̂, the last state as the model has it [enter](Model::enters).
     #[inline(always)]
-    pub(super) fn injected(&self, r: T, e: T) -> SVector<T, N> {
+    fn free(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, M>) -> SVector<T, N> {
+        let above = SVector::from_fn(|i, _| match (i + 1).cmp(&(N - 1)) {
+            Less => x_hat[i + 1],
+            Equal => self.model.enters(t, x_hat, x_hat[i + 1], u),
+            Greater => T::NEG_ZERO,
+        });
+        above + self.model.f_hat(t, x_hat, u)
+    }
+
+    /// A correction of a chain of integrators, its last entry in the [unit](Model::slope) of the last state.
+    #[inline(always)]
+    pub(super) fn in_unit(&self, x_hat: &SVector<T, N>, of_chain: SVector<T, N>) -> SVector<T, N> {
+        let slope = self.model.slope(x_hat);
+        SVector::from_fn(|i, _| if i + 1 == N { of_chain[i] / slope } else { of_chain[i] })
+    }
+
+    /// Λ(r) K e at x̂.
+    #[inline(always)]
+    pub(super) fn injected(&self, x_hat: &SVector<T, N>, r: T, e: T) -> SVector<T, N> {
         let mut injection = e;
-        SVector::from_fn(|i, _| {
+        let of_chain = SVector::from_fn(|i, _| {
             injection *= r; // rⁱ e
             self.k[i] * injection
-        })
+        });
+        self.in_unit(x_hat, of_chain)
+    }
+
+    /// Staggered sweep of the chain: xᵢ⁺ += dt·(xᵢ₊₁⁺ − xᵢ₊₁), from the bottom up, of the last state times
+    /// its [slope](Model::slope).
+    #[inline(always)]
+    pub(super) fn staggered(
+        &self,
+        old: &SVector<T, N>,
+        mut new: SVector<T, N>,
+        dt: T,
+    ) -> SVector<T, N> {
+        for i in (1..N).rev() {
+            let moved = dt * (new[i] - old[i]);
+            new[i - 1] += if i + 1 == N { moved * self.model.slope(old) } else { moved };
+        }
+        new
     }
 
     /// The gain law.
@@ -129,14 +165,14 @@ where
     #[inline(always)]
     fn injection(&self, z: &Self::State, e: &T) -> Self::State {
         StandardState {
-            x_hat: self.injected(self.gain.moving(&z.r), *e),
+            x_hat: self.injected(&z.x_hat, self.gain.moving(&z.r), *e),
             r: driven::<T, G, N>(&self.gain, &z.r, *e),
         }
     }
 
     #[inline(always)]
     fn stagger(&self, old: &Self::State, new: Self::State, dt: T) -> Self::State {
-        StandardState { x_hat: stagger_chain(&old.x_hat, new.x_hat, dt), ..new }
+        StandardState { x_hat: self.staggered(&old.x_hat, new.x_hat, dt), ..new }
     }
 
     #[inline(always)]
@@ -177,7 +213,7 @@ where
 
     #[inline(always)]
     fn flow(&self, t: T, z: &Self::State, u: &Self::Input, dt: T) -> Self::State {
-        let rate = chain(&z.x_hat) + self.model.f_hat(t, &z.x_hat, u);
+        let rate = self.free(t, &z.x_hat, u);
         StandardState {
             x_hat: ahead(&z.x_hat, &rate, dt),
             r: z.r.plus(dt, &self.gain.rate::<N>(&z.r, T::ZERO)),
@@ -187,7 +223,7 @@ where
     #[inline(always)]
     fn inject(&self, z: &Self::State, e: &T, k: &SVector<T, N>, dt: T) -> Self::State {
         StandardState {
-            x_hat: SVector::from_fn(|i, _| z.x_hat[i] + k[i] * *e),
+            x_hat: z.x_hat + self.in_unit(&z.x_hat, SVector::from_fn(|i, _| k[i] * *e)),
             r: z.r.plus(dt, &driven::<T, G, N>(&self.gain, &z.r, *e)),
         }
     }

@@ -391,11 +391,13 @@ fn model(spec: &Spec<'_>) -> Result<Value> {
              and its table of operations"
         )));
     }
-    spec.only(&["kind", "form", "states", "inputs", "parameters", "orders", "n_z", "table"])?;
+    let names = ["states", "inputs", "parameters", "unknown", "units"];
+    spec.only(&[&["kind", "form", "orders", "n_z", "table"], &names[..]].concat())?;
     let states = spec.texts("states")?.unwrap_or_default();
     let inputs = spec.texts("inputs")?.unwrap_or_default();
     let n_z = if spec.has("n_z") { spec.count("n_z")? } else { 0 };
-    let n = states.len().saturating_sub(n_z);
+    let unknown = unknown(spec)?;
+    let n = states.len().saturating_sub(n_z) + unknown.len();
     let form = spec.text_or("form", if spec.has("orders") { "chains" } else { "phase" })?;
     let mut parameters = Vec::new();
     if spec.has("parameters") {
@@ -409,8 +411,30 @@ fn model(spec: &Spec<'_>) -> Result<Value> {
     made.put("n", whole(n));
     made.put("n_u", whole(inputs.len()));
     made.put("parameters", numbers(parameters));
-    for key in ["orders", "n_z", "table"] {
+    if !unknown.is_empty() {
+        made.put("unknown", Value::List(unknown.iter().map(|_| whole(1)).collect()));
+    }
+    if let Some(orders) = spec.wholes("orders")? {
+        let more = |chain| usize::from(chain < unknown.len());
+        let longer = orders.iter().enumerate().map(|(chain, n)| whole(n + more(chain)));
+        made.put("orders", Value::List(longer.collect()));
+    }
+    for key in ["n_z", "table"] {
         made.put_given(spec, key);
     }
     Ok(Value::Map(made.0))
+}
+
+/// The names of unknowns, one or as many as there are chains, each the last state of its chain.
+fn unknown(spec: &Spec<'_>) -> Result<Vec<String>> {
+    let named = match spec.text("unknown") {
+        Ok(name) => vec![name],
+        Err(_) => spec.texts("unknown")?.unwrap_or_default(),
+    };
+    let chains = spec.wholes("orders")?.map_or(1, |orders| orders.len());
+    if named.is_empty() || named.len() == chains {
+        return Ok(named);
+    }
+    let count = named.len();
+    Err(refused(format!("model[\"unknown\"] has {count} names; it must have {chains}, one a chain")))
 }

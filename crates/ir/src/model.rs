@@ -22,11 +22,15 @@ pub struct OwnModel {
     pub(crate) orders: Vec<usize>,
     /// Unmeasured states of the strict-feedback form.
     pub(crate) n_z: usize,
+    /// For each chain, whether its last state is an unknown that enters the equation before it; empty
+    /// where none is. The slopes in the unknowns are then the last outputs of the table, one a chain.
+    pub(crate) unknown: Vec<bool>,
 }
 
 impl OwnModel {
     pub(crate) fn read(spec: &Spec<'_>) -> Result<Self> {
-        spec.only(&["kind", "form", "n", "n_u", "table", "parameters", "names", "orders", "n_z"])?;
+        let sizes = ["form", "n", "n_u", "orders", "n_z", "unknown"];
+        spec.only(&[&["kind", "table", "parameters", "names", "units"], &sizes[..]].concat())?;
         let (form, n, n_u) = (spec.text("form")?, spec.count("n")?, spec.count("n_u")?);
         let table = Table::read(&spec.sub("table")?)?;
         let parameters = spec.numbers("parameters")?.values.clone();
@@ -45,11 +49,23 @@ impl OwnModel {
             return Err(refused(&message));
         }
         let n_z = if form == "strict-feedback" { spec.count("n_z")? } else { 0 };
+        let unknown: Vec<bool> =
+            spec.wholes("unknown")?.unwrap_or_default().iter().map(|of| *of > 0).collect();
+        if !unknown.is_empty() {
+            let carries = ["phase", "triangular", "chains"].contains(&form.as_str());
+            let longer = orders.iter().zip(&unknown).all(|(n, of)| *n > usize::from(*of));
+            if !carries || !longer || unknown.len() != orders.len() {
+                return Err(refused(format!(
+                    "unknown = {unknown:?} is not allowed: a model of form phase, triangular or chains has \
+                     one entry for each chain, 1 where its last state, behind others, is an unknown"
+                )));
+            }
+        }
         let (given, made) = match form.as_str() {
             "strict-feedback" => (1 + n + n_z + n_u, n + n * n_z + n_z),
             "chains" => (1 + n + n_u, orders.len()),
             "phase" => (1 + n + n_u, 1),
-            "triangular" => (1 + n + n_u, n),
+            "triangular" => (1 + n + n_u, n - unknown.len()),
             "sampled" => (3 + n + n_u, 2 * n + 1),
             other => {
                 return Err(spec.unknown(
@@ -59,7 +75,7 @@ impl OwnModel {
                 ));
             }
         };
-        let given = given + parameters.len();
+        let (given, made) = (given + parameters.len(), made + unknown.len());
         if table.inputs.len() != given || table.outputs.len() != made {
             return Err(refused(format!(
                 "the model's table has {} inputs and {} outputs; its form {form:?} has {given} and \
@@ -68,13 +84,30 @@ impl OwnModel {
                 table.outputs.len()
             )));
         }
-        Ok(Self { form, n, n_u, table, parameters, orders, n_z })
+        Ok(Self { form, n, n_u, table, parameters, orders, n_z, unknown })
+    }
+
+    /// How the unknown of a chain enters, if it has one.
+    fn entry(&self, chain: usize) -> Option<Entry> {
+        let slope = self.table.outputs.len() - self.unknown.len();
+        let side = if self.orders.len() > 1 { chain } else { slope.saturating_sub(1) };
+        let entry = Entry { side, slope: slope + chain };
+        self.unknown.get(chain).is_some_and(|of| *of).then_some(entry)
     }
 
     /// Names of the parameters: the last inputs of the table.
     pub(crate) fn names(&self) -> &[String] {
         &self.table.inputs[self.table.inputs.len() - self.parameters.len()..]
     }
+}
+
+/// Where in a table an unknown stands, which is the last state of a chain.
+#[derive(Clone, Copy)]
+pub(crate) struct Entry {
+    /// The right-hand side that it enters.
+    side: usize,
+    /// Its slope.
+    slope: usize,
 }
 
 /// A model that observers over traced numbers know.
@@ -84,6 +117,7 @@ pub(crate) enum Known {
     Own {
         function: usize,
         n_u: usize,
+        unknown: Option<Entry>,
     },
     /// One of the chains of a model with several outputs: the states of the others, `shared`, are held
     /// over the step.
@@ -94,6 +128,7 @@ pub(crate) enum Known {
         n: usize,
         chain: usize,
         first: usize,
+        unknown: Option<Entry>,
     },
 }
 
@@ -102,14 +137,21 @@ impl Known {
     fn call(&self, t: Traced, x: &[Traced], u: &[Traced]) -> Vec<Traced> {
         match *self {
             Self::Paper(_) => Vec::new(),
-            Self::Own { function, n_u } => call(function, &[&[t], x, &u[..n_u]].concat()),
-            Self::Chain { function, shared, n_u, n, chain, first } => {
+            Self::Own { function, n_u, .. } => call(function, &[&[t], x, &u[..n_u]].concat()),
+            Self::Chain { function, shared, n_u, n, first, .. } => {
                 let mut all = trace::parameters(shared);
                 all.truncate(n);
                 all[first..first + x.len()].copy_from_slice(x);
-                let made = call(function, &[&[t], all.as_slice(), &u[..n_u]].concat());
-                vec![made[chain]]
+                call(function, &[&[t], all.as_slice(), &u[..n_u]].concat())
             }
+        }
+    }
+
+    /// How the last state enters, where it is an unknown.
+    fn unknown(&self) -> Option<Entry> {
+        match *self {
+            Self::Paper(_) => None,
+            Self::Own { unknown, .. } | Self::Chain { unknown, .. } => unknown,
         }
     }
 }
@@ -126,13 +168,36 @@ impl<const N: usize> Model<Traced, N, MAX_INPUTS> for Known {
         x: &SVector<Traced, N>,
         u: &SVector<Traced, MAX_INPUTS>,
     ) -> SVector<Traced, N> {
-        match self {
-            Self::Paper(model) => model.f_hat(t, x, &told::<1>(u)),
-            own => match own.call(t, x.as_slice(), u.as_slice()).as_slice() {
+        let made = self.call(t, x.as_slice(), u.as_slice());
+        match (self, self.unknown()) {
+            (Self::Paper(model), _) => model.f_hat(t, x, &told::<1>(u)),
+            (Self::Chain { chain, .. }, None) => last(made[*chain]),
+            (Self::Own { .. }, None) => match made.as_slice() {
                 [phi] => last(*phi),
                 f => SVector::from_fn(|i, _| f.get(i).copied().unwrap_or_default()),
             },
+            // the equation that an unknown enters is where the unknown does
+            (Self::Own { .. }, Some(Entry { side, .. })) => {
+                SVector::from_fn(|i, _| if i < side { made[i] } else { Traced::NEG_ZERO })
+            }
+            (Self::Chain { .. }, Some(_)) => SVector::from_element(Traced::NEG_ZERO),
         }
+    }
+    fn enters(
+        &self,
+        t: Traced,
+        x: &SVector<Traced, N>,
+        last: Traced,
+        u: &SVector<Traced, MAX_INPUTS>,
+    ) -> Traced {
+        let Some(Entry { side, .. }) = self.unknown() else { return last };
+        let mut x = *x;
+        x[N - 1] = last;
+        self.call(t, x.as_slice(), u.as_slice())[side]
+    }
+    fn slope(&self, x: &SVector<Traced, N>) -> Traced {
+        let Some(Entry { slope, .. }) = self.unknown() else { return Traced::ONE };
+        self.call(Traced::ZERO, x.as_slice(), &[Traced::ZERO; MAX_INPUTS])[slope]
     }
 }
 
@@ -140,10 +205,7 @@ impl<const N: usize> PhaseVariable<Traced, N, MAX_INPUTS> for Known {
     fn phi(&self, t: Traced, x: &SVector<Traced, N>, u: &SVector<Traced, MAX_INPUTS>) -> Traced {
         match self {
             Self::Paper(model) => model.phi(t, x, &told::<1>(u)),
-            own => {
-                let made = own.call(t, x.as_slice(), u.as_slice());
-                made.first().copied().unwrap_or_default()
-            }
+            _ => self.f_hat(t, x, u)[N - 1],
         }
     }
 }
@@ -296,7 +358,7 @@ impl<'a> Given<'a> {
                 }
                 let parameters = own.names().iter().map(|name| input(name)).collect();
                 let function = trace::function(own.table.clone(), parameters);
-                (Some(own.n), Known::Own { function, n_u: own.n_u })
+                (Some(own.n), Known::Own { function, n_u: own.n_u, unknown: own.entry(0) })
             }
             Self::Chain(own, chain) => {
                 let (n, n_u, chain) = (own.n, own.n_u, *chain);
@@ -305,7 +367,8 @@ impl<'a> Given<'a> {
                 let function = trace::function(own.table.clone(), parameters);
                 let first = own.orders[..chain].iter().sum();
                 let order = own.orders[chain];
-                (Some(order), Known::Chain { function, shared, n_u, n, chain, first })
+                let unknown = own.entry(chain);
+                (Some(order), Known::Chain { function, shared, n_u, n, chain, first, unknown })
             }
         };
         match order {

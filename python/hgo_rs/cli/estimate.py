@@ -23,6 +23,7 @@ from hgo_rs.logs.estimation import check_fit
 from hgo_rs.logs.times import UNITS
 from hgo_rs.logs.write import check_writable_format
 from hgo_rs.observers import Gap, Observer, RunResult
+from hgo_rs.observers.labels import Labels
 from hgo_rs.observers.turns import nearest
 
 
@@ -286,7 +287,8 @@ def _check_writable(path: Path) -> None:
 def _columns(log: Log, result: RunResult, piece: int | None) -> dict[str, np.ndarray]:
     """t, y, u, x_hat1 ... x_hatN, innovation, missing (0 or 1), and the piece where asked for.
 
-    Several outputs and inputs are numbered: y1, y2, ...
+    An unknown of the model is called by its name; units stand behind the names. Several outputs and
+    inputs are numbered: y1, y2, ...
     """
     columns: dict[str, np.ndarray] = {"t": log.t}
 
@@ -299,7 +301,7 @@ def _columns(log: Log, result: RunResult, piece: int | None) -> dict[str, np.nda
     add("y", log.y)
     if log.u is not None:
         add("u", log.u)
-    add("x_hat", result.x_hat)
+    columns |= {result.labels.heading(i): values for i, values in enumerate(result.x_hat.T)}
     add("innovation", result.innovation.reshape(log.y.shape))
     add("missing", log.missing.astype(np.int64))
     if piece is not None:
@@ -314,6 +316,7 @@ class _LongestGaps:
 
     def __init__(self) -> None:
         self.found: list[tuple[float, float, Gap, np.ndarray]] = []
+        self.labels = Labels()
 
     def add(self, result: RunResult) -> None:
         """Look at a chunk; what a gap costs is computed for those that are among the longest."""
@@ -324,7 +327,7 @@ class _LongestGaps:
         gaps = [gap for gap in gaps if gap.duration > least]
         if not gaps:
             return
-        errors = result.error_after(gaps)
+        errors, self.labels = result.error_after(gaps), result.labels
         for gap, error in zip(gaps, errors, strict=True):
             self.found.append((gap.duration, float(result.time[gap.start]), gap, error))
         self.found = sorted(self.found, key=lambda f: -f[0])[: self.COUNT]
@@ -332,7 +335,7 @@ class _LongestGaps:
     def tell(self) -> None:
         for duration, t, gap, error in self.found:
             states = ", ".join(
-                f"x_hat{i + 1} {e:.3g}" for i, e in enumerate(error) if np.isfinite(e)
+                f"{self.labels.column(i)} {e:.3g}" for i, e in enumerate(error) if np.isfinite(e)
             )
             told = f"error to expect at its end: {states}" if states else "no error estimate"
             say(f"gap of {duration:.4g} s ({gap.length} samples) at t = {t:.10g} s: {told}")
@@ -397,6 +400,9 @@ class _Trace:
 def _state_names(law: Observer, output: str) -> list[str] | None:
     """The names of the states: the model's own, or the output and its derivatives."""
     own = law.spec["model"].get("names", {}).get("states")
+    labelled = Labels.of(law.spec, law.n).titles(law.n)
+    if labelled:
+        return labelled
     if own or law.n_y > 1:
         return list(own) if own and len(own) == law.n else None
     ordinals = ("first", "second", "third", "fourth", "fifth")

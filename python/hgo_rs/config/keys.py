@@ -73,6 +73,14 @@ NAMED_NUMBERS: Kind = (
     lambda v: isinstance(v, dict) and all(map(is_number, v.values())),
     "named numbers, such as { M = 2.0 }",
 )
+NAMED_TEXTS: Kind = (
+    lambda v: isinstance(v, dict) and all(isinstance(text, str) for text in v.values()),
+    'named texts, such as { q = "rad" }',
+)
+RANGES: Kind = (
+    lambda v: isinstance(v, dict) and all(NUMBERS[0](ends) for ends in v.values()),
+    "named ranges, such as { q = [-1.0, 1.0] }",
+)
 GAIN: Kind = (
     lambda v: is_number(v) or isinstance(v, (str, dict)),
     'a number [1/s], or a law such as { law = "adaptive", p1 = 1.0, p2 = 1.0, b = 0.1 }',
@@ -128,6 +136,9 @@ MODELS: dict[str, tuple[str, dict[str, Kind]]] = {
             "inputs": TEXTS,
             "parameters": NAMED_NUMBERS,
             "orders": INTEGERS,
+            "unknown": TEXT_OR_TEXTS,
+            "box": RANGES,
+            "units": NAMED_TEXTS,
             "phi": TEXT_OR_TEXTS,
             "f": TEXTS,
             "f1": TEXTS,

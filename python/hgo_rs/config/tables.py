@@ -63,14 +63,8 @@ def model_table(observer: Observer) -> dict[str, Any] | None:
 
 def _own_table(model: Any) -> dict[str, Any]:
     """`[model]` of an own model: names, parameters, and its right-hand sides as expressions."""
-    table: dict[str, Any] = {"states": list(model.states)}
-    if model.inputs:
-        table["inputs"] = list(model.inputs)
-    if model.parameters:
-        table["parameters"] = dict(model.parameters)
-    orders = list(getattr(model, "orders", ()))
-    if orders:
-        table["orders"] = orders
+    table: dict[str, Any] = model.named_arguments()
+    orders = table.get("orders")
     sides = {name: [str(node) for node in nodes] for name, nodes in model.equations.items()}
     for name, side in sides.items():
         if name == "h" or (name == "phi" and not orders):

@@ -52,6 +52,9 @@ def description(
     spec = observer.spec
     lines = [f"{spec['kind'].capitalize()} observer of order {observer.n}."]
     lines += _law(spec["kind"]).splitlines()
+    for name in (model_of(spec).get("names") or {}).get("unknown", ()):
+        lines.append(f"{name}: unknown, the last state of its chain, in place of which phi enters;")
+        lines.append("its correction is over the slope of phi in it")
     lines += _equations(spec)
     lines.append("")
     for key, value in spec.items():
@@ -62,7 +65,7 @@ def description(
             lines.append(f"poles at gain 1: {', '.join(map(_pole, roots))}")
     model = model_of(spec)
     if model:
-        hidden = ("table", "names", "n", "n_u", "parameters")
+        hidden = ("table", "names", "n", "n_u", "parameters", "unknown", "units")
         lines.append(f"model: {_shown({k: v for k, v in model.items() if k not in hidden})}")
         lines += [f"{name} = {value!r}" for name, value in parameters_of(spec)]
         lines += words.renamed

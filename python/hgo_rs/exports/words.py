@@ -101,7 +101,9 @@ def memory_words(observer: Observer) -> list[tuple[str, str]]:
     if len(states) < n:
         states = _numbered("z" if spec["kind"] == "reduced-order" else "x", n)
     states = states[-n:]
-    words = [(word, f"estimate of {word}") for word in states]
+    units = model_of(spec).get("units") or {}
+    told = {word: f", {units[word]}" if word in units else "" for word in states}
+    words = [(word, f"estimate of {word}{told[word]}") for word in states]
     count = len(observer.memory) - n
     if spec["kind"] == "reduced-order":
         n_y, n_u = observer.n_y, observer.n_u

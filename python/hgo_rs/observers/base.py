@@ -24,6 +24,7 @@ from hgo_rs.models.own.callables import clocked, stand_in, warn_slow
 from hgo_rs.observers import records
 from hgo_rs.observers.compiled import RecordEngine
 from hgo_rs.observers.gaps import gap_error
+from hgo_rs.observers.labels import Labels
 from hgo_rs.observers.online import TAMER, OnlineObserver
 from hgo_rs.observers.records import Array
 from hgo_rs.observers.result import Gap, RunResult
@@ -186,6 +187,7 @@ class Observer(OnlineObserver):
             timing=self.timing,
         )
         result.__dict__["slowdown"] = slowdown
+        result.__dict__["labels"] = Labels.of(self.spec, self.n)
         result.__dict__["next_memory"] = None if until is None else frozen(track["next"])
         if track["missing"].any():  # for the error to expect after the gaps
             result.__dict__["_run_of"] = (self, told.copy())
@@ -246,19 +248,28 @@ class Observer(OnlineObserver):
     def noise_gain(self, dt: float | None = None, *, gain: float | None = None) -> Array:
         """Variance of each estimate per unit variance of white measurement noise, (n,).
 
-        Unit of entry i: s^(-2(i-1)). Exact, from a Lyapunov equation, the known part of the model
+        Unit of entry i: s^(-2(i-1)); of an unknown its own, with the slope at the present estimate.
+        Exact, from a Lyapunov equation, the known part of the model
         left out. Without `dt` per unit spectral density, the limit of noise_gain(dt)/dt.
         Parameters and errors as in `bandwidth`; see `hgo_rs.design.noise_gain`.
         """
-        return noise_gain(self.spec, dt, gain=self._frozen(gain))
+        return self._in_units(noise_gain(self.spec, dt, gain=self._frozen(gain)), 2)
 
     def peaking(self, dt: float | None = None, *, gain: float | None = None) -> Array:
         """Largest error of each estimate over time for x_hat_1 wrong by 1 at the start, (n,).
 
-        Unit of entry i: s^(-(i-1)); it grows as ell^(i-1).
+        Unit of entry i: s^(-(i-1)); it grows as ell^(i-1). An unknown is in its own, with the slope
+        at the present estimate.
         Parameters and errors as in `bandwidth`; see `hgo_rs.design.peaking`.
         """
-        return peaking(self.spec, dt, gain=self._frozen(gain))
+        return self._in_units(peaking(self.spec, dt, gain=self._frozen(gain)), 1)
+
+    def _in_units(self, figures: Array, power: int) -> Array:
+        """Figures of a chain, of an unknown in its own unit: over a power of its slope."""
+        model = self.model
+        if not isinstance(model, Model) or not model.unknown:
+            return figures
+        return np.asarray(figures / np.abs(model.slopes_at(self.memory[: self.n])) ** power)
 
     def settling(
         self, dt: float | None = None, *, within: float = 0.02, gain: float | None = None

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from hgo_rs.errors import HgoError, need
+from hgo_rs.errors import HgoError, explain, need
+from hgo_rs.observers.labels import Labels
 from hgo_rs.read_only import shown
 
 if TYPE_CHECKING:
@@ -59,6 +60,8 @@ class RunResult:
         compiled model, more for a Python callable that could not be compiled.
     next_memory : (m,) or None
         The memory at `until`, where the run was given one.
+    labels : Labels
+        Names and units of the estimates, where the model has some.
     """
 
     time: Array
@@ -89,6 +92,7 @@ class RunResult:
 
     slowdown = 1.0
     next_memory: ClassVar[Array | None] = None
+    labels: ClassVar[Labels] = Labels()
 
     if not TYPE_CHECKING:
 
@@ -183,13 +187,25 @@ class RunResult:
             innovation=self.innovation[:, 0] if single else None,
             missing=self.missing,
             gain=self.gain,
+            names=self.labels.titles(self.x_hat.shape[1]),
             figure=figure,
         )
 
-    def columns(self) -> dict[str, Array]:
-        """Every signal as a named column (N,)."""
+    def of(self, name: str) -> Array:
+        """The estimate (N,) of a state or an unknown, by the name that the model gives it."""
+        if name not in self.labels.states:
+            remedy = "choose one of the model's states" if self.labels.states else "give a Model"
+            raise HgoError(explain("of", name, f"one of {list(self.labels.states)}", remedy))
+        return shown(self.x_hat[:, self.labels.states.index(name)])
+
+    def columns(self, *, units: bool = False) -> dict[str, Array]:
+        """Every signal as a named column (N,): an unknown by its name, a state as x_hat1, ...
+
+        With `units` behind the names of estimates, as in "T_load [N m]", where the model has them.
+        """
         out = {"time": self.time}
-        out |= {f"x_hat{i + 1}": column for i, column in enumerate(self.x_hat.T)}
+        name = self.labels.heading if units else self.labels.column
+        out |= {name(i): column for i, column in enumerate(self.x_hat.T)}
         out |= {f"innovation{i + 1}": column for i, column in enumerate(self.innovation.T)}
         if self.gain is not None:
             out["gain"] = self.gain
@@ -197,14 +213,27 @@ class RunResult:
         return out
 
     def to_dataframe(self) -> Any:
-        """A pandas DataFrame indexed by time. Needs the extra `data`."""
+        """A pandas DataFrame indexed by time; units are in its `attrs["units"]`, by column.
+
+        Needs the extra `data`.
+        """
         pd = need("pandas", "a table needs pandas", "data")
-        return pd.DataFrame(self.columns()).set_index("time")
+        table = pd.DataFrame(self.columns()).set_index("time")
+        if self._units:
+            table.attrs["units"] = self._units
+        return table
+
+    @property
+    def _units(self) -> dict[str, str]:
+        """Units by column."""
+        n, labels = self.x_hat.shape[1], self.labels
+        return {labels.column(i): labels.unit(i) for i in range(n) if labels.unit(i)}
 
     def to_xarray(self) -> Any:
-        """An xarray Dataset over time. Needs the extra `xarray`."""
+        """An xarray Dataset over time, units as the attribute `units`. Needs the extra `xarray`."""
         xr = need("xarray", "a Dataset needs xarray", "xarray")
         columns = self.columns()
         time = columns.pop("time")
-        data = {name: ("time", values) for name, values in columns.items()}
+        units = {name: {"units": unit} for name, unit in self._units.items()}
+        data = {name: ("time", values, units.get(name, {})) for name, values in columns.items()}
         return xr.Dataset(data, coords={"time": time})

@@ -57,6 +57,14 @@ class Plant:
         """f_hat(x_hat, u), shape of ``x_hat``; None where it vanishes."""
         return None
 
+    def enters(self, x_hat: Array, last: Array, u: Array | None, t: float) -> Array:
+        """What ``last``, a value of the last state, does to the rate of the one before: itself."""
+        return last
+
+    def slope(self, x_hat: Array) -> Array | float:
+        """The slope of ``enters`` in the last state."""
+        return 1.0
+
 
 class NoModel(Plant):
     """Nothing is known: phi = 0."""
@@ -369,15 +377,23 @@ class Own(Plant):
                 raise fail(f"{where}.orders", self.orders, f"of sum n = {n}", "list every chain")
         if self.form == "strict-feedback":
             self.n_z = integer(member(spec, "n_z", where), f"{where}.n_z", least=1)
+        self.unknown = [bool(flag) for flag in spec.get("unknown", ())]
+        if self.unknown and (
+            self.form not in ("phase", "triangular", "chains")
+            or len(self.unknown) != len(self.orders)
+        ):
+            allowed = "one flag a chain, in the form phase, triangular or chains"
+            raise fail(f"{where}.unknown", self.unknown, allowed, "leave it out")
         outputs = {
             "phase": 1,
-            "triangular": n,
+            "triangular": n - len(self.unknown),
             "chains": len(self.orders),
             "sampled": 2 * n + 1,
             "strict-feedback": n + (n + 1) * self.n_z,
         }
         told = 1 + n + self.n_z + self.n_u + 2 * (self.form == "sampled")
-        _fits(self.table, told + len(self.parameters), outputs[self.form], where)
+        made = outputs[self.form] + len(self.unknown)  # and the slopes in the unknowns
+        _fits(self.table, told + len(self.parameters), made, where)
 
     def values(self, x: Array, u: Array | None, t: Time, *more: Any) -> Array:
         """All outputs of the table at (``t``, ``x``, ``u``, ``more``): (outputs, runs)."""
@@ -386,11 +402,24 @@ class Own(Plant):
         return np.stack([np.broadcast_to(value, x.shape[1:]) for value in made])
 
     def known(self, x_hat: Array, u: Array | None, t: float) -> Array | None:
-        """(0, ..., 0, phi), or (f_1, ..., f_n)."""
+        """(0, ..., 0, phi), or (f_1, ..., f_n); without what an unknown enters, and its rate 0."""
         values = self.values(x_hat, u, t)
         f = np.zeros_like(x_hat)
-        f[-len(values) :] = values
+        if not self.unknown:
+            f[-len(values) :] = values
+        elif self.form == "triangular":
+            f[:-2] = values[:-2]
         return f
+
+    def enters(self, x_hat: Array, last: Array, u: Array | None, t: float) -> Array:
+        """phi(t, x, u, d) for ``last`` = d, where the last state is an unknown."""
+        if not self.unknown:
+            return last
+        return self.values(np.concatenate((x_hat[:-1], last[None])), u, t)[-2]
+
+    def slope(self, x_hat: Array) -> Array | float:
+        """dphi/dd."""
+        return self.values(x_hat, None, 0.0)[-1] if self.unknown else 1.0
 
     def sampled(
         self, x: Array, u: Array | None, y: Array, t: float, dt: float
@@ -433,16 +462,33 @@ class Chain(Plant):
         self.n, self.n_u = model.orders[number], model.n_u
         first = sum(model.orders[:number])
         self.place = slice(first, first + self.n)
+        self.unknown = bool(model.unknown) and model.unknown[number]
         self.stands: Array | None = None  # x_hat of all chains at the beginning of a step
 
     def known(self, x_hat: Array, u: Array | None, t: float) -> Array | None:
         """(0, ..., 0, phi_i), the states of the other chains held."""
+        f = np.zeros_like(x_hat)
+        if not self.unknown:
+            f[-1] = self._values(x_hat, u, t)[self.number]
+        return f
+
+    def enters(self, x_hat: Array, last: Array, u: Array | None, t: float) -> Array:
+        """phi_i, where the last state of the chain is an unknown."""
+        if not self.unknown:
+            return last
+        return self._values(np.concatenate((x_hat[:-1], last[None])), u, t)[self.number]
+
+    def slope(self, x_hat: Array) -> Array | float:
+        """The slope of phi_i in the unknown."""
+        if not self.unknown:
+            return 1.0
+        return self._values(x_hat, None, 0.0)[len(self.model.orders) + self.number]
+
+    def _values(self, x_hat: Array, u: Array | None, t: float) -> Array:
         assert self.stands is not None
         x = self.stands.copy()
         x[self.place] = x_hat
-        f = np.zeros_like(x_hat)
-        f[-1] = self.model.values(x, u, t)[self.number]
-        return f
+        return self.model.values(x, u, t)
 
 
 class OwnPlant(Plant):
@@ -512,7 +558,9 @@ KEYS: dict[str, tuple[str, ...]] = {
     "ship": ("delta", "w"),
     "none": (),
     "input": ("b0",),
-    "own": ("form", "n", "n_u", "orders", "n_z", "table", "parameters", "names"),
+    "own": (
+        *("form", "n", "n_u", "orders", "n_z", "unknown", "table", "parameters", "names", "units"),
+    ),
     "own-plant": ("n", "n_u", "n_y", "noisy", "table", "parameters", "names"),
 }
 

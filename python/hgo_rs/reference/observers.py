@@ -218,6 +218,17 @@ def _model(spec: Spec, n: int, chain: Chain | None) -> Plant:
     return model
 
 
+def above(model: Plant, x: Array, u: Array | None, t: float) -> Array:
+    """x_2 ... x_n, as they enter the rates of x_1 ... x_{n-1}; ``x``: (n, ...)."""
+    last = model.enters(x, x[-1], u, t)
+    return np.concatenate((x[1:-1], last[None])) if len(x) > 1 else x[1:]
+
+
+def in_unit(model: Plant, x: Array, correction: Array) -> Array:
+    """A correction of a chain, its last row over the slope of the last state."""
+    return np.concatenate((correction[:-1], correction[-1:] / model.slope(x)))
+
+
 class StandardObserver(ContinuousLaw):
     """The standard high-gain observer with any gain law.
 
@@ -253,8 +264,8 @@ class StandardObserver(ContinuousLaw):
 
     def chain(self, x_hat: Array, e: Array, g: Array | None, u: Array | None, t: float) -> Array:
         """x_hat_i' = x_hat_{i+1} + f_i(x_hat) + k_i g^i e."""
-        rate = self.injected(e, g)
-        rate[:-1] += x_hat[1:]
+        rate = in_unit(self.model, x_hat, self.injected(e, g))
+        rate[:-1] += above(self.model, x_hat, u, t)
         f = self.model.known(x_hat, u, t)
         if f is not None:
             rate += f
@@ -273,16 +284,18 @@ class StandardObserver(ContinuousLaw):
 
     def injection(self, memory: Array, e: Array) -> Array:
         """Of x_hat k_i g^i e; of r what (6) has of e."""
+        x_hat = memory[: self.n]
         if not self.gain.moves:
-            return self.injected(e, None)
+            return in_unit(self.model, x_hat, self.injected(e, None))
         r = memory[self.n]
-        return np.vstack([self.injected(e, r), driven(self.gain, r, e, self.n)])
+        injected = in_unit(self.model, x_hat, self.injected(e, r))
+        return np.vstack([injected, driven(self.gain, r, e, self.n)])
 
     def flow(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
         """x_hat along the chain; r without a sample."""
         n, new = self.n, memory.copy()
         x_hat = memory[:n]
-        rates = np.vstack([x_hat[1:], np.zeros_like(x_hat[:1])])
+        rates = np.vstack([above(self.model, x_hat, u, t), np.zeros_like(x_hat[:1])])
         f = self.model.known(x_hat, u, t)
         if f is not None:
             rates = rates + f
@@ -297,16 +310,16 @@ class StandardObserver(ContinuousLaw):
         powers = np.arange(1, n + 1)
         if isinstance(self.gain, ConstantGain):
             k = chain_gains(self.k * self.gain.ell**powers, dt, self.method)
-            new[:n] += k[:, None] * e
+            new[:n] += in_unit(self.model, memory[:n], k[:, None] * e)
             return new
-        for j, r in enumerate(memory[n]):
-            new[:n, j] += chain_gains(self.k * r**powers, dt, self.method) * e[j]
+        gains = [chain_gains(self.k * r**powers, dt, self.method) for r in memory[n]]
+        new[:n] += in_unit(self.model, memory[:n], np.array(gains).T * e)
         new[n] += dt * driven(self.gain, memory[n], e, n)
         return new
 
     def lift(self, old: Array, new: Array, dt: float) -> None:
         """x_hat_i uses the new x_hat_{i+1}."""
-        lift_chain(old, new, dt, 0, self.n)
+        lift_chain(self.model, old, new, dt, 0, self.n)
 
 
 def driven(gain: GainLaw, r: Array, e: Array, n: int) -> Array:
@@ -314,10 +327,14 @@ def driven(gain: GainLaw, r: Array, e: Array, n: int) -> Array:
     return gain.rate(r, e, n) - gain.rate(r, np.zeros_like(e), n)
 
 
-def lift_chain(old: Array, new: Array, dt: float, first: int, n: int) -> None:
-    """For rows first .. first+n-1, bottom up: x_i += dt (x_{i+1}(new) - x_{i+1}(old))."""
+def lift_chain(model: Plant, old: Array, new: Array, dt: float, first: int, n: int) -> None:
+    """For rows first .. first+n-1, bottom up: x_i += dt (x_{i+1}(new) - x_{i+1}(old)), the last one
+    by its slope.
+    """
+    slope = model.slope(old[first : first + n])
     for i in range(first + n - 2, first - 1, -1):
-        new[i] += dt * (new[i + 1] - old[i + 1])
+        moved = new[i + 1] - old[i + 1]
+        new[i] += dt * (moved * slope if i == first + n - 2 else moved)
 
 
 class LowPowerObserver(ContinuousLaw):
@@ -355,6 +372,11 @@ class LowPowerObserver(ContinuousLaw):
         """alpha_i ell and beta_i ell^2, as columns."""
         return self.alpha[:, None] * g, self.beta[:, None] * (g * g)
 
+    def _above(self, x_hat: Array, eta: Array, u: Array | None, t: float) -> Array:
+        """eta as it enters the rates of x_1 ... x_{n-1}."""
+        last = self.model.enters(x_hat, eta[-1], u, t)
+        return np.concatenate((eta[:-1], last[None]))
+
     def limit(self, eta: Array) -> Array:
         """What of eta is passed on: all of it; eq. (11) saturates here."""
         return eta
@@ -371,9 +393,10 @@ class LowPowerObserver(ContinuousLaw):
         rate = np.empty_like(memory)
         x_rate, eta_rate = rate[:n], rate[n : 2 * n - 1]
         np.multiply(alpha_ell, e_all, out=x_rate)
-        x_rate[:-1] += eta  # x_hat_i' = eta_i + alpha_i ell e_i
-        np.multiply(beta_ell2, e_all[:-1], out=eta_rate)
-        eta_rate[:-1] += passed[1:]  # eta_i' = eta_{i+1} + beta_i ell^2 e_i
+        x_rate[:-1] += self._above(x_hat, eta, u, t)  # x_hat_i' = eta_i + alpha_i ell e_i
+        eta_rate[:] = in_unit(self.model, x_hat, beta_ell2 * e_all[:-1])
+        # eta_i' = eta_{i+1} + beta_i ell^2 e_i
+        eta_rate[:-1] += self._above(x_hat, passed, u, t)[1:]
         f = self.model.known(x_hat, u, t)
         if f is not None:
             x_rate += f  # x_hat_n' = phi_s + alpha_n ell e_n
@@ -388,7 +411,9 @@ class LowPowerObserver(ContinuousLaw):
         n, rate = self.n, np.zeros_like(memory)
         alpha_ell, beta_ell2 = self._injections or self._scaled(memory[2 * n - 1])
         rate[0] = alpha_ell[0] * e
-        rate[n] = beta_ell2[0] * e
+        first = np.zeros_like(memory[n : 2 * n - 1])
+        first[0] = beta_ell2[0] * e
+        rate[n : 2 * n - 1] = in_unit(self.model, memory[:n], first)
         if self.gain.moves:
             rate[2 * n - 1] = driven(self.gain, memory[2 * n - 1], e, n)
         return rate
@@ -397,12 +422,12 @@ class LowPowerObserver(ContinuousLaw):
         """Every block along the chain, by its own eta and by what those above pass on."""
         n, new = self.n, memory.copy()
         x_hat, eta = memory[:n], memory[n : 2 * n - 1]
-        passed = self.limit(eta)
+        own, passed = (self._above(x_hat, of, u, t) for of in (eta, self.limit(eta)))
         phi = self.model.known(x_hat, u, t)
         last = np.zeros_like(x_hat[:1]) if phi is None else phi[-1:]
         moved = ahead(np.vstack([passed, last]), dt)
         new[:n] += moved
-        new[: n - 1] += dt * (eta - passed)
+        new[: n - 1] += dt * (own - passed)
         new[n : 2 * n - 1] += moved[1:]
         if self.gain.moves:
             r = memory[2 * n - 1]
@@ -420,6 +445,9 @@ class LowPowerObserver(ContinuousLaw):
             r = memory[2 * n - 1]
         parts = [low_power_gains(self.alpha * g, self.beta * g * g, dt, self.method) for g in r]
         a, b, a_alone, b_alone = (np.array(part).T for part in zip(*parts, strict=True))
+        b, b_alone = (
+            in_unit(self.model, x_hat, np.broadcast_to(of, eta.shape)) for of in (b, b_alone)
+        )
         asked = b_alone * e_all[:-1]
         beyond = (asked - self.limit(asked)) / b_alone
         within = e_all[:-1] - beyond
@@ -433,10 +461,13 @@ class LowPowerObserver(ContinuousLaw):
     def lift(self, old: Array, new: Array, dt: float) -> None:
         """eta_i uses the new eta_{i+1}, then x_hat_i the new eta_i."""
         n = self.n
+        slope = np.ones_like(old[: n - 1])
+        slope[-1] = self.model.slope(old[:n])
         for i in range(2 * n - 3, n - 1, -1):
-            new[i] += dt * (self._passed(new, i + 1) - self._passed(old, i + 1))
+            moved = self._passed(new, i + 1) - self._passed(old, i + 1)
+            new[i] += dt * (moved * slope[i + 1 - n])
         for i in range(n - 1):
-            new[i] += dt * (new[n + i] - old[n + i])
+            new[i] += dt * ((new[n + i] - old[n + i]) * slope[i])
 
     def _passed(self, memory: Array, row: int) -> Array:
         return memory[row]
@@ -582,9 +613,10 @@ class CollectionObserver(ContinuousLaw):
         n = self.n
         copies = self.by_copy(memory)
         rate = np.empty_like(copies)
-        rate[:, :n] = self.injected(copies, e)
-        rate[:, : n - 1] += copies[:, 1:n]
-        f = self.model.known(np.moveaxis(copies[:, :n], 1, 0), u, t)
+        x = np.moveaxis(copies[:, :n], 1, 0)
+        rate[:, :n] = self._in_units(copies, self.injected(copies, e))
+        rate[:, : n - 1] += np.moveaxis(above(self.model, x, u, t), 0, 1)
+        f = self.model.known(x, u, t)
         if f is not None:
             rate[:, :n] += np.moveaxis(f, 0, 1)
         rate[:, n] = self.gain.rate(copies[:, n], e, n)
@@ -594,9 +626,14 @@ class CollectionObserver(ContinuousLaw):
         """The copies' injection and repulsion; of r_i what (6) has of e_i."""
         copies = self.by_copy(memory)
         rate = np.empty_like(copies)
-        rate[:, : self.n] = self.injected(copies, e)
+        rate[:, : self.n] = self._in_units(copies, self.injected(copies, e))
         rate[:, self.n] = driven(self.gain, copies[:, self.n], e, self.n)
         return rate.reshape(memory.shape)
+
+    def _in_units(self, copies: Array, correction: Array) -> Array:
+        """``in_unit`` of every copy."""
+        x, of = (np.moveaxis(part, 1, 0) for part in (copies[:, : self.n], correction))
+        return np.moveaxis(in_unit(self.model, x, of), 0, 1)
 
     def nominal_gain(self, memory: Array) -> Array:
         """r_bar = mean of the r_i, shape (runs,): (24)."""
@@ -605,7 +642,7 @@ class CollectionObserver(ContinuousLaw):
     def lift(self, old: Array, new: Array, dt: float) -> None:
         """The chain of every copy."""
         for i in range(self.copies):
-            lift_chain(old, new, dt, i * (self.n + 1), self.n)
+            lift_chain(self.model, old, new, dt, i * (self.n + 1), self.n)
 
     def check(self, memory: Array) -> None:
         """r >= 1; two copies that start alike would never separate."""
@@ -646,7 +683,7 @@ class ModifiedObserver(CollectionObserver):
         for j in range(self.n):
             rate[j] = self.k[j] * power * e
             power = power * g
-        return rate
+        return in_unit(self.model, memory[: self.n], rate)
 
     def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
         """(25) over (23) and (24)."""
@@ -654,7 +691,7 @@ class ModifiedObserver(CollectionObserver):
         x_hat = memory[:n]
         rate = np.empty_like(memory)
         rate[:n] = self.main(memory, e[0])
-        rate[: n - 1] += x_hat[1:]
+        rate[: n - 1] += above(self.model, x_hat, u, t)
         f = self.model.known(x_hat, u, t)
         if f is not None:
             rate[:n] += f
@@ -675,7 +712,7 @@ class ModifiedObserver(CollectionObserver):
     def lift(self, old: Array, new: Array, dt: float) -> None:
         """The observer's chain and every copy's."""
         for i in range(self.copies + 1):
-            lift_chain(old, new, dt, i * (self.n + 1), self.n)
+            lift_chain(self.model, old, new, dt, i * (self.n + 1), self.n)
 
     def check(self, memory: Array) -> None:
         """As the collection's; the observer itself may start anywhere."""

@@ -76,7 +76,7 @@ def lipschitz(
     """
     check_number(rtol, "rtol", above=0.0)
     jacobian = Jacobian(roots, states, parameters)
-    ends = _checked_box(box, {*states, *others})
+    ends = checked_box(box, {*states, *others})
     known: dict[str, Any] = {name: (value, value) for name, value in parameters.items()}
     for name in jacobian.needs:
         if name not in ends:
@@ -92,7 +92,7 @@ def lipschitz(
     return _branch_and_bound(jacobian, ends, known, rtol)
 
 
-def _checked_box(box: Box, allowed: set[str]) -> dict[str, tuple[float, float]]:
+def checked_box(box: Box, allowed: set[str]) -> dict[str, tuple[float, float]]:
     ends: dict[str, tuple[float, float]] = {}
     for name, pair in box.items():
         if name not in allowed:
@@ -129,7 +129,7 @@ def _branch_and_bound(
         if np.isinf(settled):
             bound = settled
             break
-        pieces = _halved(pieces[open_ & wide], width)
+        pieces = halved(pieces[open_ & wide], width)
     if not np.isfinite(bound):
         raise HgoError(
             f"the slope {jacobian!r} has no bound on the box {ends}: must be bounded for a "
@@ -138,7 +138,7 @@ def _branch_and_bound(
     return bound * _ROUNDING
 
 
-def _halved(pieces: Array, width: Array) -> Array:
+def halved(pieces: Array, width: Array) -> Array:
     """Each piece in two, across its longest side (as a part of the box's)."""
     longest = np.argmax((pieces[:, 1] - pieces[:, 0]) / width, axis=1)
     row = np.arange(len(pieces))

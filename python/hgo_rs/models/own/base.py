@@ -37,11 +37,18 @@ class OwnSystem(System):
     _table: dict[str, Any] | None
     _of_table: tuple[str, ...]
 
-    def _compile(self, inputs: Mapping[str, str], groups: Sequence[Group]) -> None:
+    def _compile(
+        self,
+        inputs: Mapping[str, str],
+        groups: Sequence[Group],
+        more: Mapping[str, Node] | None = None,
+    ) -> None:
         """Make the table of the groups, if all of them are expressions.
 
-        ``inputs``: symbol -> name of the table's input; the parameters are added.
+        ``inputs``: symbol -> name of the table's input; the parameters are added. ``more``: outputs
+        that follow from the groups, by name.
         """
+        more = more or {}
         self._groups = {group.name: group for group in groups}
         self._of_table = tuple(inputs)
         self._table = None
@@ -49,9 +56,9 @@ class OwnSystem(System):
             return
         parameters = self._names.parameters
         table = compile_table(
-            [node for group in groups for node in group.nodes or ()],
+            [*(node for group in groups for node in group.nodes or ()), *more.values()],
             {**inputs, **{name: name for name in parameters}},
-            [label for group in groups for label in group.labels(group.name)],
+            [*(label for group in groups for label in group.labels(group.name)), *more],
             fixed=tuple(parameters),
         )
         self._table = ReadOnlyDict(table)
@@ -70,6 +77,11 @@ class OwnSystem(System):
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs."""
         return self._names.inputs
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Names of those states that are unknowns of a `Model`."""
+        return ()
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -269,8 +281,8 @@ class OwnSystem(System):
     def __repr__(self) -> str:
         return f"<{self._title}: {', '.join(self.states)}>"
 
-    def _arguments(self) -> dict[str, Any]:
-        """Names and values, as keyword arguments; what is empty is left out."""
+    def named_arguments(self) -> dict[str, Any]:
+        """Keyword arguments but the right-hand sides; what is empty is left out."""
         given: dict[str, Any] = {
             "states": list(self.states),
             "inputs": list(self.inputs),
@@ -289,6 +301,7 @@ class OwnSystem(System):
                     "states": list(self.states),
                     "inputs": list(self.inputs),
                     "parameters": list(self._names.parameters),
+                    **({"unknown": list(self.unknown)} if self.unknown else {}),
                 },
             }
         )

@@ -13,7 +13,7 @@ import numpy as np
 
 from hgo_rs.errors import HgoError, check, check_integer, explain
 from hgo_rs.expressions import nodes
-from hgo_rs.expressions.derivative import add, mul
+from hgo_rs.expressions.derivative import ZERO, add, mul
 from hgo_rs.expressions.errors import ExpressionError
 from hgo_rs.expressions.nodes import Node
 from hgo_rs.models.own.sources import Arguments, Group
@@ -35,6 +35,8 @@ class Form:
     """Measured states of the strict-feedback form."""
     orders: tuple[int, ...] = ()
     """Orders of several chains."""
+    unknown: tuple[str, ...] = ()
+    """The unknowns that are among the states, one a chain, "" where it has none."""
 
     def __init__(self, states: Sequence[str], inputs: Sequence[str]) -> None:
         self.states = tuple(states)
@@ -44,7 +46,14 @@ class Form:
     @property
     def own(self) -> dict[str, Any]:
         """The form's part of the spec."""
-        return {"form": self.name, "n": self.n}
+        unknown = {"unknown": [int(name != "") for name in self.unknown]} if self.unknown else {}
+        return {"form": self.name, "n": self.n, **unknown}
+
+    def entered(self, groups: Mapping[str, Group]) -> list[tuple[str, Node]]:
+        """Label and right-hand side of the equation of each chain that an unknown may enter."""
+        group = groups[self.known]
+        labels = zip(group.labels(self.known), group.nodes or (), strict=True)
+        return list(labels)[-max(1, len(self.orders)) :]
 
     def arguments(self, side: str) -> Arguments:
         """What a right-hand side may use."""
@@ -89,7 +98,7 @@ class Phase(Form):
         self.sides = {"phi": ()}
 
     def drift(self, sides: Sides) -> list[Node]:
-        return [*self._symbols[1:], *sides["phi"]]
+        return _chain(self._symbols, sides["phi"][0], self.unknown)
 
 
 class Chains(Form):
@@ -116,9 +125,10 @@ class Chains(Form):
         return {**super().own, "orders": list(self.orders)}
 
     def drift(self, sides: Sides) -> list[Node]:
-        rates = [*self._symbols[1:], *self._symbols[:1]]
-        for end, phi in zip(itertools.accumulate(self.orders), sides["phi"], strict=True):
-            rates[end - 1] = phi
+        rates: list[Node] = []
+        unknown = self.unknown or ("",) * len(self.orders)
+        for order, phi, name in zip(self.orders, sides["phi"], unknown, strict=True):
+            rates += _chain(self._symbols[len(rates) : len(rates) + order], phi, (name,))
         return rates
 
     def outputs(self, sides: Sides) -> list[Node]:
@@ -133,14 +143,19 @@ class Triangular(Form):
     title = "triangular form"
     known = "f"
 
-    def __init__(self, states: Sequence[str], inputs: Sequence[str]) -> None:
+    def __init__(
+        self, states: Sequence[str], inputs: Sequence[str], unknown: Sequence[str] = ()
+    ) -> None:
         super().__init__(states, inputs)
-        self.sides = {"f": (self.n,)}
+        self.unknown = tuple(unknown)
+        self.sides = {"f": (self.n - len(self.unknown),)}
 
     def check(self, groups: Mapping[str, Group], parameters: Mapping[str, float]) -> None:
-        for i, node in enumerate(groups["f"].nodes or ()):
+        given = groups["f"].nodes or ()
+        for i, node in enumerate(given):
+            later = self.states[i + 1 :] if i + 1 < len(given) else ()
             for name in nodes.symbols([node]):
-                if name in self.states[i + 1 :]:
+                if name in later:
                     raise ExpressionError(
                         f"{node} depends on {name}, so that the model is not triangular: must "
                         f"depend on {', '.join(self.states[: i + 1])} only (f_i on x_1 ... x_i); "
@@ -151,7 +166,8 @@ class Triangular(Form):
 
     def drift(self, sides: Sides) -> list[Node]:
         *rest, last = sides["f"]
-        return [*map(add, self._symbols[1:], rest), last]
+        above = self._symbols[1 : len(rest) + 1]
+        return [*map(add, above, rest), *_chain(self._symbols[len(rest) :], last, self.unknown)]
 
 
 class Sampled(Form):
@@ -257,6 +273,13 @@ class StrictFeedback(Form):
         return self._symbols[: self.n_x]
 
 
+def _chain(states: Sequence[Node], phi: Node, unknown: Sequence[str]) -> list[Node]:
+    """The rates of a chain, of an unknown at its end 0."""
+    if any(unknown):
+        return [*states[1:-1], phi, ZERO]
+    return [*states[1:], phi]
+
+
 def _length(f1: Any, most: int) -> int:
     """Number of measured states."""
     if callable(f1) or isinstance(f1, str):
@@ -272,9 +295,29 @@ def _length(f1: Any, most: int) -> int:
 
 
 def form_of(
-    given: Mapping[str, Any], orders: Any, states: Sequence[str], inputs: Sequence[str]
+    given: Mapping[str, Any],
+    orders: Any,
+    states: Sequence[str],
+    inputs: Sequence[str],
+    unknown: tuple[str, ...] = (),
 ) -> Form:
-    """The form whose right-hand sides are given."""
+    """The form whose right-hand sides are given; ``states`` with the unknowns, if there are any."""
+    form = _form_of(given, orders, states, inputs, unknown)
+    carries = isinstance(form, (Phase, Triangular, Chains))
+    allowed = "left out in this form, which has no chain to extend"
+    remedy = "write the model with phi= or f=, or the unknown as a state"
+    check(carries or not unknown, "unknown", list(unknown), allowed, remedy)
+    form.unknown = unknown
+    return form
+
+
+def _form_of(
+    given: Mapping[str, Any],
+    orders: Any,
+    states: Sequence[str],
+    inputs: Sequence[str],
+    unknown: tuple[str, ...],
+) -> Form:
     there = {name for name, value in given.items() if value is not None}
     if there == {"phi"} and orders is not None:
         return Chains(states, inputs, orders)
@@ -282,7 +325,7 @@ def form_of(
         if there == {"phi"}:
             return Phase(states, inputs)
         if there == {"f"}:
-            return Triangular(states, inputs)
+            return Triangular(states, inputs, unknown)
         if {"f", "K_T"} <= there <= {"f", "K_T", "g", "h"}:
             return Sampled(states, inputs)
         if there == {"f1", "g", "f2"}:

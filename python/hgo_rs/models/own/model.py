@@ -5,15 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hgo_rs.errors import HgoError, explain
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs.errors import HgoError, check, explain
 from hgo_rs.expressions import nodes
 from hgo_rs.expressions.grammar import unknown
 from hgo_rs.expressions.nodes import Node
+from hgo_rs.models.own import unknowns as unknowns_of
+from hgo_rs.models.own.analysis import Box, checked_box
 from hgo_rs.models.own.base import OwnSystem, written
 from hgo_rs.models.own.forms import form_of
 from hgo_rs.models.own.names import Names
 from hgo_rs.models.own.plant import Plant
 from hgo_rs.models.own.sources import Arguments, Group, read_group
+from hgo_rs.models.own.unknowns import Slopes
+
+Array = npt.NDArray[np.float64]
 
 
 class Model(OwnSystem):
@@ -43,6 +51,16 @@ class Model(OwnSystem):
         f1, g, f2(t, x, z, u). Lists where there are several; one callable may give all.
     orders : list of int, optional
         Orders of the chains, with as many phi; they add up to the number of states.
+    unknown : name, or list of names, optional
+        What enters the last equation of a chain and is not known, such as the torque of a load:
+        phi(t, x, u) may use the name. It becomes the chain's last state, its rate 0 as far as the
+        model knows, and is estimated in its own unit. Of several chains one name each, None where a
+        chain has none.
+    box : dict of name -> (low, high), optional
+        Bounds of states within which the slope of phi in an unknown keeps its sign. Outside, a
+        correction takes the slope of the box's nearest point.
+    units : dict of name -> text, optional
+        Units of states, unknowns and inputs, for plots, files and exported code.
     g : list of expressions
         Strict-feedback: n_x rows of n_z entries. Sampled-data: the diffusion (n), which `plant`
         uses and no observer.
@@ -59,7 +77,8 @@ class Model(OwnSystem):
         A name that is reserved, doubled or unknown (with the nearest one); a parameter that is
         not finite; an expression that cannot be read (ExpressionError, with a caret under the
         place); an f_i that depends on a later state, with the symbol named; a g without full
-        column rank.
+        column rank; an unknown whose slope may be 0, depends on t or an input, or is not of
+        expressions.
     """
 
     def __init__(
@@ -70,6 +89,9 @@ class Model(OwnSystem):
         parameters: Mapping[str, float] | None = None,
         phi: Any = None,
         orders: Sequence[int] | None = None,
+        unknown: str | Sequence[str | None] | None = None,
+        box: Box | None = None,
+        units: Mapping[str, str] | None = None,
         f: Any = None,
         g: Any = None,
         h: Any = None,
@@ -78,8 +100,11 @@ class Model(OwnSystem):
         f2: Any = None,
     ) -> None:
         given = {"phi": phi, "f": f, "g": g, "h": h, "K_T": K_T, "f1": f1, "f2": f2}
+        unknowns = unknowns_of.names_of(unknown, orders)
+        if unknowns:
+            states, orders = unknowns_of.extended(states, orders, unknowns)
         names = Names.of(states, inputs, parameters)
-        form = form_of(given, orders, names.states, names.inputs)
+        form = form_of(given, orders, names.states, names.inputs, unknowns)
         names.leave_alone(form.taken)
         self._names, self._form = names, form
         if form.name == "sampled" and h is None:
@@ -91,8 +116,62 @@ class Model(OwnSystem):
         self._diffusion: Group | None = None
         if form.name == "sampled" and g is not None:
             self._diffusion = read_group("g", g, form.arguments("g"), names, (self.n,))
-        form.check({group.name: group for group in groups}, names.parameters)
-        self._compile(form.table_inputs(), groups)
+        by_name = {group.name: group for group in groups}
+        form.check(by_name, names.parameters)
+        self._units = unknowns_of.units_of(units, (*names.states, *names.inputs))
+        check(bool(unknowns) or not box, "box", box, "left out without unknown=", "leave it out")
+        self._slopes: Slopes | None = None
+        if unknowns:
+            self._need_expressions(by_name[form.known])
+            ends = checked_box(box or {}, set(names.states))
+            self._slopes = Slopes(form.entered(by_name), unknowns, names.states, ends)
+            self._slopes.check(names.parameters)
+        slopes = None if self._slopes is None else self._slopes.table()
+        self._compile(form.table_inputs(), groups, slopes)
+
+    # --- unknowns and units ---------------------------------------------------------------------
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Names of the unknowns, which are among the states."""
+        return tuple(name for name in self._form.unknown if name)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of states and inputs, as they were given."""
+        return dict(self._units)
+
+    def unknown_slope(self, box: Box | None = None) -> dict[str, tuple[float, float]]:
+        """Guaranteed bounds of the slope of the right-hand side in each unknown.
+
+        Parameters
+        ----------
+        box : dict of name -> (low, high), optional
+            Bounds of states; default: those of the model.
+
+        Returns
+        -------
+        dict of name -> (low, high), in units of the right-hand side for one unit of the unknown.
+        """
+        if self._slopes is None:
+            return {}
+        ends = None if box is None else checked_box(box, set(self.states))
+        return self._slopes.intervals(self._names.parameters, ends)
+
+    def slopes_at(self, x: npt.ArrayLike) -> Array:
+        """1 for each state, for an unknown the slope at the states x (n,)."""
+        values = dict(zip(self.states, np.asarray(x, dtype=float), strict=True))
+        slopes = {} if self._slopes is None else self._slopes.at({**values, **self.parameters})
+        return np.array([slopes.get(name, 1.0) for name in self.states])
+
+    def with_parameters(
+        self, values: Mapping[str, float] | None = None, /, **named: float
+    ) -> Model:
+        """As of every system; refused where the slope in an unknown could then be 0."""
+        new = super().with_parameters(values, **named)
+        if new._slopes is not None:
+            new._slopes.check(new._names.parameters)
+        return new
 
     # --- other systems made of it -------------------------------------------------------------
 
@@ -115,9 +194,10 @@ class Model(OwnSystem):
             group = read_group(name, source, arguments, self._names, ())
             self._need_expressions(group)
             new[name], *_ = group.nodes or ()
-        left = {"inputs": [name for name in self.inputs if name not in new]}
+        units = {name: unit for name, unit in self._units.items() if name not in new}
+        left = {"inputs": [name for name in self.inputs if name not in new], "units": units}
         sides = {name: nodes.replaced(side, new) for name, side in self._all_sides().items()}
-        return Model(**{**self._arguments(), **left, **sides})
+        return Model(**{**self.named_arguments(), **left, **sides})
 
     def plant(self, *, diffusion: Any = None) -> Plant:
         """The system itself, to simulate: its inputs are a feedback's to give.
@@ -172,7 +252,8 @@ class Model(OwnSystem):
     @property
     def spec(self) -> dict[str, Any]:
         """What the core reads, read-only; "table" is None where it is not compiled."""
-        return self._spec(kind="own", **self._form.own, n_u=self.n_u)
+        units = {"units": self.units} if self._units else {}
+        return self._spec(kind="own", **self._form.own, n_u=self.n_u, **units)
 
     @property
     def known(self) -> tuple[Node, ...]:
@@ -213,11 +294,15 @@ class Model(OwnSystem):
         sides = {
             name: written(side, name, shapes[name]) for name, side in self._all_sides().items()
         }
-        return {**self._arguments(), **sides}
+        return {**self.named_arguments(), **sides}
 
-    def _arguments(self) -> dict[str, Any]:
-        orders = {"orders": list(self.orders)} if self.orders else {}
-        return {**super()._arguments(), **orders}
+    def named_arguments(self) -> dict[str, Any]:
+        given = super().named_arguments()
+        if self.orders:
+            given["orders"] = list(self.orders)
+        if self._slopes is not None:
+            given |= self._slopes.arguments(self._form.orders)
+        return {**given, **({"units": self.units} if self._units else {})}
 
     def _all_sides(self) -> dict[str, Sequence[Node]]:
         """The right-hand sides of the table, and the diffusion."""
@@ -229,7 +314,9 @@ class Model(OwnSystem):
 
     @property
     def _title(self) -> str:
-        return f"Model in {self._form.title}, {self.n} states"
+        known = "".join(f", {name} unknown" for name in self.unknown)
+        return f"Model in {self._form.title}, {self.n} states{known}"
 
     def _same(self) -> tuple[Any, ...]:
-        return (*super()._same(), self._diffusion and self._diffusion.nodes)
+        box = self._slopes and self._slopes.box
+        return (*super()._same(), self._diffusion and self._diffusion.nodes, box)

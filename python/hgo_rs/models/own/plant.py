@@ -126,7 +126,7 @@ class Plant(OwnSystem):
             name: written(side, name, self._groups[name].shape)
             for name, side in self.equations.items()
         }
-        return {**self._arguments(), **sides}
+        return {**self.named_arguments(), **sides}
 
     @property
     def spec(self) -> dict[str, Any]:

@@ -1,0 +1,60 @@
+"""What the entries of an estimate are called, and their units, where a model says so."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Names and units of an observer's estimates.
+
+    Attributes
+    ----------
+    states : names of the estimated states, as the model has them; empty where none has
+    unknown : those of them that are unknowns
+    units : units by name, of states and inputs
+    """
+
+    states: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+    units: Mapping[str, str] | None = None
+
+    @classmethod
+    def of(cls, spec: Mapping[str, Any], n: int) -> Labels:
+        """Of an observer of n estimates, by its spec."""
+        model = spec.get("model") or {}
+        if "names" not in model:
+            return cls()
+        names = model["names"]
+        return cls(
+            tuple(names["states"])[-n:],
+            tuple(names.get("unknown", ())),
+            dict(model.get("units", {})),
+        )
+
+    def column(self, i: int) -> str:
+        """The column of entry i: an unknown's name, else x_hat1, x_hat2, ..."""
+        name = self.states[i] if i < len(self.states) else ""
+        return name if name in self.unknown else f"x_hat{i + 1}"
+
+    def unit(self, i: int) -> str:
+        """The unit of entry i; empty where it is not known."""
+        name = self.states[i] if i < len(self.states) else ""
+        return (self.units or {}).get(name, "")
+
+    def heading(self, i: int) -> str:
+        """The column of entry i with its unit, for a file: `T_load [N m]`."""
+        return self.column(i) + (f" [{unit}]" if (unit := self.unit(i)) else "")
+
+    def title(self, i: int) -> str:
+        """The name of entry i with its unit, for a figure: `T_load (N m)`."""
+        return self.states[i] + (f" ({unit})" if (unit := self.unit(i)) else "")
+
+    def titles(self, n: int) -> list[str] | None:
+        """Titles of all n entries, if the model gave an unknown or a unit."""
+        if len(self.states) != n or not (self.unknown or self.units):
+            return None
+        return [self.title(i) for i in range(n)]
