@@ -448,7 +448,8 @@ where
     #[inline(always)]
     fn inject(&self, z: &Self::State, e1: &T, k: &Self::Gains, dt: T) -> Self::State {
         let ([placed, alone], mut new) = (k, *z);
-        let (placed_b, alone_b) = (self.in_unit(&z.x_hat, placed.b), self.in_unit(&z.x_hat, alone.b));
+        let (placed_b, alone_b) =
+            (self.in_unit(&z.x_hat, placed.b), self.in_unit(&z.x_hat, alone.b));
         for i in 0..N {
             let e =
                 if i == 0 { *e1 } else { self.saturation.apply(i - 1, z.eta[i - 1]) - z.x_hat[i] };

@@ -436,5 +436,7 @@ fn unknown(spec: &Spec<'_>) -> Result<Vec<String>> {
         return Ok(named);
     }
     let count = named.len();
-    Err(refused(format!("model[\"unknown\"] has {count} names; it must have {chains}, one a chain")))
+    Err(refused(format!(
+        "model[\"unknown\"] has {count} names; it must have {chains}, one a chain"
+    )))
 }
