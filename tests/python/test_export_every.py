@@ -49,6 +49,18 @@ def phase(n: int) -> hgo.Model:
     return hgo.Model(states=states, inputs=["u"], parameters={"c": 0.4}, phi=phi)
 
 
+def unknown(law: type[Any]) -> Callable[..., Observer]:
+    """An unknown that enters nonlinearly, with a slope that moves with the states."""
+    side = "u - sin(q) + 0.3*cos(3*t) - (2 + cos(q))*(d + d**3)"
+    model = hgo.Model(states=["q", "w"], inputs=["u"], phi=side, unknown="d")
+
+    def made(**manner: Any) -> Observer:
+        of: Observer = law(3, 4.0, model=model, allow_unstable=True, **manner)
+        return of
+
+    return made
+
+
 def standard(**manner: Any) -> Observer:
     return hgo.StandardObserver(3, 6.0, model=phase(3), allow_unstable=True, **manner)
 
@@ -142,6 +154,8 @@ LAWS: dict[str, tuple[Callable[..., Observer], tuple[str, ...]]] = {
     "peaking-free, hard": (free("hard"), KNOWN + PLACED),
     "peaking-free, smooth": (free("smooth"), KNOWN + PLACED),
     "adaptive": (adaptive, KNOWN + PLACED),
+    "an unknown": (unknown(hgo.StandardObserver), KNOWN + PLACED),
+    "an unknown, low-power": (unknown(hgo.LowPowerObserver), KNOWN + PLACED),
     "chains": (chains, KNOWN + PLACED),
     "collection": (copies(hgo.RepelledCollection), KNOWN),
     "modified": (copies(hgo.ModifiedObserver), KNOWN),

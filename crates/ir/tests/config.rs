@@ -139,6 +139,26 @@ fn several_outputs_of_one_model() {
     assert_eq!((observer.n(), observer.n_y(), observer.n_u()), (4, 2, 0));
 }
 
+/// An unknown is a state more, the last of its chain; the table's last outputs are the slopes.
+#[test]
+fn an_unknown_is_a_state_of_the_observer() {
+    let text = "format = 1\nobserver = 'standard'\ngain = 20.0\n[model]\nstates = ['q', 'v']\n\
+                unknown = 'd'\nunits = { d = 'N m' }\ntable = { inputs = ['t', 'q', 'v', 'd'], \
+                constants = [-1.0], ops = [['neg', 3]], outputs = [5, 4] }";
+    assert_eq!(config(text).observer().unwrap().n(), 3);
+    let two = text.replace("'d'\nunits", "['c', 'd']\nunits");
+    assert!(refusal(&two).starts_with("model[\"unknown\"] has 2 names; it must have 1"));
+    let form = text.replace("[model]", "[model]\nform = 'sampled'");
+    assert!(refusal(&form).starts_with("unknown = [true] is not allowed"), "{}", refusal(&form));
+    let chains = "format = 1\nobserver = 'chains'\n\
+                  [[observers]]\nobserver = 'standard'\norder = 3\ngain = 20.0\n\
+                  [[observers]]\nobserver = 'low-power'\norder = 3\ngain = 9.0\n\
+                  [model]\nstates = ['a', 'b', 'c', 'd']\norders = [2, 2]\nunknown = ['e', 'f']\n\
+                  table = { inputs = ['t', 'a', 'b', 'e', 'c', 'd', 'f'], constants = [1.0], \
+                  ops = [['add', 3, 1], ['add', 6, 1]], outputs = [8, 9, 7, 7] }";
+    assert_eq!(config(chains).observer().unwrap().n(), 6);
+}
+
 #[test]
 fn what_is_refused() {
     let of = |more: &str| refusal(&format!("format = 1\nobserver = 'standard'\n{more}"));

@@ -40,6 +40,16 @@ class Labels:
         name = self.states[i] if i < len(self.states) else ""
         return name if name in self.unknown else f"x_hat{i + 1}"
 
+    def entry(self, i: int) -> str:
+        """Entry i beside a plant that may have a state of that name: T_load_hat, or x_hat1."""
+        name = self.column(i)
+        return f"{name}_hat" if name in self.unknown else name
+
+    def error(self, i: int) -> str:
+        """The error of entry i: e_T_load, or e1."""
+        name = self.column(i)
+        return f"e_{name}" if name in self.unknown else f"e{i + 1}"
+
     def unit(self, i: int) -> str:
         """The unit of entry i; empty where it is not known."""
         name = self.states[i] if i < len(self.states) else ""
@@ -58,3 +68,8 @@ class Labels:
         if len(self.states) != n or not (self.unknown or self.units):
             return None
         return [self.title(i) for i in range(n)]
+
+    def place(self, name: str) -> int | None:
+        """Which entry an unknown is, by its name or the name with `_hat`; None for another name."""
+        bare = name.removesuffix("_hat")
+        return self.states.index(bare) if bare in self.unknown else None

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, check_integer, check_number
 from hgo_rs.expressions.grammar import unknown
+from hgo_rs.observers.labels import Labels
 from hgo_rs.read_only import shown
 from hgo_rs.simulation.feedback import COST, Loop
 
@@ -72,6 +73,11 @@ class SimulationResult:
         observer = self.spec["observer"]
         own = "current" if observer["kind"] == "reduced-order" else "predictor"
         return str(observer.get("timing", own))
+
+    @property
+    def _labels(self) -> Labels:
+        """Names and units of the estimates."""
+        return Labels.of(self.spec["observer"], self.n)
 
     @property
     def _estimated(self) -> list[int]:
@@ -144,12 +150,17 @@ class SimulationResult:
         return shown(self.final_columns[:, self.loop.place(name)])
 
     def of(self, name: str) -> dict[str, Array]:
-        """All of a signal, an input in force, or a state of the plant or of the controller.
+        """All of a signal, an input in force, or a state of the plant or of the controller; of an
+        unknown of the observer's model, `T_load_hat` (`T_load` where the plant has no such state).
 
         `final` (R,) and, with `every`, `frames` (R, F). A signal has besides: what was asked for of
         `mean`, `rms`, `max` (R, W) and `peak` (R,), and `settling_time` (R,) [s], NaN without a
         threshold.
         """
+        entry = self._labels.place(name)
+        if entry is not None and (self.loop is None or name not in self.loop.columns):
+            kept = {} if self.x_hat is None else {"frames": self.x_hat[..., entry]}
+            return {"final": shown(self.final_memory[:, entry]), **kept}
         if self.loop is None or self.final_columns is None:
             raise HgoError(f"of({name!r}): there are no signals here")
         if name not in self.loop.columns:
@@ -184,4 +195,5 @@ class SimulationResult:
             raise HgoError("plot: simulate was called without every=, so no frame was kept")
         run = check_integer(run, "run", least=0, most=len(self.x) - 1)
         truth = self.x[run][:, self._estimated]
-        return estimate_figure(self.time, self.x_hat[run], x=truth, figure=figure)
+        names = self._labels.titles(self.n)
+        return estimate_figure(self.time, self.x_hat[run], x=truth, names=names, figure=figure)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import check, check_integer, need
+from hgo_rs.observers.labels import Labels
 from hgo_rs.simulation.experiment import METRICS, Experiment, execute, result_of
 from hgo_rs.simulation.result import SimulationResult
 from hgo_rs.simulation.studies.cases import label, title
@@ -188,7 +189,7 @@ class StudyResult:
             return [f"final_{name}" for name in loop.columns_apart]
         watched = key.startswith("signal_")
         key = key.removeprefix("signal_")
-        entries = list(loop.signals) if watched else entry_names(key, shape[-1], experiment.n)
+        entries = list(loop.signals) if watched else entry_names(key, shape[-1], experiment)
         if watched and key == "settling_time":
             return [f"settling_time_{name}" for name in entries]
         if len(shape) == 1:
@@ -241,10 +242,10 @@ class StudyResult:
             name = "time" if key == "t" else key
             data[name] = (dims, values.reshape(*cases.values(), *values.shape[1:]))
         if len({experiment.n for experiment in self.experiments}) == 1:
-            n = self.experiments[0].n
+            first = self.experiments[0]
             for dim, key in (("signal", "rms"), ("entry", "final_memory")):
                 if dim in sizes:
-                    coords[dim] = entry_names(key, sizes[dim], n)
+                    coords[dim] = entry_names(key, sizes[dim], first)
         loops = {experiment.loop.columns_apart for experiment in self.experiments}
         if len(loops) == 1 and "watched" in sizes:
             coords["state"] = list(*loops)
@@ -324,12 +325,13 @@ DIMENSIONS = {
 """Dimensions of each output beyond case and run."""
 
 
-def entry_names(key: str, count: int, n: int) -> list[str]:
+def entry_names(key: str, count: int, experiment: Experiment) -> list[str]:
     """Names of signals (errors first), of states, or of entries of the memory."""
     if key == "final_x":
         return [f"final_x{i + 1}" for i in range(count)]
-    first = "x_hat" if key in ("peak", "final_memory") else "e"
-    return [f"{first if i < n else 'memory'}{i + 1}" for i in range(count)]
+    n, labels = experiment.n, Labels.of(experiment.spec["observer"], experiment.n)
+    first = labels.entry if key in ("peak", "final_memory") else labels.error
+    return [first(i) if i < n else f"memory{i + 1}" for i in range(count)]
 
 
 def empty(shape: tuple[int, ...], key: str) -> Array:
