@@ -1,6 +1,7 @@
 //! An unknown as the last state of a chain, in its own unit: a model in Rust that says how it enters.
 
 use hgo_rs::nalgebra::{SVector, Vector1, Vector3};
+use hgo_rs::observer::{ContinuousLaw, CurrentState};
 use hgo_rs::prelude::*;
 
 /// ẋ₁ = x₂, ẋ₂ = u − sin x₁ − (2 + cos x₁)(d + d³), ḋ = 0.

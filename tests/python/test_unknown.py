@@ -18,6 +18,7 @@ from hgo_rs.errors import HgoError
 
 J = 0.02
 UNITS = {"q": "rad", "w": "rad/s", "T_load": "N m", "i": "A"}
+LOAD = {"T_load": "N m"}
 METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine", "zoh")
 KINDS = ("standard", "low-power", "peaking-free", "filtered")
 
@@ -268,7 +269,7 @@ def test_a_study_and_a_single_run_have_the_same_bits() -> None:
     given: dict[str, Any] = {
         "dt": 1e-3,
         "steps": 300,
-        "seed": 3,
+        "rng": 3,
         "noise": hgo.NormalNoise(0.0, 1e-4),
     }
     x0 = [0.1, 0.0, 0.3]
@@ -276,6 +277,31 @@ def test_a_study_and_a_single_run_have_the_same_bits() -> None:
     many = hgo.simulate(model.plant(), law, x0=x0, every=1, runs=40, **given)
     assert np.array_equal(one.x_hat[0], many.x_hat[0])
     assert np.all(np.abs(many.x_hat[:, -1, 2] - 0.3) < 0.2)
+
+
+def test_a_study_of_a_plant_without_that_state_names_the_estimate() -> None:
+    plant = hgo.Plant(states=["q", "w"], drift=["w", "-w - (0.3 + 0.2*sin(t))/0.02"], output="q")
+    model = hgo.Model(states=["q", "w"], phi="-w - T_load/0.02", unknown="T_load", units=LOAD)
+    law = hgo.StandardObserver(3, 40.0, model=model)
+    given: dict[str, Any] = {"dt": 1e-3, "steps": 2000, "every": 100, "metrics": ["peak", "rms"]}
+    result = hgo.simulate(plant, law, x0=[0.0, 0.0], **given)
+    found = result.of("T_load")
+    assert np.array_equal(found["frames"], result.of("T_load_hat")["frames"])
+    truth = 0.3 + 0.2 * np.sin(result.time)
+    assert np.abs(found["frames"][0] - truth)[5:].max() < 0.02
+    assert found["final"][0] == found["frames"][0, -1]
+    assert result.plot().axes[2].get_title(loc="left") == "T_load (N m)"
+    study = hgo.study(
+        lambda gain: {
+            "plant": plant,
+            "observer": hgo.StandardObserver(3, gain, model=model),
+            "x0": [0.0, 0.0],
+            **given,
+        },
+        {"gain": [20.0, 40.0]},
+    )
+    assert "peak_T_load_hat" in study.table and "final_T_load_hat" in study.table
+    assert study.table["final_T_load_hat"][1] == found["final"][0]
 
 
 # --- names and units ----------------------------------------------------------------------------

@@ -194,6 +194,8 @@ class SimulationResult:
         if self.time is None or self.x is None or self.x_hat is None:
             raise HgoError("plot: simulate was called without every=, so no frame was kept")
         run = check_integer(run, "run", least=0, most=len(self.x) - 1)
-        truth = self.x[run][:, self._estimated]
+        there = [state for state in self._estimated if state < self.x.shape[2]]
+        truth = np.full(self.x_hat[run].shape, np.nan)  # of what is no state of the plant
+        truth[:, : len(there)] = self.x[run][:, there]
         names = self._labels.titles(self.n)
         return estimate_figure(self.time, self.x_hat[run], x=truth, names=names, figure=figure)

@@ -37,6 +37,8 @@ class Form:
     """Orders of several chains."""
     unknown: tuple[str, ...] = ()
     """The unknowns that are among the states, one a chain, "" where it has none."""
+    carries = True
+    """Whether it may have unknowns."""
 
     def __init__(self, states: Sequence[str], inputs: Sequence[str]) -> None:
         self.states = tuple(states)
@@ -48,6 +50,13 @@ class Form:
         """The form's part of the spec."""
         unknown = {"unknown": [int(name != "") for name in self.unknown]} if self.unknown else {}
         return {"form": self.name, "n": self.n, **unknown}
+
+    def carry(self, unknown: Sequence[str]) -> None:
+        """Take some of the states as unknowns."""
+        allowed = "left out in this form, which has no chain to extend"
+        remedy = "write the model with phi= or f=, or the unknown as a state"
+        check(self.carries or not unknown, "unknown", list(unknown), allowed, remedy)
+        self.unknown = tuple(unknown)
 
     def entered(self, groups: Mapping[str, Group]) -> list[tuple[str, Node]]:
         """Label and right-hand side of the equation of each chain that an unknown may enter."""
@@ -143,12 +152,13 @@ class Triangular(Form):
     title = "triangular form"
     known = "f"
 
-    def __init__(
-        self, states: Sequence[str], inputs: Sequence[str], unknown: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, states: Sequence[str], inputs: Sequence[str]) -> None:
         super().__init__(states, inputs)
-        self.unknown = tuple(unknown)
-        self.sides = {"f": (self.n - len(self.unknown),)}
+        self.sides = {"f": (self.n,)}
+
+    def carry(self, unknown: Sequence[str]) -> None:
+        super().carry(unknown)
+        self.sides = {"f": (self.n - len(unknown),)}
 
     def check(self, groups: Mapping[str, Group], parameters: Mapping[str, float]) -> None:
         given = groups["f"].nodes or ()
@@ -176,6 +186,7 @@ class Sampled(Form):
     name = "sampled"
     title = "sampled-data form"
     known = "f"
+    carries = False
     taken = ("t", "y", "T")
 
     def __init__(self, states: Sequence[str], inputs: Sequence[str]) -> None:
@@ -217,6 +228,7 @@ class StrictFeedback(Form):
     name = "strict-feedback"
     title = "strict-feedback form"
     known = "f2"
+    carries = False
 
     def __init__(self, states: Sequence[str], inputs: Sequence[str], f1: Any) -> None:
         super().__init__(states, inputs)
@@ -295,29 +307,9 @@ def _length(f1: Any, most: int) -> int:
 
 
 def form_of(
-    given: Mapping[str, Any],
-    orders: Any,
-    states: Sequence[str],
-    inputs: Sequence[str],
-    unknown: tuple[str, ...] = (),
+    given: Mapping[str, Any], orders: Any, states: Sequence[str], inputs: Sequence[str]
 ) -> Form:
-    """The form whose right-hand sides are given; ``states`` with the unknowns, if there are any."""
-    form = _form_of(given, orders, states, inputs, unknown)
-    carries = isinstance(form, (Phase, Triangular, Chains))
-    allowed = "left out in this form, which has no chain to extend"
-    remedy = "write the model with phi= or f=, or the unknown as a state"
-    check(carries or not unknown, "unknown", list(unknown), allowed, remedy)
-    form.unknown = unknown
-    return form
-
-
-def _form_of(
-    given: Mapping[str, Any],
-    orders: Any,
-    states: Sequence[str],
-    inputs: Sequence[str],
-    unknown: tuple[str, ...],
-) -> Form:
+    """The form whose right-hand sides are given; ``states`` with the unknowns."""
     there = {name for name, value in given.items() if value is not None}
     if there == {"phi"} and orders is not None:
         return Chains(states, inputs, orders)
@@ -325,7 +317,7 @@ def _form_of(
         if there == {"phi"}:
             return Phase(states, inputs)
         if there == {"f"}:
-            return Triangular(states, inputs, unknown)
+            return Triangular(states, inputs)
         if {"f", "K_T"} <= there <= {"f", "K_T", "g", "h"}:
             return Sampled(states, inputs)
         if there == {"f1", "g", "f2"}:

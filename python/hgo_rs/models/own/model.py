@@ -104,7 +104,8 @@ class Model(OwnSystem):
         if unknowns:
             states, orders = unknowns_of.extended(states, orders, unknowns)
         names = Names.of(states, inputs, parameters)
-        form = form_of(given, orders, names.states, names.inputs, unknowns)
+        form = form_of(given, orders, names.states, names.inputs)
+        form.carry(unknowns)
         names.leave_alone(form.taken)
         self._names, self._form = names, form
         if form.name == "sampled" and h is None:
