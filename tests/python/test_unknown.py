@@ -298,10 +298,9 @@ def test_a_study_of_a_plant_without_that_state_names_the_estimate() -> None:
             "x0": [0.0, 0.0],
             **given,
         },
-        {"gain": [20.0, 40.0]},
+        grid={"gain": [20.0, 40.0]},
     )
-    assert "peak_T_load_hat" in study.table and "final_T_load_hat" in study.table
-    assert study.table["final_T_load_hat"][1] == found["final"][0]
+    assert study.table["peak_T_load_hat"][1] == result.peak[0, 2]
 
 
 # --- names and units ----------------------------------------------------------------------------
