@@ -808,6 +808,54 @@ def test_a_control_system_of_current_timing() -> None:
     np.testing.assert_allclose(response.outputs.T, observer.run(0.005, y, u).x_hat, atol=1e-12)
 
 
+@pytest.mark.parametrize("timing", ["predictor", "current"])
+def test_control_closes_a_loop(timing: str) -> None:
+    """State feedback from the estimates: the package's loop against correct, predict and step."""
+    control = pytest.importorskip("control")
+    dt, count, gains = 0.01, 300, np.array([-40.0, -12.0])
+    model = Model(states=["q", "w"], inputs=["u"], phi="u - 9.81*sin(q) + cos(5*t)")
+    observer = StandardObserver(2, 40.0, model=model, timing=timing)
+
+    def plant(t: float, x: Any, u: Any, params: Any) -> Any:
+        q, w = x
+        rate = u[0] - 9.81 * np.sin(q) + np.cos(5.0 * t)
+        return [q + dt * w + 0.5 * dt**2 * rate, w + dt * rate]
+
+    x, by_hand = np.array([1.0, 0.0]), []
+    observer.reset()
+    for k in range(count):
+        if timing == "current":
+            observer.correct(x[0])
+        estimate = observer.x_hat.copy()
+        u = float(gains @ estimate)
+        by_hand.append([*x, *estimate])
+        if timing == "current":
+            observer.predict(u, dt)
+        else:
+            observer.step(x[0], u, dt=dt)
+        x = np.asarray(plant(k * dt, x, [u], {}))
+    observer.reset()
+    loop = control.interconnect(
+        [
+            control.NonlinearIOSystem(plant, inputs="u", outputs=["y", "w"], states=2, dt=dt),
+            control.NonlinearIOSystem(
+                None,
+                lambda t, x, u, params: gains @ u,
+                inputs=["q_hat", "w_hat"],
+                outputs="u",
+                dt=dt,
+            ),
+            observer.to_control(dt),
+        ],
+        inputs=[],
+        outputs=["y", "w", "q_hat", "w_hat"],
+    )
+    start = [1.0, 0.0, *observer.initial_memory()]
+    told = control.input_output_response(loop, dt * np.arange(count), X0=start)
+    np.testing.assert_allclose(told.outputs.T, by_hand, rtol=0, atol=1e-9)
+    assert abs(by_hand[-1][0]) < 0.1 and by_hand[0][0] == 1.0  # the loop is stable
+
+
 def test_a_control_system_needs_a_stable_step() -> None:
     pytest.importorskip("control")
     with pytest.raises(HgoError, match="dt"):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from hgo_rs.errors import HgoError, check, explain
 from hgo_rs.exports.program import Program
 from hgo_rs.exports.traced import model_of
+from hgo_rs.exports.words import memory_words
 from hgo_rs.observers import Observer
 
 __all__ = ["Dimension", "checked", "dimension"]
@@ -102,14 +103,14 @@ def checked(
     held = (*program.memory, *program.parameters)
     known = {word: word for word in (*words.samples, *words.controls)}
     known |= {field.name: field.name for field in held}
-    states = tuple(own.get("states", ()))[-observer.n :]
+    states = [word for word, _ in memory_words(observer)[: observer.n]]
     for users, ours in (
         (states, words.memory),
         (own.get("inputs", ()), words.controls),
         (own.get("parameters", ()), words.parameters),
     ):
         known |= dict(zip(users, ours, strict=False))
-    found = {f.name: "s" for i, f in enumerate(program.memory) if i in program.elapsed}
+    found = {field.name: "s" for field in program.memory if field.meaning.endswith(", s")}
     for name, unit in given.items():
         if name not in known:
             raise HgoError(explain("units", name, f"of one of {', '.join(known)}", remedy))
