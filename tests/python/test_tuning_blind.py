@@ -13,7 +13,8 @@ from scipy.integrate import solve_ivp
 import hgo_rs as hgo
 from hgo_rs import StandardObserver, tune
 from hgo_rs.logs import Log
-from hgo_rs.tuning.linear import stationary
+from hgo_rs.tuning.linear import Slopes, exponential, path, stationary
+from hgo_rs.tuning.record import Record
 from hgo_rs.tuning.reference import butterworth
 from hgo_rs.tuning.reversal import reversed_model
 
@@ -183,3 +184,77 @@ def test_a_model_of_python_code_is_judged_without_it() -> None:
         result = tune(lambda ell: StandardObserver(2, ell, model=model), (t, y), ells=few)
     assert not model.compiled and "no model" in result.judged_by
     assert any("cannot be run backwards" in text for text in result.remarks)
+
+
+# --- the variational equation -------------------------------------------------------------------
+
+
+def test_exponentials_are_scipys() -> None:
+    from scipy.linalg import expm
+
+    some = np.random.default_rng(0).normal(size=(40, 3, 3))
+    some *= 2.0 / np.linalg.norm(some, 2, axis=(1, 2))[:, None, None]
+    np.testing.assert_allclose(exponential(some), expm(some), rtol=1e-12, atol=1e-13)
+
+
+def oscillator(omega: float, count: int, seed: int) -> tuple[Any, Any, Any]:
+    """q'' = -omega^2 q + w, w white of density 1, exact over a step: y with noise 1e-2, states."""
+    from scipy.linalg import expm
+
+    rng = np.random.default_rng(seed)
+    a = np.array([[0.0, 1.0], [-(omega**2), 0.0]])
+    # Van Loan's integral of the noise
+    big = np.zeros((4, 4))
+    big[:2, :2], big[2:, 2:], big[1, 3] = -a, a.T, 1.0
+    f = expm(big * DT)
+    step = f[2:, 2:].T
+    kicks = rng.multivariate_normal(np.zeros(2), step @ f[:2, 2:], size=count)
+    x = np.empty((count, 2))
+    now = np.array([0.1, 0.0])
+    for k in range(count):
+        x[k] = now
+        now = step @ now + kicks[k]
+    return np.arange(count) * DT, x[:, 0] + 1e-2 * rng.standard_normal(count), x
+
+
+def test_the_models_slopes_are_in_noise_and_model_error() -> None:
+    """Gains below the resonance, where the chain alone says something else by a factor."""
+    omega = 60.0
+    model = hgo.Model(states=["q", "v"], parameters={"w2": omega**2}, phi="-w2*q")
+    t, y, x = oscillator(omega, 60_000, seed=4)
+    record = Record.of((t, y), None)
+    ells = np.geomspace(8.0, 60.0, 4)
+    laws = [
+        StandardObserver(2, g, poles=butterworth(2), model=model, method="rk4-innovation-held")
+        for g in ells
+    ]
+    runs = [law.run(t, y, x_hat0=[y[0], 0.0]) for law in laws]
+    moves = path(record, model, runs[0].x_hat[: len(record.t)], 4, 600)
+    slopes = Slopes.of([law.spec for law in laws], DT, moves)
+    assert slopes is not None
+    innovation = slopes.innovation(ells) @ [1e-4, 1.0]
+    shown = slopes.shown(ells)[0] * 1e-4 + slopes.shown(ells)[1]
+    for k, run in enumerate(runs):
+        errors = (run.x_hat - x)[3000:]
+        assert np.mean(run.innovation[3000:] ** 2) == pytest.approx(innovation[k], rel=0.1)
+        np.testing.assert_allclose(np.mean(errors**2, axis=0), shown[k], rtol=0.2)
+    flat = stationary(laws[0].spec, DT).shown[1, 1, 1]
+    assert not 0.5 < flat / slopes.shown(ells[:1])[1, 0, 1] < 2.0  # what the slopes are worth
+
+    def build(ell: float) -> StandardObserver:
+        return StandardObserver(
+            2, ell, poles=butterworth(2), model=model, method="rk4-innovation-held"
+        )
+
+    result = tune(build, (t, y))
+    assert result.noise == pytest.approx(1e-2, rel=0.1)
+    assert result.model_error == pytest.approx(1.0, rel=0.35)
+
+
+def test_a_long_record_is_judged_by_its_busiest_stretch() -> None:
+    t = np.arange(40_000) * 1e-3
+    y = np.where(t < 20.0, 0.0, np.sin(4.0 * t)) + 1e-3 * np.random.default_rng(1).normal(
+        size=t.size
+    )
+    record = Record.of((t, y), None)
+    assert len(record.t) == 16_384 and record.t[0] > 18.0 and record.whole == 40_000

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,19 +14,25 @@ from hgo_rs.design import response
 from hgo_rs.design.discretisation import step_limit
 from hgo_rs.errors import HgoError, check, check_array, explain
 from hgo_rs.laws import LAWS
+from hgo_rs.models import Model
 from hgo_rs.observers import Observer
+from hgo_rs.tuning.linear import Slopes, path
 from hgo_rs.tuning.offers import Build
 from hgo_rs.tuning.record import Record
 from hgo_rs.tuning.reference import Reference
 from hgo_rs.tuning.result import Array, TradeOff
 
 _POINTS = 41
-_LONG, _FEW = 8000, 25  # a record from which on fewer gains are tried
+_LONG, _FEW = 8000, 21  # a record from which on fewer gains are tried
 _SPAN = 1e-3, 5.0  # of ell dt; beyond, an observer is all but deadbeat
+_LANES = 9  # gains of the variational equation, over those of up to so many times the least RMS
+_WIDE = 2.0  # innovation,
+_STEPS, _WORK = (60, 1200), 1600  # in how many steps, and in how many of all stretches
 _NEAR = 2.0  # innovations up to this many times the least variance tell of noise and model error
 _LAGS = 20  # of the innovations' autocorrelation
 _FAR = 500  # lags after which what R and Q give of it has died out
 _LEVEL = 1e-3  # of the test that they are white
+_LATER = dict.fromkeys(("bandwidth", "settling", "peaking", "noise", "model"), math.nan)
 # What is not white is said where it reaches the choice: see `Candidate.doubts`.
 _MISFIT, _CORRELATED = 0.15, 1.5
 _DITHER = 1.2  # noise up to this many times step/sqrt(12) is rounding and little else
@@ -44,6 +51,7 @@ class Candidate:
         self, build: Build, dt: float, ells: npt.ArrayLike | None, *, ours: bool = False
     ) -> None:
         self.build, self.dt, self.n, self.ours = build, dt, 0, ours
+        self.slopes: Slopes | None = None
         self.refused: list[tuple[float, Exception]] = []
         self.ells = None if ells is None else np.unique(check_array(ells, "ells"))
         if self.ells is None:
@@ -102,6 +110,7 @@ class Candidate:
         if record is not None:
             record.moves(self.n)
         kept, squares, figures, far = [], [], [], []
+        lean = self.ours and reference is not None
         for ell in self.grid(record).tolist():
             try:
                 with np.errstate(all="ignore"):
@@ -117,7 +126,7 @@ class Candidate:
                             finite = finite and math.isfinite(distance)
                     remedy = "choose a smaller gain, or a larger unit of y"
                     check(finite, "mean square innovation", square, "finite", remedy)
-                    figures.append(self.figures(observer))
+                    figures.append(_LATER if lean else self.figures(observer))
             except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
                 self.refused.append((ell, error))
             else:
@@ -140,6 +149,8 @@ class Candidate:
                 for name in ("bandwidth", "settling", "peaking")
             },
         )
+        if record is not None and reference is None:
+            self.refine(record)
 
     def start(self, record: Record) -> Array | None:
         """Where to start on the record: by its own later samples, where these are known."""
@@ -183,13 +194,55 @@ class Candidate:
             "bandwidth": float(response.bandwidth(spec, dt)[i]),  # may be infinite
             "settling": float(response.settling(spec, dt)[i]),
             "peaking": float(response.peaking(spec, dt)[i]),
-            "noise": float(response.noise_gain(spec, dt)[i]),
-            "model": float(response.model_gain(spec, dt)[i]),
         }
+        noise, model = self.gains(observer)
+        out |= {"noise": float(noise[i]), "model": float(model[i])}
         for name, value in out.items():
             sound = value >= 0.0 and (name == "bandwidth" or math.isfinite(value))
             check(sound, name, value, "finite", "choose gains nearer to 1/dt")
         return out
+
+    def gains(self, observer: Observer) -> tuple[Array, Array]:
+        """Variances of all estimates per unit of noise and of model error, (n,) each."""
+        spec = observer.spec
+        if self.slopes is not None:
+            of_noise, of_model = self.slopes.shown(np.array([spec["gain"]["ell"]]))[:, 0]
+            return of_noise, of_model
+        return response.noise_gain(spec, self.dt), response.model_gain(spec, self.dt)
+
+    def refine(self, record: Record) -> None:
+        """R, Q and what they give, once more with the model's slopes along the estimate."""
+        model = self.any.model
+        own = isinstance(model, Model) and model.compiled and model.form in ("phase", "triangular")
+        if not (own and math.isfinite(self.noise)):
+            return
+        assert isinstance(model, Model)
+        curve = self.curve
+        least = float(np.min(curve.innovation))
+        ends = np.flatnonzero(curve.innovation <= _WIDE * least)[[0, -1]] + [-1, 1]
+        first, last = np.clip(ends, 0, len(curve.ell) - 1)
+        some = np.unique(np.linspace(first, last, _LANES).astype(int))
+        steps = math.ceil(np.clip(8.0 / (curve.ell[first] * self.dt), *_STEPS))
+        near = self.made(float(curve.ell[np.argmin(curve.innovation)]))
+        run = record.run(near, self.start(record), spare=self.ours)
+        moves = path(record, model, run.x_hat, max(_WORK // steps, 2), steps)
+        specs = [self.made(float(ell)).spec for ell in curve.ell[some]]
+        self.slopes = Slopes.of(specs, self.dt, moves)
+        if self.slopes is None:
+            return
+        self.found(curve.ell, curve.innovation**2, record.smallest)
+        noise, lack = np.sqrt(self.slopes.shown(curve.ell)[:, :, self.index])
+        self.curve = replace(curve, noise=self.noise * noise, model=self.model_error * lack)
+
+    def complete(self) -> None:
+        """The columns of the curve that `look` left for the structure that is chosen."""
+        if np.isfinite(self.curve.settling).all():
+            return
+        figures = [self.figures(self.made(float(ell))) for ell in self.curve.ell]
+        columns = {name: np.array([of[name] for of in figures]) for name in _LATER}
+        columns["noise"] = self.noise * np.sqrt(columns["noise"])
+        columns["model"] = self.model_error * np.sqrt(columns["model"])
+        self.curve = replace(self.curve, **columns)
 
     def found(self, grid: Array, squares: Array, smallest: float) -> None:
         """sqrt(R) and sqrt(Q) from innovations: S(ell) = R s_R(ell) + Q s_Q(ell) near its least."""
@@ -201,8 +254,11 @@ class Candidate:
         used = np.argsort(squares)
         self.near = int(np.sum(squares <= _NEAR * np.min(squares)))
         used = used[: max(self.near, 3)]
-        specs = [self.made(ell).spec for ell in grid[used].tolist()]
-        shares = np.array([response.innovation_gain(spec, self.dt) for spec in specs])
+        if self.slopes is not None:
+            shares = self.slopes.innovation(grid[used])
+        else:
+            specs = [self.made(ell).spec for ell in grid[used].tolist()]
+            shares = np.array([response.innovation_gain(spec, self.dt) for spec in specs])
         unit = np.max(shares, axis=0)
         relative = shares / unit / squares[used, None]
         fit, _ = nnls(relative, np.ones(used.size))
@@ -224,8 +280,7 @@ class Candidate:
         On paper from R and Q; over a record by the distance from the smoothed state, whose own
         error adds at most as it stands, and 2 / sqrt(number of times 1/gain) of it by chance.
         """
-        spec = self.made(ell).spec
-        noise, model = response.noise_gain(spec, self.dt), response.model_gain(spec, self.dt)
+        noise, model = self.gains(self.made(ell))
         error = np.hypot(self.noise * np.sqrt(noise), self.model_error * np.sqrt(model))
         bound = error.copy()
         if record is None or self.reference is None:
@@ -276,11 +331,8 @@ class Candidate:
             return self.least_measured()
 
         def error(log_ell: float) -> float:
-            spec, i = self.made(math.exp(log_ell)).spec, self.index
-            of_noise = self.noise * math.sqrt(response.noise_gain(spec, self.dt)[i])
-            return math.hypot(
-                of_noise, self.model_error * math.sqrt(response.model_gain(spec, self.dt)[i])
-            )
+            noise, model = (of[self.index] for of in self.gains(self.made(math.exp(log_ell))))
+            return math.hypot(self.noise * math.sqrt(noise), self.model_error * math.sqrt(model))
 
         k = int(np.argmin(self.curve.error))
         ends = np.log(self.curve.ell[[max(k - 1, 0), min(k + 1, len(self.curve.ell) - 1)]])

@@ -181,6 +181,9 @@ def tune(
 
     best = min(reached, key=cost)
     chosen = candidates[best]
+    if record is not None and reference is not None:
+        chosen.refine(record)
+        chosen.complete()
     criterion = "least error"
     for name, value in targets.items():
         criterion = f"{name} {value:.4g} " + ("rad/s" if name == "cutoff" else "s")

@@ -17,7 +17,7 @@ Given = float | Log | Sequence[npt.ArrayLike]
 """A log, (t, y) or (t, y, u), or a noise level."""
 
 _LEAST = 50  # samples
-_SAMPLED = 256  # increments that a step must divide, at least
+_MOST = 16_384  # samples of a long record
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,8 @@ class Record:
         for as long as the gap is.
     period : float or None
         The sampling period, where it was given in place of times.
+    whole : int
+        Samples of the log, of which a long one's busiest stretch is looked at.
     """
 
     t: Array
@@ -50,6 +52,7 @@ class Record:
     judged: npt.NDArray[np.bool_]
     two_sided: npt.NDArray[np.bool_]
     period: float | None = None
+    whole: int = 0
 
     @classmethod
     def of(cls, log: Log | Sequence[npt.ArrayLike], skip: float | None) -> Record:
@@ -83,18 +86,23 @@ class Record:
         name = "samples of the log that are not missing"
         check(there >= _LEAST, name, there, f">= {_LEAST}", longer)
         usual = float(np.median(np.diff(t[np.isfinite(y)])))
-        judged = _judged(t, y, usual, start)
-        enough = int(np.sum(judged))
-        remedy = f"{longer}, steadier steps (their median is {usual:.4g} s), or a shorter skip"
-        check(enough >= _LEAST, "samples after skip and gaps", enough, f">= {_LEAST}", remedy)
         u = None
         if len(log) == 3:
             u = check_array(log[2], "u")
             u = u[:, None] if u.ndim == 1 else u
             fits = u.ndim == 2 and len(u) == len(y)
             check(fits, "shape of u", u.shape, f"({len(y)}, n_u)", "give a row a sample")
+        some = busiest(y, int(np.searchsorted(t, t[0] + start)), _MOST)
+        whole = len(y)
+        if some != slice(0, whole):
+            t, y, u = t[some], y[some], None if u is None else u[some]
+            start = min(start, float(t[-1] - t[0]) / 20.0)
+        judged = _judged(t, y, usual, start)
+        enough = int(np.sum(judged))
+        remedy = f"{longer}, steadier steps (their median is {usual:.4g} s), or a shorter skip"
+        check(enough >= _LEAST, "samples after skip and gaps", enough, f">= {_LEAST}", remedy)
         back = _judged(t[-1] - t[::-1], y[::-1], usual, start)[::-1]
-        return cls(t, y, u, usual, start, judged, judged & back, period)
+        return cls(t, y, u, usual, start, judged, judged & back, period, whole)
 
     @property
     def first(self) -> float:
@@ -147,9 +155,7 @@ class Record:
         counts = np.rint(moved / step)
         off = np.abs(moved / step - counts)
         whole = np.mean(off < 0.05) > 0.99 and np.unique(counts).size > 1
-        # Numbers of any kind are near a whole one in a tenth of the cases.
-        told = whole and moved.size * 0.9 > np.log(_SAMPLED)
-        return (step, counts) if told else (0.0, np.empty(0))
+        return (step, counts) if whole else (0.0, np.empty(0))
 
     def step(self) -> float:
         """The step of a quantised y; 0 where it is not."""
@@ -159,6 +165,19 @@ class Record:
         """The step of y where most samples move by one of it or not at all; else 0."""
         step, counts = self.increments()
         return step if step and np.mean(counts <= 1.0) > 0.5 else 0.0
+
+
+def busiest(y: Array, first: int, most: int) -> slice:
+    """The rows of at most `most` samples, from `first` on, in which y moves most; all if few."""
+    if len(y) <= most:
+        return slice(0, len(y))
+    moved = np.abs(np.diff(y, axis=0, prepend=y[:1]))
+    scale = np.nanmean(moved, axis=0)
+    way = np.nan_to_num(moved / np.where(scale > 0.0, scale, 1.0)).reshape(len(y), -1).sum(axis=1)
+    along = np.cumsum(way)
+    first = min(first, len(y) - most)
+    k = first + int(np.argmax(along[first + most - 1 :] - along[first : len(y) - most + 1]))
+    return slice(k, k + most)
 
 
 def _judged(t: Array, y: Array, usual: float, skip: float) -> npt.NDArray[np.bool_]:

@@ -37,6 +37,7 @@ from hgo_rs.tuning.reversal import reversed_model, reversed_record, signs
 MOTION = "rk4-innovation-held"
 """Moves a model over a step by Runge and Kutta's rule."""
 
+_LEAST = 50  # samples with others on both sides
 _SPAN = 2e-3, 5.0  # of ell dt
 _RATIO = 1.25  # of a gain to the one below
 _ROUNDS = 8
@@ -65,6 +66,8 @@ class Reference:
     x : (N, n)
     start : (n,)
         The state at the first sample, as all later ones have it.
+    left : float
+        RMS of what x_s leaves of y.
     spread : (n,)
         Standard deviation of its error, as far as R and Q say.
     difference : (n,)
@@ -82,6 +85,7 @@ class Reference:
     name: str
     x: Array
     start: Array
+    left: float
     spread: Array
     difference: Array
     ell: float
@@ -108,100 +112,110 @@ def find(
     record: Record, sources: Iterable[Source], index: int, note: Callable[[str], None]
 ) -> Reference | None:
     """The reference of which both sides differ least in state `index`; None where there is none."""
-    best: Reference | None = None
-    if np.sum(record.two_sided) < 50:
-        note("no samples on both sides of a stretch: too few to smooth")
+    if np.sum(record.two_sided) < _LEAST:
+        note("too few samples that others stand around on both sides: nothing to smooth")
         return None
+    searches = []
     for name, model, n in sources:
         try:
-            found = _of(record, name, model, n, index)
+            search = _Search(record, name, model, n, index)
         except HgoError as error:
             note(f"{name}: {error}")
-            continue
-        if found is not None and (best is None or found.difference[index] < best.difference[index]):
-            best = found
-    return best
+        else:
+            if np.isfinite(search.innovation).any():
+                searches.append(search)
+    least = min((float(np.min(search.innovation)) for search in searches), default=math.nan)
+    step = record.coarse_step()
+    limits = _FOLLOWS * step / math.sqrt(12.0), max(_LOST * math.sqrt(least), step)
+    found = [best for search in searches if (best := search.best(*limits)) is not None]
+    return min(found, key=lambda one: float(one.difference[index]), default=None)
 
 
-def _of(record: Record, name: str, model: System | None, n: int, index: int) -> Reference | None:
+class _Search:
     """The fixed point of one model."""
-    back_record = reversed_record(record)
-    poles = butterworth(n)
-    back_model = reversed_model(model, n, float(record.t[-1]))
 
-    method = None if model is None else MOTION
+    def __init__(self, record: Record, name: str, model: System | None, n: int, index: int) -> None:
+        self.record, self.name, self.n, self.index = record, name, n, index
+        self.model, self.back_model = model, reversed_model(model, n, float(record.t[-1]))
+        self.back_record = reversed_record(record)
+        limit = step_limit(self.forward(1.0 / record.dt).spec).c / record.dt
+        low, high = _SPAN[0] / record.dt, min(_SPAN[1] / record.dt, 0.9 * limit)
+        self.grid = np.geomspace(low, high, round(math.log(high / low) / math.log(_RATIO)))
+        self.estimates: list[Array | None] = []
+        self.innovation = np.full(len(self.grid), np.inf)
+        self.tried: dict[int, Reference | None] = {}
+        some = record.two_sided
+        for k, ell in enumerate(self.grid.tolist()):
+            try:
+                run = record.run(self.forward(ell), spare=True)
+            except HgoError:
+                self.estimates.append(None)
+                continue
+            self.estimates.append(np.array(run.x_hat))
+            with np.errstate(all="ignore"):
+                square = float(np.mean(run.innovation[some, 0] ** 2))
+            self.innovation[k] = square if math.isfinite(square) else np.inf
 
-    def forward(ell: float) -> StandardObserver:
-        return StandardObserver(n, ell, poles=poles, model=model, method=method)
+    def forward(self, ell: float) -> StandardObserver:
+        method = None if self.model is None else MOTION
+        poles = butterworth(self.n)
+        return StandardObserver(self.n, ell, poles=poles, model=self.model, method=method)
 
-    def backward(ell: float) -> StandardObserver:
+    def backward(self, ell: float) -> StandardObserver:
+        method = None if self.model is None else MOTION
+        poles, known = butterworth(self.n), self.back_model
         return StandardObserver(
-            n, ell, poles=poles, model=back_model, method=method, timing="predictor"
+            self.n, ell, poles=poles, model=known, method=method, timing="predictor"
         )
 
-    limit = step_limit(forward(1.0 / record.dt).spec).c / record.dt
-    low, high = _SPAN[0] / record.dt, min(_SPAN[1] / record.dt, 0.9 * limit)
-    grid = np.geomspace(low, high, round(math.log(high / low) / math.log(_RATIO)))
-    estimates: list[Array | None] = []
-    innovation = np.full(len(grid), np.inf)
-    some = record.two_sided
-    for k, ell in enumerate(grid.tolist()):
-        try:
-            run = record.run(forward(ell), spare=True)
-        except HgoError:
-            estimates.append(None)
-            continue
-        estimates.append(np.array(run.x_hat))
-        with np.errstate(all="ignore"):
-            square = float(np.mean(run.innovation[some, 0] ** 2))
-        innovation[k] = square if math.isfinite(square) else np.inf
-    if not np.isfinite(innovation).any():
-        return None
-    step = record.coarse_step()
-    most = max(_LOST * math.sqrt(float(np.min(innovation))), step)
-    least_rounding = _FOLLOWS * step / math.sqrt(12.0)
-    tried: dict[int, Reference | None] = {}
+    def best(self, closest: float, farthest: float) -> Reference | None:
+        """The fixed point that leaves of y, beside x_s, no less and no more than this."""
+        best = None
+        least = int(np.argmin(self.innovation))
+        for lower in _LOWER:
+            start = int(np.argmin(np.abs(np.log(self.grid * lower / self.grid[least]))))
+            found = self.settled(start)
+            if found is None or not closest <= found.left <= farthest:
+                continue
+            if found.ell <= self.grid[0] and least > 0:
+                continue  # both sides agree on nothing where they follow nothing
+            clear = _CLEAR * found.difference[self.index]
+            if best is None or clear < best.difference[self.index]:
+                best = found
+        return best
 
-    def at(k: int) -> Reference | None:
-        if k not in tried:
-            tried[k] = None
-            x_f = estimates[k]
-            try:
-                run = back_record.run(backward(float(grid[k])), spare=True)
-            except HgoError:
-                return None
-            if x_f is not None:
-                x_b = run.x_hat[::-1] * signs((n,))
-                made = _smoothed(record, name, forward, float(grid[k]), x_f, x_b, index)
-                if made is not None:
-                    left = math.sqrt(float(np.mean((record.y[some] - made.x[some, 0]) ** 2)))
-                    tried[k] = made if least_rounding <= left <= most else None
-        return tried[k]
-
-    def settled(k: int) -> Reference | None:
+    def settled(self, k: int) -> Reference | None:
         """The fixed point from gain k on."""
-        found, seen = at(k), {k}
+        found, seen = self.at(k), {k}
         for _ in range(_ROUNDS):
             if found is None:
                 return None
-            far = [np.inf if x is None else found.distance(x, record, index) for x in estimates]
+            far = [
+                np.inf if x is None else found.distance(x, self.record, self.index)
+                for x in self.estimates
+            ]
             k = int(np.argmin(far))
+            found = self.at(k)
             if k in seen:
-                return at(k)
+                break
             seen.add(k)
-            found = at(k)
         return found
 
-    best = None
-    least = int(np.argmin(innovation))
-    for lower in _LOWER:
-        start = int(np.argmin(np.abs(np.log(grid * lower / grid[least]))))
-        found = settled(start)
-        if found is not None and (
-            best is None or found.difference[index] < best.difference[index] / _CLEAR
-        ):
-            best = found
-    return best
+    def at(self, k: int) -> Reference | None:
+        """The smoothed state by gain k."""
+        if k not in self.tried:
+            ell, x_f, made = float(self.grid[k]), self.estimates[k], None
+            try:
+                run = self.back_record.run(self.backward(ell), spare=True)
+                if x_f is not None:
+                    x_b = run.x_hat[::-1] * signs((self.n,))
+                    made = _smoothed(
+                        self.record, self.name, self.forward, ell, x_f, x_b, self.index
+                    )
+            except HgoError:
+                made = None
+            self.tried[k] = made
+        return self.tried[k]
 
 
 def _smoothed(
@@ -237,4 +251,6 @@ def _smoothed(
     spread = far * np.sqrt(share / (1.0 - share))
     # of the variance that the forward estimate has, the part that R = 1 and Q = ratio give
     unit = math.hypot(far[index], spread[index]) / math.sqrt(p_f[index, index])
-    return Reference(name, x, x_b[0], spread, difference, ell, unit, unit * math.sqrt(ratio))
+    with np.errstate(all="ignore"):
+        left = math.sqrt(float(np.mean((record.y[some] - x[some, 0]) ** 2)))
+    return Reference(name, x, x_b[0], left, spread, difference, ell, unit, unit * math.sqrt(ratio))
