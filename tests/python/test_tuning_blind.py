@@ -258,3 +258,49 @@ def test_a_long_record_is_judged_by_its_busiest_stretch() -> None:
     )
     record = Record.of((t, y), None)
     assert len(record.t) == 16_384 and record.t[0] > 18.0 and record.whole == 40_000
+
+
+def test_a_load_is_judged_by_what_it_means() -> None:
+    """State 3 of an order without a model is the acceleration, not the load: it does not judge."""
+    model = hgo.Model(states=["q", "v", "d"], parameters={"g": 9.0}, f=["0", "-g*q", "0"])
+    t = np.arange(6000) * DT
+    load = np.where(t > 6.0, 3.0, 0.0) + 0.5 * np.sin(0.7 * t)
+    q, v, path_ = 0.2, 0.0, []
+    for k in range(len(t)):
+        path_.append((q, v))
+        for _ in range(10):
+            v += DT / 10 * (-9.0 * q + load[k])
+            q += DT / 10 * v
+    y = np.array(path_)[:, 0] + 1e-4 * np.random.default_rng(9).standard_normal(t.size)
+
+    def build(ell: float) -> StandardObserver:
+        return StandardObserver(3, ell, poles=butterworth(3), model=model)
+
+    def miss(ell: float) -> float:
+        x_hat = build(ell).run(t, y, x_hat0=[y[0], 0.0, 0.0]).x_hat
+        return float(np.sqrt(np.mean((x_hat[:, 2] - load)[400:] ** 2)))
+
+    result = tune(build, (t, y), state=3)
+    assert "no model" not in result.judged_by and result.judged_by
+    assert miss(result.ell) < 1.2 * min(miss(g) for g in np.geomspace(2.0, 200.0, 30))
+    assert result.errors[2] == pytest.approx(miss(result.ell), rel=0.4)
+
+
+def test_an_unknown_of_a_model_is_tuned_too() -> None:
+    model = hgo.Model(
+        states=["q", "v"], parameters={"J": 0.2}, phi="(-v + T)/J", unknown="T", units={"T": "N m"}
+    )
+    t = np.arange(5000) * DT
+    torque = 2.0 * np.sin(1.3 * t)
+    q, v, path_ = 0.0, 0.0, []
+    for k in range(len(t)):
+        path_.append((q, v))
+        for _ in range(10):
+            v += DT / 10 * (-v + torque[k]) / 0.2
+            q += DT / 10 * v
+    truth = np.array(path_)
+    y = truth[:, 0] + 1e-4 * np.random.default_rng(9).standard_normal(t.size)
+    result = tune(model, (t, y), state=2)
+    assert error(result.observer, t, y, None, truth[:, 1]) == pytest.approx(
+        result.errors[1], rel=0.3
+    )

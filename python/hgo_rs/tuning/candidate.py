@@ -217,6 +217,8 @@ class Candidate:
         if not (own and math.isfinite(self.noise)):
             return
         assert isinstance(model, Model)
+        if model.unknown:  # corrected by a slope of its own, which the law's matrices have not
+            return
         curve = self.curve
         least = float(np.min(curve.innovation))
         ends = np.flatnonzero(curve.innovation <= _WIDE * least)[[0, -1]] + [-1, 1]

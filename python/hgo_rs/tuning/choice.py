@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,7 @@ from hgo_rs.models import System
 from hgo_rs.tuning.candidate import Candidate
 from hgo_rs.tuning.offers import Build, offered, sources
 from hgo_rs.tuning.record import Given, Record
-from hgo_rs.tuning.reference import Source, find
+from hgo_rs.tuning.reference import find
 from hgo_rs.tuning.result import Tuning
 
 
@@ -154,8 +154,10 @@ def tune(
     reference = None
     if record is not None:
         record.moves(order)
-        models = [*_sources(candidates.values())]
-        reference = find(record, models, index - 1, remarks.append)
+        models = {
+            name: (candidate.any.model, candidate.n) for name, candidate in candidates.items()
+        }
+        reference = find(record, sources(models), index - 1, remarks.append)
     reached: dict[str, float] = {}
     for name, candidate in candidates.items():
         try:
@@ -222,14 +224,3 @@ def tune(
         tried=tuple((name, reached[name], cost(name)) for name in sorted(reached, key=cost)),
         remarks=tuple(remarks),
     )
-
-
-def _sources(candidates: Iterable[Candidate]) -> Iterable[Source]:
-    """What the smoothed state may rest on, for all models that the structures know, each once."""
-    seen: set[tuple[str, int]] = set()
-    for candidate in candidates:
-        for source in sources(candidate.any.model, candidate.n):
-            key = (repr(source[1]), source[2])
-            if key not in seen:
-                seen.add(key)
-                yield source

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from hgo_rs.expressions import nodes
@@ -15,6 +15,7 @@ Build = Callable[[float], Observer]
 """An observer with the gain given [1/s]."""
 
 SIXTY = complex(-0.5, 0.75**0.5)
+_LARGEST = 12  # order of a law
 SLOW = -0.1
 """Pole of a load that changes seldom, beside those of the other states."""
 
@@ -43,30 +44,67 @@ def with_load(model: Model) -> Model:
 
 
 def as_model(model: System | None) -> Model | None:
-    """A model whose expressions are known: an own one that is one chain, or an input's gain."""
+    """A model whose expressions are known: an own one that is one chain, or an input's gain.
+
+    Of one with an unknown what is left where that is 0.
+    """
     if isinstance(model, InputGain):
         return Model(states=["x1", "x2"], inputs=["u"], parameters={"b0": model.b0}, phi="b0*u")
     if isinstance(model, Model) and model.compiled and model.form in ("phase", "triangular"):
-        return model
+        return without_unknown(model) if model.unknown else model
     return None
 
 
-def sources(model: System | None, n: int) -> list[Source]:
-    """What the smoothed state may rest on, for an observer of order n with this model."""
-    own = as_model(model)
-    out: list[Source] = []
-    if own is not None and own.n == n:
-        out = [("the model", own, n)]
-        if n < 12:
-            out.append(("the model and a load", with_load(own), n + 1))
-    elif model is not None and not isinstance(model, Unknown):
-        out = [("the model", model, n)]
-    bare = max(n, 2)
-    return [
-        *out,
-        (f"order {bare}, no model", None, bare),
-        (f"order {bare + 1}, no model", None, bare + 1),
-    ]
+def without_unknown(model: Model) -> Model:
+    """The model with its unknown at 0."""
+    known = {name: nodes.constant(0.0) for name in model.unknown if name}
+    sides = [nodes.replaced([side], known)[0] for side in model.known]
+    states = [name for name in model.states if name not in known]
+    arguments: dict[str, Any] = {"inputs": model.inputs, "parameters": model.parameters}
+    if model.form == "phase":
+        return Model(states=states, phi=sides[0], **arguments)
+    return Model(states=states, f=sides, **arguments)
+
+
+def derivatives(model: System | None, n: int) -> int:
+    """How many of the first states are y and its derivatives, whatever is known of the system."""
+    if isinstance(model, Model) and model.compiled and model.form == "triangular":
+        for i, side in enumerate(model.known):
+            if not _is_zero(side):
+                return min(i + 1, n)
+    return n - len(model.unknown) if isinstance(model, Model) else n
+
+
+def sources(models: Mapping[str, tuple[System | None, int]]) -> list[Source]:
+    """What the smoothed state may rest on, for structures by name: their models and orders.
+
+    States that are not derivatives of y are compared among structures of one model only.
+    """
+    common = min(derivatives(model, n) for model, n in models.values())
+    several = len({repr(model) for model, _ in models.values()}) > 1
+    out: dict[tuple[str, int], Source] = {}
+
+    def add(name: str, known: System | None, n: int, valid: int) -> None:
+        if n <= _LARGEST:
+            out.setdefault((repr(known), n), (name, known, n, min(valid, n)))
+
+    for model, n in models.values():
+        own = as_model(model)
+        if own is not None and own.n in (n, n - 1):
+            valid = common if several or own.n != n else n
+            add("the model", own, own.n, valid)
+            if not _is_zero(own.known[-1]):  # else it has a load
+                add("the model and a load", with_load(own), own.n + 1, valid)
+        elif model is not None and not isinstance(model, Unknown):
+            add("the model", model, n, common if several else n)
+    least = max(min(n for _, n in models.values()), 2)
+    for order in (least, least + 1):
+        add(f"order {order}, no model", None, order, common)
+    return list(out.values())
+
+
+def _is_zero(side: Node) -> bool:
+    return side.op == "constant" and side.number == 0.0
 
 
 def offered(model: System | None) -> dict[str, Build]:
@@ -87,7 +125,7 @@ def offered(model: System | None) -> dict[str, Build]:
     n = own.n if own is not None else n
     known = own if own is not None else None if isinstance(model, Unknown) else model
     if known is not None:
-        loaded = with_load(own) if own is not None and n < 12 else None
+        loaded = with_load(own) if own is not None and n < _LARGEST else None
         for told, manner in (("", {}), (", RK4", {"method": MOTION})):
             add(f"model, Butterworth{told}", StandardObserver, n, butterworth(n), known, **manner)
             if n >= 2:
@@ -113,7 +151,7 @@ def offered(model: System | None) -> dict[str, Build]:
                 slow = [*damped_half(n), SLOW] if n >= 2 else [-1.0, SLOW]
                 add(f"model and load, slow{told}", StandardObserver, n + 1, slow, loaded, **manner)
     for order in (max(n, 2), max(n, 2) + 1):
-        if order <= 12:
+        if order <= _LARGEST:
             add(
                 f"order {order}, no model, Butterworth",
                 StandardObserver,

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -96,6 +96,12 @@ class Reference:
     def horizon(self) -> float:
         return 1.0 / self.ell
 
+    def first(self, count: int) -> Reference:
+        """The first states alone."""
+        some = slice(0, count)
+        short = {name: getattr(self, name)[some] for name in ("start", "spread", "difference")}
+        return replace(self, x=self.x[:, some], **short)
+
     def distance(self, x_hat: Array, record: Record, index: int) -> float:
         """RMS of x_hat - x_s of state `index`; infinite where it overflows."""
         some = record.two_sided
@@ -104,8 +110,9 @@ class Reference:
         return math.sqrt(square) if math.isfinite(square) else math.inf
 
 
-Source = tuple[str, System | None, int]
-"""A name, a model and the order of its observer."""
+Source = tuple[str, System | None, int, int]
+"""A name, a model, the order of its observer, and how many of its states mean what they do in the
+structures that are judged."""
 
 
 def find(
@@ -116,11 +123,13 @@ def find(
         note("too few samples that others stand around on both sides: nothing to smooth")
         return None
     searches = []
-    for name, model, n in sources:
+    for source in sources:
+        if index >= source[3]:
+            continue
         try:
-            search = _Search(record, name, model, n, index)
+            search = _Search(record, source, index)
         except HgoError as error:
-            note(f"{name}: {error}")
+            note(f"{source[0]}: {error}")
         else:
             if np.isfinite(search.innovation).any():
                 searches.append(search)
@@ -134,7 +143,8 @@ def find(
 class _Search:
     """The fixed point of one model."""
 
-    def __init__(self, record: Record, name: str, model: System | None, n: int, index: int) -> None:
+    def __init__(self, record: Record, source: Source, index: int) -> None:
+        name, model, n, self.valid = source
         self.record, self.name, self.n, self.index = record, name, n, index
         self.model, self.back_model = model, reversed_model(model, n, float(record.t[-1]))
         self.back_record = reversed_record(record)
@@ -212,6 +222,7 @@ class _Search:
                     made = _smoothed(
                         self.record, self.name, self.forward, ell, x_f, x_b, self.index
                     )
+                    made = made and made.first(self.valid)
             except HgoError:
                 made = None
             self.tried[k] = made
