@@ -31,6 +31,7 @@ FLOORS = (
     "simulation.studies",
     "config",
     "logs",
+    "data",
     "exports",
     "tuning",
     "scenarios",

@@ -132,3 +132,9 @@ def test_the_stub_holds_for_the_compiled_module():
         cwd=ROOT,
     )
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_earlier_name_of_the_logs_stays():
+    from hgo_rs import data, logs
+
+    assert data.read_log is logs.read_log and data.Log is logs.Log
