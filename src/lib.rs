@@ -20,7 +20,7 @@
 //! A file uses lower floors only, or what is named before it on its own: `elementary`,
 //! `scalar`, `error`, `memory`, `measurement`, `wide`, `polynomial` (0); `gain`, `schedule`, `saturation`, `model`, `laws`,
 //! `integrate`, `observer`, `injection`, `noise`, `metrics`, `program` (1); `models`,
-//! `observers`, `turn` (2); `simulate`, `covariance`, `estimator` (3). Nothing names `std`, `alloc` or
+//! `observers` (2); `simulate`, `covariance`, `estimator`, `turn` (3). Nothing names `std`, `alloc` or
 //! Python, nothing allocates and nothing panics.
 #![cfg_attr(not(feature = "std"), no_std)]
 
@@ -91,4 +91,5 @@ pub mod prelude {
     pub use crate::scalar::Scalar;
     pub use crate::schedule::{FixedStep, Schedule, StochasticApproximation};
     pub use crate::simulate::{Experiment, RunMetrics};
+    pub use crate::turn::{Turn, Wrapped};
 }

@@ -55,7 +55,7 @@ def test_chunks_give_the_same_bits(name, size):
     # a placed law corrects over a step, which a piece of one sample does not have
     log = record(law.n_u, starts=(0, 150) if law.spec.get("method") == "zoh" else (0, 150, 151))
     whole = [law.run(p.t, p.y, p.u, memory0=law.memory) for p in log.pieces]
-    parts = list(run_chunks(law, cut(log, size)))
+    parts = list(run_chunks(law, cut(log, size), start="zero"))
     assert sum(len(part.t) for part, _ in parts) == len(log.t)
     fields = ["time", "x_hat", "auxiliary", "innovation", "missing", "y", "memory"]
     for field in fields if law.gain is None else [*fields, "gain"]:
@@ -116,7 +116,7 @@ def axis(tmp_path):
 def test_estimate(axis):
     result = hgo_rs.estimate(axis / "axis.csv", axis / "observer.toml")
     log = read_log(axis / "axis.csv", "t_ms", "q")
-    expected = hgo_rs.StandardObserver(2, gain=12.0).run(log.t, log.y)
+    expected = hgo_rs.StandardObserver(2, gain=12.0).run(log.t, log.y, start="first-sample")
     assert result.x_hat.tobytes() == expected.x_hat.tobytes()
     assert log.t[-1] == 4.995
     config = hgo_rs.load(axis / "observer.toml")

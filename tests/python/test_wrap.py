@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import hgo_rs as hgo
-from hgo_rs import HgoError, _core, reference
+from hgo_rs import HgoError, _core, cli, reference
+from hgo_rs.logs import read_chunks, read_log
 from hgo_rs.observers import TurnWarning
-from hgo_rs.observers.turns import nearest
+from hgo_rs.observers.turns import Jumps, nearest
 
 TURN = 2.0 * np.pi
 DT = 1e-3
@@ -365,3 +366,135 @@ def test_samples_too_far_apart_are_told():
     noise = np.random.default_rng(1).normal(0.0, TURN, 500)
     with pytest.warns(TurnWarning, match="whether motion or noise"):
         chain("standard", wrap=TURN).run(DT, noise)
+
+
+# --- logs -------------------------------------------------------------------------------------
+
+COUNTS = np.round(3000.0 * (ANGLE - 40.0))
+SIXTEEN = np.mod(COUNTS + 2.0**15, 2.0**16) - 2.0**15
+SPEED = 3000.0 * (4.0 + np.cos(2.0 * T))
+LAW = ["--observer", "standard", "--order", "2", "--gain", "40"]
+
+
+def put(tmp_path, name="enc.csv", t=T, y=SIXTEEN, what="counts"):
+    cells = ["" if np.isnan(value) else f"{value:.10g}" for value in y]
+    rows = [f"{a:.3f},{cell}" for a, cell in zip(t, cells, strict=True)]
+    (tmp_path / name).write_text(f"t,{what}\n" + "\n".join(rows) + "\n")
+    return tmp_path / name
+
+
+def command(log, *options, law=LAW, output="counts"):
+    out = log.parent / "estimates.csv"
+    told = ["--time", "t", "--output", output, *law, *options, "--out", str(out)]
+    with pytest.raises(SystemExit) as end:
+        cli.main(["estimate", str(log), *told])
+    assert end.value.code == 0
+    return np.genfromtxt(out, delimiter=",", names=True)
+
+
+def test_the_command_wraps_where_it_is_told_or_sees_it(tmp_path, capsys):
+    log = put(tmp_path)
+    whole = hgo.StandardObserver(2, 40.0).run(T, COUNTS, start="first-sample").x_hat[:, 1]
+    for options, says in {
+        (): "enc.csv: 'counts' jumps by nearly 65536, as a counter of 16 bits that begins again: "
+        "it is taken to wrap there; --wrap none if it does not",
+        ("--wrap", "65536"): "wrap 65536",
+        ("--unwrap", "counts=65536"): "6000 samples",
+    }.items():
+        estimates = command(log, *options)
+        assert np.abs(estimates["x_hat2"] - whole).max() < 1e-6
+        assert says in capsys.readouterr().out
+    assert np.abs(command(log, "--wrap", "none")["x_hat2"]).max() > 1e6
+    assert "jumps" not in capsys.readouterr().out
+    config = tmp_path / "observer.toml"
+    command(log, "--save-config", str(config))
+    assert hgo.load(config).observer().wrap == (65536.0,)
+    config.write_text(config.read_text().replace("wrap = 65536.0\n", ""))
+    with pytest.warns(TurnWarning, match="'counts' jumps by nearly 65536.*say wrap = 65536 "):
+        hgo.estimate(log, config)
+
+
+def test_a_turn_is_seen_where_there_is_one():
+    def seen(values, rows=512):
+        looks = Jumps()
+        found = [looks.add(np.array(values[k : k + rows])) for k in range(0, len(values), rows)]
+        return next((turn for turn in found if turn), None)
+
+    assert seen(SIXTEEN) == seen(np.mod(COUNTS, 65536)) == 65536.0
+    assert seen(-SIXTEEN, rows=1) == 65536.0
+    assert seen(np.mod(np.round(ANGLE * 20.0), 256)) == 256.0
+    assert seen(np.mod(ANGLE, TURN)) == seen(np.mod(ANGLE + np.pi, TURN) - np.pi) == TURN
+    assert seen(np.degrees(np.mod(ANGLE, TURN))) == 360.0
+    # a spike, a step, a record of its own, noise, a limit cycle of whole numbers: none wraps
+    spike = np.round(100.0 + 100.0 * np.sin(T))
+    spike[3000] = 65000.0
+    noise = np.random.default_rng(0).uniform(-np.pi, np.pi, 5000)
+    step = np.where(T < 3.0, 0.0, 60000.0)
+    for values in (COUNTS, spike, noise, step, np.sin(ANGLE), np.round(127 * np.sin(5.0 * ANGLE))):
+        assert seen(values) is None
+    with_gaps = SIXTEEN.copy()
+    with_gaps[::3] = np.nan
+    assert seen(with_gaps) == 65536.0
+
+
+@pytest.mark.parametrize("rows", [1, 7, 100_000])
+def test_columns_are_unwrapped_and_scaled_as_they_are_read(tmp_path, rows):
+    y = np.where(MISSING, np.nan, SIXTEEN)
+    log = put(tmp_path, y=y)
+    told = {
+        "unwrap": {"counts": 65536},
+        "scale": {"counts": 1.0 / 3000.0},
+        "offset": {"counts": 40.0},
+    }
+    parts = list(read_chunks(log, "t", "counts", rows=rows, **told))
+    expected = np.where(MISSING, np.nan, COUNTS / 3000.0 + 40.0)
+    got = np.concatenate([part.y for part in parts])
+    np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-12)
+    text = (
+        'format = 1\nobserver = "standard"\norder = 2\ngain = 40.0\n[log]\ntime = "t"\n'
+        'output = "counts"\nunwrap = { counts = 65536 }\nscale = { counts = 0.000333333333 }\n'
+    )
+    velocity = hgo.estimate(log, hgo.Config.from_toml(text)).x_hat[500:, 1]
+    assert np.abs(velocity - SPEED[500:] / 3000.0).max() < 0.2
+
+
+def test_signals_with_times_of_their_own_are_converted_too(tmp_path):
+    np.savez(tmp_path / "two.npz", t=T, q=SIXTEEN, s=T[::2], v=np.arange(3000.0))
+    told = {"unwrap": {"q": 65536}, "scale": {"v": -2.0}, "offset": {"v": 1.0}}
+    log = read_log(tmp_path / "two.npz", ["t", "s"], ["q", "v"], **told)
+    assert np.array_equal(log.y[:, 0], COUNTS)
+    assert np.array_equal(log.y[::2, 1], 1.0 - 2.0 * np.arange(3000.0))
+
+
+def test_each_piece_of_a_log_is_unwrapped_alone(tmp_path):
+    y = np.concatenate([SIXTEEN[:3000], SIXTEEN[2000:5000]])
+    log = put(tmp_path, t=np.concatenate([T[:3000], T[:3000]]), y=y)
+    read = read_log(log, "t", "counts", resets="split", unwrap={"counts": 65536})
+    assert read.starts == (0, 3000)
+    assert np.array_equal(read.y[:3000], COUNTS[:3000])
+    assert np.array_equal(np.diff(read.y[3000:]), np.diff(COUNTS[2000:5000]))
+    assert read.y[3000] == SIXTEEN[2000]
+
+
+@pytest.mark.parametrize(
+    ("told", "says"),
+    [
+        (
+            {"unwrap": {"count": 65536}},
+            "unwrap of 'count': no output or input of this name; nearest: counts",
+        ),
+        ({"unwrap": {"counts": 0}}, "unwrap of 'counts' = 0: must be finite and > 0"),
+        ({"scale": {"counts": 0.0}}, "scale of 'counts' = 0: must not be 0"),
+        ({"scale": 2.0}, "scale = 2.0: must name its columns"),
+        ({"offset": {"counts": np.nan}}, "offset of 'counts' = nan: must be finite"),
+    ],
+)
+def test_conversions_that_cannot_be(tmp_path, told, says):
+    with pytest.raises(HgoError, match=says):
+        read_log(put(tmp_path), "t", "counts", **told)
+
+
+def test_what_is_unwrapped_must_move_slowly_enough(tmp_path):
+    log = put(tmp_path, y=np.mod(COUNTS, 20))
+    with pytest.warns(TurnWarning, match="of a turn"):
+        read_log(log, "t", "counts", unwrap={"counts": 20})

@@ -120,6 +120,9 @@ impl AnyObserver for Called {
     fn initial(&self) -> Vec<f64> {
         self.tables.initial().to_vec()
     }
+    fn begin(&self, memory: &mut [f64], y: &[f64]) -> Result<bool> {
+        self.tables.begin(memory, y)
+    }
     fn recursion(&self) -> &dyn Recursion {
         self
     }

@@ -98,10 +98,11 @@ impl Config {
             start: spec.get("start").cloned().unwrap_or_else(|| Value::Map(Vec::new())),
             log: spec.get("log").cloned(),
         };
-        config.start_spec()?.only(&["x_hat", "r", "memory", "t"])?;
+        config.start_spec()?.only(&["x_hat", "r", "memory", "t", "from"])?;
         if let Some(log) = &config.log {
             let known = ["time", "output", "input", "dt", "unit", "resets", "schedule"];
-            Spec::new(log, "log")?.only(&known)?;
+            let columns = ["unwrap", "scale", "offset"];
+            Spec::new(log, "log")?.only(&[known.as_slice(), &columns].concat())?;
         }
         Ok(config)
     }

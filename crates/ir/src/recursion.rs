@@ -26,6 +26,8 @@ pub trait AnyObserver: Send + Sync {
     fn is_current(&self) -> bool;
     /// Memory to start from when nothing is known.
     fn initial(&self) -> Vec<f64>;
+    /// A memory with its estimates at first samples; false where the law has no such start.
+    fn begin(&self, memory: &mut [f64], y: &[f64]) -> Result<bool>;
     /// Its steps.
     fn recursion(&self) -> &dyn Recursion;
     /// The same as one table, if it is one.

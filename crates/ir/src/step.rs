@@ -497,6 +497,9 @@ impl AnyObserver for Programmed {
     fn initial(&self) -> Vec<f64> {
         self.tables.shape.initial.clone()
     }
+    fn begin(&self, memory: &mut [f64], y: &[f64]) -> Result<bool> {
+        self.tables.begin(memory, y)
+    }
     fn recursion(&self) -> &dyn Recursion {
         self
     }

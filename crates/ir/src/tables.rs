@@ -49,6 +49,8 @@ pub struct Tables {
     /// A continuous law: (t, z, y, u, parameters) → ż, and z → z within the set that it lives in.
     pub(crate) law: Option<(Table, Table)>,
     pub(crate) parameters: Vec<f64>,
+    /// The start from first samples, if the law has one: (z, y) → z.
+    pub(crate) start: Option<Table>,
 }
 
 /// A chain whose corrections are placed.
@@ -149,6 +151,15 @@ impl Tables {
     pub fn law(&self) -> Option<&(Table, Table)> {
         self.law.as_ref()
     }
+    /// The memory `z` with its estimates at first samples, those that are there. False where the law
+    /// has no such start, which changes nothing: its first sample is where it begins (reduced-order),
+    /// or its output is not its first state.
+    pub fn begin(&self, z: &mut [f64], y: &[f64]) -> Result<bool> {
+        let Some(start) = &self.start else { return Ok(false) };
+        let made = start.evaluate(&[&*z, y].concat())?;
+        z.iter_mut().zip(made).for_each(|(slot, value)| *slot = value);
+        Ok(true)
+    }
     /// The values of the model's parameters.
     pub fn parameters(&self) -> &[f64] {
         &self.parameters
@@ -204,7 +215,8 @@ impl Tables {
     /// A part of the step as a table over (t, dt, z, y, u, parameters, gains), without the inputs that
     /// the part does not take. "step", with predictor timing: (z after the step, innovation). With current
     /// timing "correct", the use of a sample, of (t, z, y): (z, innovation); and "predict", the way to the
-    /// next one, of (t, dt, z, u): z. With `missing` the part that takes the sample where it is missing.
+    /// next one, of (t, dt, z, u): z. "start", the start from first samples, of (z, y). With `missing` the
+    /// part that takes the sample where it is missing.
     /// With a `fixed` length of a step, dt is this number and no input: what depends on it alone is
     /// computed here, by the operations of the table and so with their bits.
     pub fn part(
@@ -227,6 +239,9 @@ impl Tables {
                 Ok(of.output_names.iter().cloned().zip(made(&given)).collect())
             })
         };
+        if let ("start", Some(start)) = (part, &self.start) {
+            return Ok(start.clone());
+        }
         let known = |i: usize| i == step && fixed.is_some();
         match (part, &self.correct) {
             ("step", None) => {

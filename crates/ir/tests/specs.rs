@@ -179,3 +179,42 @@ fn a_table_calls_functions_and_hands_their_errors_on() {
     let message = refusal(Table::read(&Spec::new(&dict(call, late), "table").unwrap()));
     assert!(message.starts_with("table row ['add', 1, 3] is not allowed"), "{message}");
 }
+
+/// An observer of the core under [`Wrapped`] has the bits of the one that its spec describes, whose tables
+/// are wrapped as a whole; so has its start from a first sample.
+#[test]
+fn a_wrapped_observer_of_the_core_has_the_bits_of_the_tables() {
+    use hgo_rs::prelude::*;
+    let text =
+        "format = 1\nobserver = 'standard'\nk = [2.0, 1.0]\norder = 2\ngain = 20.0\nwrap = 7.25\n";
+    let law: StandardObserver<f64, _, _, 2, 0> =
+        StandardObserver::new([2.0, 1.0], ConstantGain::new(20.0).unwrap(), Unknown).unwrap();
+    let (turn, dt) = (Turn::new(7.25).unwrap(), 0.01);
+    let y = |k: i32| if k % 7 == 3 { f64::NAN } else { (0.31 * f64::from(k)).rem_euclid(7.25) };
+    let bits = |z: &[f64]| z.iter().map(|z| z.to_bits()).collect::<Vec<u64>>();
+    let current = Wrapped { observer: Current { law, scheme: Euler }, turn };
+    let predictor = Wrapped { observer: Discretised { law, scheme: StaggeredEuler }, turn };
+    let tabled = |manner: &str| {
+        hgo_ir::config::Config::from_toml(&format!("{text}{manner}")).unwrap().observer().unwrap()
+    };
+    let (filter, table) =
+        (tabled("method = 'euler'"), tabled("method = 'staggered-euler'\ntiming = 'predictor'"));
+    let (mut z, mut ours) = (current.from_first(40.0), filter.initial());
+    let (mut late, mut lates) = (predictor.from_first(40.0), table.initial());
+    assert!(filter.begin(&mut ours, &[40.0]).unwrap() && table.begin(&mut lates, &[40.0]).unwrap());
+    let mut turns = 0.0;
+    for k in 0..400 {
+        let mut flat = [0.0; 3];
+        z.write(&mut flat);
+        assert_eq!((bits(&flat), bits(&late.x_hat.as_slice()[..2])), (bits(&ours), bits(&lates)));
+        let before = z.law.x_hat[0];
+        current.correct(&mut z, &y(k), 0.0);
+        filter.recursion().correct(&mut ours, &[y(k)], 0.0).unwrap();
+        current.predict(&mut z, &no_input(), 0.0, dt);
+        filter.recursion().advance(&mut ours, &[f64::NAN], &[], 0.0, dt).unwrap();
+        predictor.step(&mut late, &y(k), &no_input(), 0.0, dt);
+        table.recursion().advance(&mut lates, &[y(k)], &[], 0.0, dt).unwrap();
+        turns += f64::from((before - z.law.x_hat[0]).abs() > 3.6);
+    }
+    assert!(turns > 15.0, "{turns}");
+}

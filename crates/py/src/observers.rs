@@ -69,6 +69,20 @@ impl Observer {
         self.law().initial().into_pyarray(py)
     }
 
+    /// A memory with its estimates of the outputs at first samples, (n_y,), those that are there; None where
+    /// the law has no such start.
+    fn begin<'py>(
+        &self,
+        py: Python<'py>,
+        memory: &Bound<'py, PyAny>,
+        y: &Bound<'py, PyAny>,
+    ) -> Result<Option<Bound<'py, PyArray1<f64>>>> {
+        let mut memory = sized("memory", memory, self.memory_len)?.as_slice()?.to_vec();
+        let y = sized("y", y, self.law().n_y())?;
+        let begun = self.law().begin(&mut memory, y.as_slice()?)?;
+        Ok(begun.then(|| memory.into_pyarray(py)))
+    }
+
     /// (memory, status) after one step, from time t over dt; status 0 updated, 1 predicted, 2 model
     /// undefined. With current timing u and dt belong to the period that ends with the sample.
     fn step<'py>(

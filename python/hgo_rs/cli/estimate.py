@@ -19,12 +19,13 @@ from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING
 from hgo_rs.errors import HgoError, MissingExtraError, printable
 from hgo_rs.files import together
 from hgo_rs.logs import Log, LogSummary, TableWriter, read_chunks, run_chunks
-from hgo_rs.logs.estimation import check_fit
+from hgo_rs.logs.estimation import check_fit, told_turn
+from hgo_rs.logs.table import names_of
 from hgo_rs.logs.times import UNITS
 from hgo_rs.logs.write import check_writable_format
 from hgo_rs.observers import Gap, Observer, RunResult
 from hgo_rs.observers.labels import Labels
-from hgo_rs.observers.turns import nearest
+from hgo_rs.observers.turns import Jumps, nearest
 
 
 class _Numbers(click.ParamType):
@@ -45,6 +46,24 @@ class _Numbers(click.ParamType):
                 self.fail(f"{part.strip()!r} is not a number; write for example -1,-2", param, ctx)
             numbers.append(number if number.imag else number.real)
         return numbers
+
+
+class _Named(click.ParamType):
+    """A number for a column: q=0.1."""
+
+    name = "COL=NUMBER"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, float]:
+        """Of the last equals sign, since a column may have one in its name."""
+        column, _, number = value.rpartition("=")
+        try:
+            return column, float(number if column else "")
+        except ValueError:
+            self.fail(
+                f"{value!r} names no number for a column; write for example q=0.1", param, ctx
+            )
 
 
 @click.command("estimate", short_help="Run an observer over a recorded log.")
@@ -81,10 +100,23 @@ class _Numbers(click.ParamType):
 )
 @click.option(
     "--wrap",
-    type=float,
     metavar="TURN",
-    help="Turn of an output that wraps, in its unit: 6.283185307179586, 65536, ...",
+    help="Turn of an output that wraps, in its unit: 6.283185307179586, 65536, ...; none: it does "
+    "not. By default an output that jumps by the turn of a counter or an angle wraps, and is told.",
 )
+@click.option(
+    "--start",
+    type=click.Choice(["first-sample", "zero"]),
+    help="Where the estimate begins: at the first sample (default), or at 0.",
+)
+@click.option(
+    "--unwrap",
+    type=_Named(),
+    multiple=True,
+    help="COL=TURN: undo the turns of a column as it is read.",
+)
+@click.option("--scale", type=_Named(), multiple=True, help="COL=FACTOR of an output or input.")
+@click.option("--offset", type=_Named(), multiple=True, help="COL=NUMBER, added behind --scale.")
 @click.option("--saturation", type=_Numbers(), help="Bounds on the states 2 to n (peaking-free).")
 @click.option("--allow-unstable", is_flag=True, help="Go beyond the step limit of the method.")
 @click.option(
@@ -129,6 +161,35 @@ def estimate_command(
     draw = _can_draw(figure)
     figure = figure if figure is not None else out.with_suffix(".png")
     told = _configuration(config, options)
+    try:
+        _estimate(log, config, save_config, out, figure, draw, told, options["wrap"] is None)
+    except _TurnFound as found:
+        say(str(found))
+        told = told.replace(wrap=found.turn)
+        _estimate(log, config, save_config, out, figure, draw, told, False)
+    return 0
+
+
+class _TurnFound(Exception):
+    """An output shows a turn of which the observer does not know: to run again, knowing it."""
+
+    def __init__(self, source: str, name: str, turn: float) -> None:
+        told = told_turn(source, name, turn).partition("; say")[0]
+        super().__init__(f"{told}: it is taken to wrap there; --wrap none if it does not")
+        self.turn = turn
+
+
+def _estimate(
+    log: Path,
+    config: Path | None,
+    save_config: Path | None,
+    out: Path,
+    figure: Path,
+    draw: bool,
+    told: Config,
+    looks: bool,
+) -> None:
+    """The command, as a configuration says it; with `looks` for turns that it does not say."""
     law = told.observer()
     arguments = told.log
     check_fit(law, arguments, f"{told.place(('log',))}: " if config else "")
@@ -140,9 +201,15 @@ def estimate_command(
     _check_places(results, {"the log itself": log, "the file of --config": config})
     summary, gaps, trace = LogSummary(), _LongestGaps(), _Trace(law.wrap[0])
 
+    jumps = Jumps() if looks and law.wrap == (None,) else None
+
     def seen(chunks: Iterable[Log]) -> Iterator[Log]:
         for chunk in chunks:
             summary.add(chunk)
+            turn = jumps.add(chunk.y.ravel()) if jumps else None
+            if turn:
+                (name,) = names_of(chunk.names["output"], "output")
+                raise _TurnFound(str(log), name, turn)
             yield chunk
 
     piece = -1
@@ -150,7 +217,9 @@ def estimate_command(
         with together(list(results.values())) as opened:
             files = dict(zip(results, opened, strict=True))
             with TableWriter(out, files["--out"]) as writer:
-                for chunk, result in run_chunks(law, seen(read_chunks(log, **arguments))):
+                for chunk, result in run_chunks(
+                    law, seen(read_chunks(log, **arguments)), start=told.start
+                ):
                     piece += len(chunk.starts)
                     split = arguments.get("resets") == "split"
                     writer.write(_columns(chunk, result, piece if split else None))
@@ -171,7 +240,6 @@ def estimate_command(
     if not draw:
         click.echo("no figure: pip install 'hgo_rs[plot]'", err=True)
     say(f"written: {', '.join(printable(str(path)) for path in results.values())}")
-    return 0
 
 
 def _law(law: Observer) -> str:
@@ -199,7 +267,19 @@ def _configuration(path: Path | None, options: dict[str, Any]) -> Config:
         if key in given
     }
     columns |= {key: given.pop(key) for key in ("dt", "resets") if key in given}
+    columns |= {key: dict(given.pop(key)) for key in ("unwrap", "scale", "offset") if key in given}
     base = None if path is None else load(path)
+    if "start" in given:
+        given["start"] = {**(base.data.get("start", {}) if base else {}), "from": given["start"]}
+    if given.get("wrap") == "none":
+        given.pop("wrap")
+        base = base and base.without("wrap")
+    elif "wrap" in given:
+        try:
+            given["wrap"] = float(given["wrap"])
+        except ValueError:
+            shown = given["wrap"]
+            raise HgoError(f"--wrap {shown}: must be a number > 0, or none") from None
     b0 = given.pop("input_gain", None)
     if b0 is not None and "input" not in {**(base.log if base else {}), **columns}:
         raise HgoError("--input-gain has no meaning without --input: name the input's column")
@@ -220,7 +300,9 @@ def _check_options(given: dict[str, Any], base: Config | None) -> None:
         raise HgoError(unknown("observer", name, list(OBSERVERS)))
     accepted = inspect.signature(getattr(observers, OBSERVERS[name])).parameters
     for key in given:
-        if key != "observer" and {"order": "n"}.get(key, key) not in accepted:
+        if key in ("observer", "start"):
+            continue
+        if {"order": "n"}.get(key, key) not in accepted:
             option = "--" + {"model": "input"}.get(key, key).replace("_", "-")
             raise HgoError(f"{option} has no meaning for --observer {name}")
     if base is not None:
@@ -346,7 +428,7 @@ class _Trace:
 
     MOST = 200_000
 
-    def __init__(self, turn: float | None) -> None:
+    def __init__(self, turn: float | None = None) -> None:
         self.turn = turn
         self.parts: dict[str, list[np.ndarray]] = {}
         self.stride, self.count, self.kept = 1, 0, 0

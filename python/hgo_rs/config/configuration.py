@@ -26,6 +26,7 @@ from hgo_rs.errors import HgoError, nearest
 from hgo_rs.files import write_text
 from hgo_rs.laws import LAWS
 from hgo_rs.observers import HighGainObserver, Observer, StochasticApproximation
+from hgo_rs.observers.records import STARTS
 from hgo_rs.read_only import read_only
 
 _RIVALS = (("gain", "epsilon"), ("poles", *keys.LISTS))
@@ -162,9 +163,17 @@ class Config:
         start = self.data.get("start")
         if start:
             names = {"x_hat": "x_hat0", "r": "r0", "memory": "memory0", "t": "t"}
-            self._built(("start",), observer.reset, {names[k]: v for k, v in start.items()})
+            given = {names[k]: v for k, v in start.items() if k != "from"}
+            self._built(("start",), observer.reset, given)
             observer._started = "t" in start
         return observer
+
+    @property
+    def start(self) -> str:
+        """Where a run over a log begins: "first-sample", or "zero" where `observer` stands."""
+        start = self.data.get("start", {})
+        stands = not {"x_hat", "memory"}.isdisjoint(start)
+        return "zero" if stands else str(start.get("from", "first-sample"))
 
     def _inner(self) -> list[Config]:
         """Each of `[[observers]]`, as a configuration of its own."""
@@ -193,6 +202,11 @@ class Config:
         data |= changes
         if log:
             data["log"] = {**data.get("log", {}), **log}
+        return Config(plain(data), self.source, self._lines)
+
+    def without(self, key: str) -> Config:
+        """This configuration without a key at its head."""
+        data = {name: value for name, value in self.data.items() if name != key}
         return Config(plain(data), self.source, self._lines)
 
     def _gain(self, told: dict[str, Any]) -> Any:
@@ -284,6 +298,11 @@ class Config:
         if "observers" in self.data:
             self._inner()
         self._check_table(("start",), self.data.get("start", {}), keys.START)
+        if "from" in self.data.get("start", {}):
+            self._check_choice(("start", "from"), self.data["start"]["from"], dict.fromkeys(STARTS))
+            for key in ("x_hat", "memory"):
+                if key in self.data["start"]:
+                    raise self._error(("start", "from"), f"is given beside {key}", "leave one out")
         log = self.data.get("log", {})
         self._check_table(("log",), log, keys.LOG)
         self._check_table(("log", "schedule"), log.get("schedule", {}), keys.SCHEDULE)

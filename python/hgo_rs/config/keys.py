@@ -151,8 +151,16 @@ MODELS: dict[str, tuple[str, dict[str, Kind]]] = {
 }
 """`[model]`: the class behind each `kind`, and its keys. A table without `kind` is an own model."""
 
-START: dict[str, Kind] = {"x_hat": NUMBERS, "r": NUMBER, "memory": NUMBERS, "t": NUMBER}
-"""`[start]`: estimate and gain to start from, or the whole memory; of one in use, its time."""
+START: dict[str, Kind] = {
+    "x_hat": NUMBERS,
+    "r": NUMBER,
+    "memory": NUMBERS,
+    "t": NUMBER,
+    "from": TEXT,
+}
+"""`[start]`: estimate and gain to start from, or the whole memory; of one in use, its time; or,
+`from` = "first-sample" or "zero", where a run over a log begins.
+"""
 
 LOG: dict[str, Kind] = {
     "time": TEXT_OR_TEXTS,
@@ -161,6 +169,9 @@ LOG: dict[str, Kind] = {
     "dt": NUMBER,
     "unit": TEXT_OR_TEXTS,
     "resets": TEXT,
+    "unwrap": NAMED_NUMBERS,
+    "scale": NAMED_NUMBERS,
+    "offset": NAMED_NUMBERS,
     "schedule": TABLE,
 }
 """`[log]`: the arguments of `hgo_rs.logs.read_log`, and a schedule in place of times."""

@@ -170,13 +170,17 @@ def _loop(program: Program) -> str:
 def _functions(program: Program) -> list[tuple[str, tuple[Move, ...], str]]:
     """Verbs, the moves that they are made of, and what they do."""
     parts = {move.verb: (move,) for move in program.moves}
+    start = {"start": (program.start,)} if program.start else {}
     whole = {"step": program.moves} if program.is_current else {}
-    return [(verb, moves, program.told(verb)) for verb, moves in {**parts, **whole}.items()]
+    return [
+        (verb, moves, program.told(verb)) for verb, moves in {**start, **parts, **whole}.items()
+    ]
 
 
 def _source(program: Program) -> str:
     name = program.name
-    texts = [program.written(move, C) for move in program.moves]
+    moves = [*program.moves, *([program.start] if program.start else [])]
+    texts = [program.written(move, C) for move in moves]
     helpers = _helpers(program, list(dict.fromkeys(f for text in texts for f in text.functions)))
     double = _real(program) == "double"
     guard = (
@@ -195,7 +199,7 @@ def _source(program: Program) -> str:
         values.append(f"    state->{program.words.started} = 0;")
     parts.append(f"void {name}_init({name}_state *state)\n{{\n" + "\n".join(values) + "\n}\n")
     parts += _held(program)
-    parts += [_move(program, move, text) for move, text in zip(program.moves, texts, strict=True)]
+    parts += [_move(program, move, text) for move, text in zip(moves, texts, strict=True)]
     if program.is_current:
         parts.append(_both(program))
     return "\n".join(parts)
@@ -276,8 +280,9 @@ def _move(program: Program, move: Move, text: Written) -> str:
     arguments = program.arguments(move)
     stored = (*program.memory, *program.parameters)
     lines = [_signature(program, move.verb, (move,)), "{"]
+    lines += [f"    {program.name}_init(state);"] * (move is program.start)
     lines += [f"    const {real} {f.name} = state->{f.name};" for f in stored if f.name in used]
-    if text.inputs["t"] != "t" and "t" in used:
+    if "t" in used and text.inputs["t"] != "t":
         lines.append(f"    const {real} {text.inputs['t']} = ({real})t;")
     corrects = move is program.moves[0]
     for gains in program.gains if corrects else ():

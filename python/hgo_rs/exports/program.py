@@ -120,6 +120,8 @@ class Program:
     """Whether a sample closes the period before it: the estimate moves then."""
     fixed: float | None = None
     """The length of every period [s], if it is fixed."""
+    start: Move | None = None
+    """The start from first samples, if the law has one."""
 
     @property
     def is_current(self) -> bool:
@@ -169,6 +171,11 @@ class Program:
     def told(self, verb: str) -> str:
         """What a function does."""
         sample = _list("sample", self.words.samples)
+        if verb == "start":
+            return (
+                f"In place of the initial memory: the same with its estimate at {sample}, the "
+                "first, which is then taken as all others are; a start far from it has no peak."
+            )
         control = _list("input", self.words.controls)
         at = any("t" in move.used for move in self.moves)
         if not self.is_current:
@@ -338,6 +345,7 @@ def program(
         tuple(Gains.of(chain, moves[0], names, counters.get(chain.elapsed)) for chain in held),
         spec["kind"] == "reduced-order",
         fixed,
+        _start(observer, precision, kept),
     )
 
 
@@ -369,6 +377,12 @@ def _told_periods(periods: Periods | None) -> str:
     length = f"{number(periods.dt, periods.precision)} s"
     most = periods.most
     return f"1 to {most} periods of {length}" if most > 1 else f"one period of {length}"
+
+
+def _start(observer: Observer, precision: str, memory: Sequence[int]) -> Move | None:
+    """The start from first samples; none of a law that has no such start."""
+    begun = observer._core.begin(observer.memory, np.full(observer.n_y, np.nan))
+    return None if begun is None else Traced.of(observer.spec, "start", precision, memory).move()
 
 
 def _check_single(observer: Observer) -> None:

@@ -123,7 +123,8 @@ def _fenced(description: str) -> str:
 
 def _library(program: Program) -> str:
     real = program.precision.rust
-    texts = [program.written(move, RUST) for move in program.moves]
+    traced = [*program.moves, *([program.start] if program.start else [])]
+    texts = [program.written(move, RUST) for move in traced]
     fields = [
         f"{_doc(_sentence(field.meaning), '    ///')}\n    pub {field.name}: {real},"
         for field in (*program.memory, *program.parameters)
@@ -140,7 +141,7 @@ def _library(program: Program) -> str:
             f"    /// Whether a sample was taken.\n    pub {program.words.started}: bool,"
         )
         values.append(f"            {program.words.started}: false,")
-    moves = zip(program.moves, texts, strict=True)
+    moves = zip(traced, texts, strict=True)
     functions = _count(program) + [_move(program, move, text) for move, text in moves]
     if program.is_current:
         functions.append(_both(program))
@@ -273,12 +274,13 @@ def _move(program: Program, move: Move, text: Written) -> str:
     used = {places[name] for name in move.used}
     stored = [f.name for f in (*program.memory, *program.parameters) if f.name in used]
     lines = [_head(program, move.verb, (move,))]
+    lines += ["        *self = Self::new();"] * (move is program.start)
     if stored:
         lines.append(wrapped("        let Self { ", f"{', '.join(stored)}, .. }} = *self;"))
     arguments = program.arguments(move)
     idle = [word for word in arguments if word not in used and word not in program.words.samples]
     lines += [f"        let _ = {word};" for word in idle]
-    if text.inputs["t"] != "t" and "t" in used:
+    if "t" in used and text.inputs["t"] != "t":
         lines.append(f"        let {text.inputs['t']} = t as {real};")
     corrects = move is program.moves[0]
     for gains in program.gains if corrects else ():

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import warnings
+from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,11 +13,13 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.config import Config, load
-from hgo_rs.errors import DesignError, HgoError
+from hgo_rs.errors import DesignError, HgoError, check_choice, printable
 from hgo_rs.logs.log import Log
 from hgo_rs.logs.read import read_log
-from hgo_rs.logs.table import DataError
-from hgo_rs.observers import Observer, RunResult
+from hgo_rs.logs.table import DataError, names_of
+from hgo_rs.observers import Observer, RunResult, TurnWarning
+from hgo_rs.observers.records import STARTS, first_of
+from hgo_rs.observers.turns import ANGLES, Jumps
 
 
 def estimate(log: str | Path | Log, config: str | Path | Config) -> RunResult:
@@ -51,8 +55,38 @@ def estimate(log: str | Path | Log, config: str | Path | Config) -> RunResult:
             "pieces one by one: [estimate(piece, config) for piece in read_log(...).pieces]"
         )
     check_fit(observer, log.names)
-    observer._check_start(observer.memory)
-    return _run(observer, log, observer.memory)
+    _warn_of_turns(observer, log)
+    memory = observer.memory
+    if config.start == "first-sample":
+        memory = _at_first(observer, memory, log)
+    observer._check_start(memory)
+    return _run(observer, log, memory)
+
+
+def _warn_of_turns(observer: Observer, log: Log) -> None:
+    """Warn of an output that shows a turn of which the observer does not know."""
+    names = names_of(log.names["output"], "output")
+    columns = log.y.reshape(len(log.t), -1).T
+    for name, column, turn in zip(names, columns, observer.wrap, strict=True):
+        found = None if turn else Jumps().add(column)
+        if found:
+            warnings.warn(told_turn(log.source, name, found), TurnWarning, stacklevel=3)
+
+
+def told_turn(source: str, name: str, turn: float) -> str:
+    """What is said of an output that jumps by turns."""
+    shown = f"{turn:.0f}" if turn == round(turn) else repr(turn)
+    what = "an angle" if turn in ANGLES else f"a counter of {round(np.log2(turn))} bits"
+    return (
+        f"{printable(source)}: {printable(name)!r} jumps by nearly {shown}, as {what} that "
+        f"begins again; say wrap = {shown} of the observer, or unwrap = {{ ... }} of the log"
+    )
+
+
+def _at_first(observer: Observer, memory: np.ndarray, *logs: Log) -> np.ndarray:
+    """A memory with x_hat_1 at the first sample that is there, of each output."""
+    y = np.concatenate([log.y.reshape(len(log.t), -1) for log in logs])
+    return observer._begun(memory, first_of(y))
 
 
 def check_fit(observer: Observer, names: dict[str, Any], where: str = "") -> None:
@@ -71,26 +105,38 @@ def check_fit(observer: Observer, names: dict[str, Any], where: str = "") -> Non
         )
 
 
-def run_chunks(observer: Observer, chunks: Iterable[Log]) -> Iterator[tuple[Log, RunResult]]:
+def run_chunks(
+    observer: Observer, chunks: Iterable[Log], *, start: str = "first-sample"
+) -> Iterator[tuple[Log, RunResult]]:
     """Run over a log that comes in chunks, each chunk with its result.
 
     The memory goes from chunk to chunk: the same bits as over the whole log at once. At a reset of
     the clock the observer starts again. A chunk with resets comes out as its pieces; the `starts`
     of one that begins a piece hold 0.
 
+    Parameters
+    ----------
+    start : "first-sample" or "zero"
+        Where an observer whose x_hat is 0 begins: with x_hat_1 at the first sample that is there,
+        of each output, or as it stands. One that stands elsewhere begins there.
+
     Raises
     ------
     HgoError
         What `Observer.run` refuses; samples are counted within the chunk, whose begin is named.
     """
-    start = observer.memory
-    observer._check_start(start)
-    memory = start
-    stretches = itertools.chain(_stretches(chunks), [(None, True)])
-    log, _ = next(stretches)
+    stands = observer.memory
+    rests = not np.any(stands[: observer.n]) and not observer._told
+    first = check_choice("start", start, STARTS) == "first-sample" and rests
+    observer._check_start(stands)
+    memory = stands
+    stretches = _Ahead(_stretches(chunks))
+    log, _ = stretches.take()
     rows = 0
     while log is not None:
-        after, begins = next(stretches)
+        if first and log.starts:
+            memory = _at_first(observer, stands, log, *stretches.until_all_are_there(log))
+        after, begins = stretches.take()
         until = None if begins or after is None else float(after.t[0])
         try:
             result = _run(observer, log, memory, until)
@@ -99,10 +145,36 @@ def run_chunks(observer: Observer, chunks: Iterable[Log]) -> Iterator[tuple[Log,
                 raise
             where = f"{log.source}, counting samples from t = {log.t[0]:.9g} s (sample {rows})"
             raise type(error)(f"{where}: {error}") from error
-        memory = start if result.next_memory is None else result.next_memory
+        memory = stands if result.next_memory is None else result.next_memory
         yield log, result
         rows += len(log.t)
         log = after
+
+
+class _Ahead:
+    """Stretches, of which some may be looked at ahead."""
+
+    def __init__(self, stretches: Iterator[tuple[Log | None, bool]]) -> None:
+        self._rest = itertools.chain(stretches, itertools.repeat((None, True)))
+        self._held: deque[tuple[Log | None, bool]] = deque()
+
+    def take(self) -> tuple[Log | None, bool]:
+        """The next one, and whether the observer starts again there; None: there is none."""
+        return self._held.popleft() if self._held else next(self._rest)
+
+    def until_all_are_there(self, log: Log) -> list[Log]:
+        """The stretches after `log`, of its piece, until every output has had a sample."""
+        lack = np.isnan(first_of(log.y.reshape(len(log.t), -1)))
+        ahead: list[Log] = []
+        while lack.any():
+            if len(ahead) == len(self._held):
+                self._held.append(next(self._rest))
+            after, begins = self._held[len(ahead)]
+            if after is None or begins:
+                break
+            ahead.append(after)
+            lack &= np.isnan(first_of(after.y.reshape(len(after.t), -1)))
+        return ahead
 
 
 def _stretches(chunks: Iterable[Log]) -> Iterator[tuple[Log | None, bool]]:

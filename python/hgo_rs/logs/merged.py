@@ -11,6 +11,7 @@ import numpy as np
 
 from hgo_rs.errors import printable
 from hgo_rs.logs.clock import Clock, moment
+from hgo_rs.logs.columns import Converted
 from hgo_rs.logs.formats import whole
 from hgo_rs.logs.log import Log
 from hgo_rs.logs.table import Columns, DataError, Table, names_of, refuse, rows_at, values_of
@@ -23,6 +24,7 @@ def merged(
     output: Columns,
     input: Columns | None,
     unit: str | Sequence[str] | None,
+    converted: Converted,
 ) -> Log:
     """Outputs and inputs with times of their own, as one log."""
     outputs = names_of(output, "output")
@@ -85,7 +87,7 @@ def merged(
         refuse(own, path, np.isinf(values), f"{name!r} is infinite; leave a missing sample empty")
         if np.isnan(values).all():
             raise DataError(f"{path}: column {name!r} holds no sample")
-        y[row[own_time], j] = values
+        y[row[own_time], j] = converted(name, values)
     u = np.empty((len(t), len(inputs)))
     for j, (name, own_time) in enumerate(zip(inputs, times[len(outputs) :], strict=True)):
         seconds, at = clocks[own_time]
@@ -98,7 +100,7 @@ def merged(
                 f"{path}: the input {name!r} begins at {seconds[0]:g} s, after the first sample at "
                 f"{t[0]:g} s; give it from the start, or cut the outputs before"
             )
-        u[:, j] = values[held]
+        u[:, j] = converted(name, values)[held]
     if len(t) < 2:
         raise DataError(f"{path}: {len(t)} samples; an observer needs at least 2")
     names = {"time": times, "output": output, "input": input}

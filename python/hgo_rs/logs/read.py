@@ -15,6 +15,7 @@ import numpy as np
 
 from hgo_rs.errors import nearest
 from hgo_rs.logs.clock import Clock
+from hgo_rs.logs.columns import Conversion, Converted
 from hgo_rs.logs.formats import tables
 from hgo_rs.logs.log import Log, LogSummary
 from hgo_rs.logs.merged import merged
@@ -40,6 +41,9 @@ def read_log(
     dt: float | None = None,
     unit: str | Sequence[str] | None = None,
     resets: str = "refuse",
+    unwrap: Conversion | None = None,
+    scale: Conversion | None = None,
+    offset: Conversion | None = None,
     schedule: StochasticApproximation | None = None,
 ) -> Log:
     """Read a time column, output columns and, if named, input columns.
@@ -67,6 +71,10 @@ def read_log(
         that makes it a Unix time of our days, else s where the steps can be seconds.
     resets : "refuse" or "split"
         What a clock that starts again means: an error, or a new piece of the log.
+    unwrap, scale, offset
+        A number for some of the outputs and inputs, by their columns. `unwrap`: the turn after
+        which a column begins again, in its own unit; each sample is taken in the turn nearest to
+        the sample before it. Then value = scale * column + offset.
     schedule
         Sample k was taken after the first k steps of this schedule, in place of `time` and `dt`.
 
@@ -78,14 +86,26 @@ def read_log(
         and remedy.
     """
     chunks = list(
-        read_chunks(path, time, output, input, dt=dt, unit=unit, resets=resets, schedule=schedule)
+        read_chunks(
+            path,
+            time,
+            output,
+            input,
+            dt=dt,
+            unit=unit,
+            resets=resets,
+            unwrap=unwrap,
+            scale=scale,
+            offset=offset,
+            schedule=schedule,
+        )
     )
     if len(chunks) == 1:
         return chunks[0]
-    first, offset, starts = chunks[0], 0, []
+    first, before, starts = chunks[0], 0, []
     for chunk in chunks:
-        starts += [offset + k for k in chunk.starts]
-        offset += len(chunk.t)
+        starts += [before + k for k in chunk.starts]
+        before += len(chunk.t)
     return Log(
         np.concatenate([c.t for c in chunks]),
         np.concatenate([c.y for c in chunks]),
@@ -108,6 +128,9 @@ def read_chunks(
     dt: float | None = None,
     unit: str | Sequence[str] | None = None,
     resets: str = "refuse",
+    unwrap: Conversion | None = None,
+    scale: Conversion | None = None,
+    offset: Conversion | None = None,
     schedule: StochasticApproximation | None = None,
     rows: int | None = None,
 ) -> Iterator[Log]:
@@ -127,24 +150,27 @@ def read_chunks(
     check_file(path)
     outputs = names_of(output, "output")
     inputs = [] if input is None else names_of(input, "input")
+    converted = Converted([*outputs, *inputs], unwrap, scale, offset)
     if time is not None and not isinstance(time, str):
         if dt is not None or resets == "split":
             raise DataError("time: several columns go without dt and resets; leave these out")
-        yield merged(path, list(time), output, input, unit)
+        yield merged(path, list(time), output, input, unit, converted)
         return
     names = {"time": time, "output": output, "input": input}
     wanted = [*([] if time is None else [time]), *outputs, *inputs]
     summary = LogSummary()
     for table in filter(len, tables(path, wanted, CHUNK if rows is None else rows)):
         t, starts = clock(table)
-        y = np.column_stack([values_of(table, path, name) for name in outputs])
-        for name, column in zip(outputs, y.T, strict=True):
+        signals = {name: values_of(table, path, name) for name in [*outputs, *inputs]}
+        for name in outputs:
             told = f"{name!r} is infinite; leave a missing sample empty"
-            refuse(table, path, np.isinf(column), told)
-        u = np.column_stack([values_of(table, path, name) for name in inputs]) if inputs else None
-        for name, column in zip(inputs, () if u is None else u.T, strict=True):
+            refuse(table, path, np.isinf(signals[name]), told)
+        for name in inputs:
             told = f"the input {name!r} is missing or infinite; fill it in"
-            refuse(table, path, ~np.isfinite(column), told)
+            refuse(table, path, ~np.isfinite(signals[name]), told)
+        signals = {name: converted(name, column, starts) for name, column in signals.items()}
+        y = np.column_stack([signals[name] for name in outputs])
+        u = np.column_stack([signals[name] for name in inputs]) if inputs else None
         y = y[:, 0] if isinstance(output, str) else y
         u = u[:, 0] if u is not None and isinstance(input, str) else u
         remarks = table.remarks + clock.remarks

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from hgo_rs import _core, upward
 from hgo_rs.design.discretisation import StepLimit, step_limit
 from hgo_rs.design.response import bandwidth, noise_gain, peaking, settling
-from hgo_rs.errors import DesignError, HgoError
+from hgo_rs.errors import DesignError, HgoError, check, check_choice
 from hgo_rs.llvm import OF_FUNCTIONS, check_engine, refused
 from hgo_rs.models import Model
 from hgo_rs.models.own.callables import clocked, stand_in, warn_slow
@@ -26,7 +26,7 @@ from hgo_rs.observers.compiled import RecordEngine
 from hgo_rs.observers.gaps import gap_error
 from hgo_rs.observers.labels import Labels
 from hgo_rs.observers.online import TAMER, OnlineObserver
-from hgo_rs.observers.records import Array
+from hgo_rs.observers.records import STARTS, Array
 from hgo_rs.observers.result import Gap, RunResult
 from hgo_rs.observers.turns import check_motion
 from hgo_rs.read_only import shown as frozen
@@ -68,6 +68,7 @@ class Observer(OnlineObserver):
         r0: float | None = None,
         memory0: npt.ArrayLike | None = None,
         until: float | None = None,
+        start: str = "zero",
         timing: str | None = None,
         allow_unstable: bool | None = None,
         engine: str = "auto",
@@ -92,6 +93,10 @@ class Observer(OnlineObserver):
         until : float, optional
             Time [s] of the sample after the last one, where the record goes on elsewhere:
             `next_memory` of the result is the memory there, a `memory0` to go on with.
+        start : "zero" or "first-sample"
+            Where x_hat begins if neither x_hat0 nor memory0 says it: at 0, or with x_hat_1 at the
+            first sample that is there, of each output, and all else at 0. A record far from 0 then
+            has no peak. A reduced-order observer begins at its first sample anyway.
         timing : "predictor" or "current", optional
             Default: the observer's own. The result says which.
         allow_unstable : bool, optional
@@ -109,16 +114,28 @@ class Observer(OnlineObserver):
         """
         if timing is not None and timing != self.timing:
             given: dict[str, Any] = {"x_hat0": x_hat0, "r0": r0, "memory0": memory0}
-            given |= {"until": until, "allow_unstable": allow_unstable, "engine": engine}
+            given |= {
+                "until": until,
+                "start": start,
+                "allow_unstable": allow_unstable,
+                "engine": engine,
+            }
             return self.with_timing(timing).run(t_or_dt, y, u, **given)
         allow = self.allow_unstable if allow_unstable is None else bool(allow_unstable)
         check_engine(engine)
         samples = records.samples(y, self.n_y)
         clock = records.clock(t_or_dt, len(samples))
         told = records.inputs(u, len(samples), self.n_u)
-        start = self._start(x_hat0, r0, memory0)
+        if check_choice("start", start, STARTS) == "first-sample":
+            given = {"x_hat0": x_hat0, "memory0": memory0}
+            for name, value in given.items():
+                remedy = 'leave it out, or take start="zero"'
+                check(value is None, name, value, 'left out with start="first-sample"', remedy)
+            begin = self._begun(self.initial_memory(r0=r0), records.first_of(samples))
+        else:
+            begin = self._start(x_hat0, r0, memory0)
         if memory0 is None:
-            self._check_start(start, told=False)
+            self._check_start(begin, told=False)
         # elsewhere the innovation is y - x_hat_1, which is computed when it is asked for
         own_sampled = self.spec["kind"] == "sampled-data" and self.spec["model"]["kind"] == "own"
         tells = self._core.is_current or self.spec["kind"] == "chains" or own_sampled
@@ -128,10 +145,10 @@ class Observer(OnlineObserver):
         slowdown = 1.0
         if self._interpreted:
             refused(engine == "llvm", OF_FUNCTIONS)
-            record = (clock, samples, told, start)
+            record = (clock, samples, told, begin)
             track, slowdown = self._called_run(*record, innovation=tells, until=end)
         else:
-            record = (clock, samples, told, start)
+            record = (clock, samples, told, begin)
             track = self._records.run(engine, record, innovation=tells, until=end)
         if not track["sound"]:
             records.check_samples(track["y"], self.n_y)
@@ -143,9 +160,9 @@ class Observer(OnlineObserver):
 
         k, longest = track["longest_step"]
         where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
-        if self._core.is_current and self._law_len < len(start) and not track["missing"][0]:
-            # the first sample corrects over the time that its start has waited
-            waited = float(start[self._law_len])
+        if self._core.is_current and self._law_len < len(begin) and not track["missing"][0]:
+            # the first sample corrects over the time that its begin has waited
+            waited = float(begin[self._law_len])
             if waited > longest:
                 longest, where = waited, f"before sample 0 (t = {time(0):g} s), "
         if longest > 0.0:
@@ -154,7 +171,7 @@ class Observer(OnlineObserver):
             except DesignError as error:
                 raise DesignError(f"{where}{error}") from None
         memory = track["memory"]
-        bound = self._bound(float(np.max(np.abs(start))), track["largest_sample"])
+        bound = self._bound(float(np.max(np.abs(begin))), track["largest_sample"])
         diverged = len(memory)
         if not track["largest"] <= bound:  # NaN is not within
             diverged = int(np.argmin(np.all(np.abs(memory) <= bound, axis=1)))
@@ -172,7 +189,7 @@ class Observer(OnlineObserver):
             k = diverged + finite.index(False)
             where = f"sample {k} (t = {time(k):g} s)" if k < len(memory) else f"t = {end:g} s"
             raise HgoError(f"the estimate overflowed at {where}: {_OVERFLOW}")
-        self._tell_end(start, memory[-1])
+        self._tell_end(begin, memory[-1])
         if wraps:
             check_motion(track["y"], self.wrap, stacklevel=2)
         result = RunResult.of_run(

@@ -193,7 +193,11 @@ class OnlineObserver(_core.Online):
         """Warn of what a run from memory to memory has lost for good."""
 
     def initial_memory(
-        self, x_hat0: npt.ArrayLike | None = None, *, r0: float | None = None
+        self,
+        x_hat0: npt.ArrayLike | None = None,
+        *,
+        r0: float | None = None,
+        y0: npt.ArrayLike | None = None,
     ) -> Array:
         """A memory to start from: x_hat(0) = 0 unless given, auxiliary states 0, r(0) = 1.
 
@@ -202,11 +206,15 @@ class OnlineObserver(_core.Online):
         x_hat0 : (n,) array, optional
         r0 : float, optional
             Initial gain >= 1, for laws whose gain moves.
+        y0 : float or (n_y,) array, optional
+            First samples, in place of x_hat0: x_hat_1(0) = y0, of each chain; NaN where one is
+            missing, which leaves 0.
 
         Raises
         ------
         HgoError
-            Wrong shape; a value that is not finite; r0 < 1, or for a law whose gain is fixed.
+            Wrong shape; a value that is not finite; r0 < 1, or for a law whose gain is fixed; y0
+            with x_hat0, or for a law whose output is not its first state.
         """
         memory = self._core.initial()
         if x_hat0 is not None:
@@ -218,7 +226,26 @@ class OnlineObserver(_core.Online):
                     explain("r0", r0, "left out for a constant gain", "set the gain itself")
                 )
             memory[index] = initial_gain(r0)
+        if y0 is not None:
+            remedy = "give one of them"
+            check(x_hat0 is None, "y0", y0, "given without x_hat0", remedy)
+            reduced = self.spec["kind"] == "reduced-order"
+            remedy = "this law begins at its first sample by itself"
+            check(not reduced, "y0", y0, "left out", remedy)
+            sample = check_array(y0, "y0", remedy=MARK).reshape(1, -1)
+            check_samples(sample, self.n_y)
+            memory = self._begun(memory, sample[0])
         return memory
+
+    def _begun(self, memory: Array, y0: Array) -> Array:
+        """A memory with its estimates of the outputs at first samples, NaN where there is none."""
+        if self.spec["kind"] == "reduced-order":
+            return memory  # it begins there by itself
+        begun = self._core.begin(memory, y0)
+        allowed = "zero, or where x_hat0 says, for a model whose output h is not its first state"
+        remedy = "give an x_hat0 whose output is the first sample"
+        check(begun is not None, "start", "first-sample", allowed, remedy)
+        return cast("Array", begun)
 
     def reset(
         self,
@@ -226,13 +253,14 @@ class OnlineObserver(_core.Online):
         *,
         r0: float | None = None,
         memory0: npt.ArrayLike | None = None,
+        y0: npt.ArrayLike | None = None,
         t: float = 0.0,
     ) -> None:
         """Start again, see `initial_memory`; or go on from the whole memory.
 
         Parameters
         ----------
-        x_hat0, r0, memory0 : optional
+        x_hat0, r0, y0, memory0 : optional
             Where to start, see `initial_memory`; or the whole memory.
         t : float
             Time [s] at which it stands. Above 0 the observer is under way: with current timing the
@@ -244,16 +272,20 @@ class OnlineObserver(_core.Online):
             What `initial_memory` refuses; t < 0.
         """
         time = check_number(t, "t", least=0.0)
-        self.memory = self._start(x_hat0, r0, memory0)
+        self.memory = self._start(x_hat0, r0, memory0, y0)
         self._told, self._time = memory0 is not None, time
 
     def _start(
-        self, x_hat0: npt.ArrayLike | None, r0: float | None, memory0: npt.ArrayLike | None
+        self,
+        x_hat0: npt.ArrayLike | None,
+        r0: float | None,
+        memory0: npt.ArrayLike | None,
+        y0: npt.ArrayLike | None = None,
     ) -> Array:
         if memory0 is None:
-            return self.initial_memory(x_hat0, r0=r0)
-        alone = x_hat0 is None and r0 is None
-        check(alone, "memory0", memory0, "given alone", "give memory0, or x_hat0 and r0")
+            return self.initial_memory(x_hat0, r0=r0, y0=y0)
+        alone = x_hat0 is None and r0 is None and y0 is None
+        check(alone, "memory0", memory0, "given alone", "give memory0, or x_hat0 (or y0) and r0")
         start = vector(memory0, "memory0", self._core.memory_len)
         self._check_start(start, told=True)
         return start

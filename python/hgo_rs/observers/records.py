@@ -10,6 +10,8 @@ from hgo_rs.errors import HgoError, check, check_array, check_number
 Array = npt.NDArray[np.float64]
 
 MARK = "mark a missing sample as NaN"
+STARTS = ("zero", "first-sample")
+"""Where an estimate begins if nothing else is said."""
 
 
 def vector(values: npt.ArrayLike, parameter: str, length: int) -> Array:
@@ -47,6 +49,13 @@ def check_samples(values: Array, channels: int) -> None:
     if infinite.any():
         k = int(np.argmax(infinite))
         raise HgoError(f"y at sample {k} is infinite: must be finite; {MARK}")
+
+
+def first_of(values: Array) -> Array:
+    """The first sample that is there, of each output, (n_y,); NaN where there is none."""
+    there = ~np.isnan(values)
+    rows = np.argmax(there, axis=0)
+    return np.asarray(np.where(there.any(axis=0), values[rows, np.arange(values.shape[1])], np.nan))
 
 
 def clock(t_or_dt: npt.ArrayLike, count: int) -> float | Array:

@@ -72,3 +72,56 @@ def check_motion(y: Array, lengths: tuple[float | None, ...], stacklevel: int) -
                 TurnWarning,
                 stacklevel=stacklevel + 1,
             )
+
+
+COUNTERS = tuple(2.0**bits for bits in (8, 10, 12, 14, 16, 20, 24, 32))
+"""Turns of counters."""
+ANGLES = (2.0 * np.pi, 360.0)
+"""Turns of angles in rad and in degrees."""
+_FEWEST = 8
+
+
+class Jumps:
+    """Looks for a turn in samples that come chunk by chunk."""
+
+    def __init__(self) -> None:
+        self._usual = dict.fromkeys((*COUNTERS, *ANGLES), 0.0)  # largest step of no turn
+        self._lowest, self._highest = np.inf, -np.inf
+        self._steps = 0
+        self._last = np.nan
+
+    def add(self, values: Array) -> float | None:
+        """Take in samples (N,); the turn that they pass, if they show one.
+
+        All samples so far lie within one turn of a counter (whole numbers) or an angle, and every
+        step is less than a quarter of it, or by a whole turn as small as the others are.
+        """
+        there = values[~np.isnan(values)]
+        if not len(there):
+            return None
+        steps = np.diff(there, prepend=self._last)
+        steps = steps[~np.isnan(steps)]
+        self._last = float(there[-1])
+        self._lowest = min(self._lowest, float(there.min()))
+        self._highest = max(self._highest, float(there.max()))
+        self._steps += len(steps)
+        if not np.all(there == np.rint(there)):
+            self._usual = {length: u for length, u in self._usual.items() if length in ANGLES}
+        passed = {length: self._passes(steps, length) for length in list(self._usual)}
+        return next((length for length, passes in passed.items() if passes), None)
+
+    def _passes(self, steps: Array, length: float) -> bool:
+        """Whether some steps pass this turn; one that cannot be is not looked at again."""
+        low, high = (0.0, length) if self._lowest >= 0.0 else (-0.5 * length, 0.5 * length)
+        slack = 1e-6 * length
+        sizes = np.abs(steps)
+        jumps = sizes > 0.5 * length
+        usual = max(self._usual[length], float(np.max(sizes[~jumps], initial=0.0)))
+        inside = low - slack <= self._lowest and self._highest <= high + slack
+        left = np.abs(nearest(steps[jumps, None], [length]))
+        small = bool(np.all(left <= 2.0 * usual + (length in COUNTERS)))
+        if not inside or usual >= 0.25 * length or not small:
+            del self._usual[length]
+            return False
+        self._usual[length] = usual
+        return bool(jumps.any()) and self._steps >= _FEWEST

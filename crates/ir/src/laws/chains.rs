@@ -80,6 +80,16 @@ pub(super) fn tables(spec: &Spec<'_>, setting: Setting) -> Result<Tables> {
     let correct =
         if corrects { Some(joined(&|of| of.correct.clone().unwrap_or_default())?) } else { None };
     let advance = joined(&|of| of.advance.clone())?;
+    let start = trace(setting, || {
+        let (mut z, y) = (inputs("z", rest), inputs("y", chains.len()));
+        for ((of, place), y) in chains.iter().zip(&place).zip(y) {
+            let Some(start) = &of.start else { continue };
+            let memory: Vec<Traced> = place.iter().map(|place| z[*place]).collect();
+            let begun = trace::inline(start, &[memory.as_slice(), &[y]].concat());
+            place.iter().zip(begun).for_each(|(place, value)| z[*place] = value);
+        }
+        Ok(named("z", &z))
+    })?;
     let current = chains.first().is_some_and(|of| of.shape.current);
     let (n, n_y, n_u, memory) = (own.n, chains.len(), own.n_u, rest);
     let shape = Shape { n, n_y, n_u, memory, signals: memory, current, initial };
@@ -92,5 +102,6 @@ pub(super) fn tables(spec: &Spec<'_>, setting: Setting) -> Result<Tables> {
         placed,
         law: None,
         parameters: own.parameters,
+        start: Some(start),
     })
 }

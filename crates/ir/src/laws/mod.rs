@@ -2,12 +2,12 @@
 //! given by a rate have one builder; a recursion has its own.
 
 mod chains;
+mod outputs;
 mod rates;
 mod reduced_order;
 mod sampled;
-mod wrap;
 
-pub use wrap::wraps;
+pub use outputs::wraps;
 
 use crate::error::Result;
 use crate::model::Given;
@@ -39,5 +39,5 @@ fn of(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Result<Tables> {
         "reduced-order" => reduced_order::tables(spec, given, setting),
         _ => rates::tables(law, spec, given, setting),
     }?;
-    wrap::wrapped(tables, law, spec, given, setting)
+    outputs::finished(tables, law, spec, given, setting)
 }

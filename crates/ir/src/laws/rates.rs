@@ -279,5 +279,6 @@ pub(super) fn tables(
         }),
         law: if together { Some(law.together(setting)?) } else { None },
         parameters: given.parameters().to_vec(),
+        start: None,
     })
 }

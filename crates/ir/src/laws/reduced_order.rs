@@ -86,5 +86,6 @@ where
         placed: Vec::new(),
         law: None,
         parameters: given.parameters().to_vec(),
+        start: None,
     })
 }

@@ -52,6 +52,7 @@ where
         placed: Vec::new(),
         law: None,
         parameters: given.parameters().to_vec(),
+        start: None,
     })
 }
 
