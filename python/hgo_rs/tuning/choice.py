@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,7 @@ from hgo_rs.errors import HgoError, check, check_integer, check_number
 from hgo_rs.logs import Log
 from hgo_rs.models import System
 from hgo_rs.tuning.candidate import Candidate
+from hgo_rs.tuning.chains import outputs, tune_chains
 from hgo_rs.tuning.offers import Build, offered, sources
 from hgo_rs.tuning.record import Given, Record
 from hgo_rs.tuning.reference import find
@@ -36,32 +38,37 @@ def tune(
     cutoff: float | None = None,
     settling: float | None = None,
     model_error: float | None = None,
-    state: int | None = None,
+    state: int | Sequence[int] | None = None,
     ells: npt.ArrayLike | None = None,
     skip: float | None = None,
 ) -> Tuning:
     """Choose the gain of an observer, and its structure if several are offered.
 
-    By least mean-square error, unless `cutoff` or `settling` is given. The law's linear part, as it
-    runs with the step `dt`, gives cutoff, settling time, peaking, and the error's variance
+    By least mean-square error, unless `cutoff` or `settling` is given. On a log the error is
+    measured, by the distance from a smoothed state (`hgo_rs.tuning.reference`): the same observer,
+    run backwards in time, knows of the future. Without a log, or where nothing can be smoothed, it
+    is
 
         P(ell) = R n(ell) + Q m(ell)
 
     from measurement noise of variance R and from what the model lacks in x_n', taken as white
-    noise of spectral density Q (`noise_gain`, `model_gain` of `hgo_rs.design`). On a log, R and Q
-    are found from the record alone: the innovation y - y_hat of the observer run with gain ell
-    has the variance S(ell) = R s_R(ell) + Q s_Q(ell) (`innovation_gain`), and R, Q >= 0 are fitted
-    to the measured S around its minimum, where the observer is nearest to the Kalman filter of
-    this noise. (Prediction errors as criterion: Ljung, System Identification, 1999, chapter 7. R
-    and Q from innovations of a filter that is not optimal: Mehra, IEEE TAC 15, 1970.)
+    noise of spectral density Q. On a log R and Q are fitted to the variance of the innovation,
+    S(ell) = R s_R(ell) + Q s_Q(ell), of the observer run with gain ell, around its minimum. Shares
+    and gains of noise are those of the law's linear part, as it runs with the step `dt`
+    (`noise_gain`, `model_gain`, `innovation_gain` of `hgo_rs.design`), with an own model's slopes
+    along the estimate (`hgo_rs.tuning.linear`). (R and Q from innovations of a filter that is not
+    optimal: Mehra, IEEE TAC 15, 1970.)
 
     Parameters
     ----------
-    build : callable, or mapping of names to callables
-        ell -> observer with that constant gain. A gain that is refused is left out, with a warning.
-    log_or_noise : (t, y), (t, y, u), or float
-        A record (t: (N,) times or a period [s]; y: (N,); u: (N, n_u)), or the standard deviation of
-        the measurement noise, white from sample to sample.
+    build : System or None, callable, or mapping of names to callables
+        A model, of which structures and poles are offered, or None: nothing is known. Or
+        ell -> observer with that constant gain; a gain that is refused is left out, with a warning.
+        For several outputs a model of chains, or gains (p,) -> `MultiOutputObserver`.
+    log_or_noise : Log, (t, y), (t, y, u), or float
+        A record (t: (N,) times or a period [s]; y: (N,) or (N, p); u: (N, n_u)), or the standard
+        deviation of the measurement noise, white from sample to sample. Of a record of over 16384
+        samples the stretch is looked at in which y moves most.
     dt : float, optional
         Sampling period [s]; of a log the median time between samples of y, and found in it.
     cutoff : float, optional
@@ -71,17 +78,20 @@ def tune(
     model_error : float, optional
         sqrt(Q), unit of x_n per sqrt(s); needed for the least error without a log.
     state : int, optional
-        The estimate the choice is about, 1 to n. Default: the last one all structures have.
+        The estimate the choice is about, 1 to n. Default: the last one all structures have. Of
+        several outputs one a chain, counted within it.
     ells : (points,), optional
-        Gains to look at [1/s], three or more, in any order. Default: 41 from 1e-3/dt
-        (on a log: from where what was wrong at the start is forgotten after `skip`) to 5/dt or 0.9
-        of the step limit.
+        Gains to look at [1/s], three or more, in any order. Default: 41, of long records 21, from
+        1e-3/dt (where nothing is smoothed: from where the start is forgotten after `skip`) to 5/dt
+        or 0.9 of the step limit.
     skip : float, optional
         Time [s] at the start of a log that is not judged. Default: a twentieth of it.
 
     Returns
     -------
     Tuning
+        With several outputs `ell`, `state`, `noise`, `model_error`, `quantisation` and `horizon`
+        are arrays, one entry an output.
 
     Warns
     -----
@@ -98,6 +108,16 @@ def tune(
         fewer than three gains that are not refused.
     """
     asked = {"cutoff": cutoff, "settling": settling}
+    if isinstance(log_or_noise, (Log, tuple, list)) and outputs(log_or_noise) > 1:
+        others = {**asked, "model_error": model_error, "ells": ells, "dt": dt}
+        for name, value in others.items():
+            check(value is None, name, value, "left out with several outputs", "leave it out")
+        remedy = "give a Model of chains, or gains -> MultiOutputObserver"
+        check(build is not None, "build", build, "a model of chains", remedy)
+        result = tune_chains(cast("Any", build), log_or_noise, state, skip)
+        for text in result.warnings:
+            warnings.warn(text, TuningWarning, stacklevel=2)
+        return result
     targets = {
         name: check_number(value, name, above=0.0)
         for name, value in asked.items()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 _SHOWN = 12  # structures
 
 
@@ -15,20 +17,21 @@ def report(of: Any) -> str:
     """
     rows = [_choice(of), ""]
     names = getattr(of.observer.model, "states", ())
+    wanted = _wanted(of)
     rows.append("Predicted error of each estimate (RMS), and its bound:")
     for i, (error, bound) in enumerate(zip(of.errors, of.bounds, strict=True)):
         name = names[i] if i < len(names) else f"x{i + 1}"
-        mark = "  <- wanted" if i + 1 == of.state else ""
+        mark = "  <- wanted" if i in wanted else ""
         rows.append(f"  {name:12s} {error:.4g}  (at most {bound:.4g}){mark}")
     rows += ["", *_found(of)]
     if len(of.tried) > 1:
         rows += [
             "",
-            f"Structures, each at its best gain, by {_decided(of)} of estimate {of.state}:",
+            f"Structures, each at its best gain, by {_decided(of)} of {_estimates(of)}:",
         ]
         width = max(len(name) for name, _, _ in of.tried[:_SHOWN])
         rows += [
-            f"  {name:{width}s}  gain {ell:8.4g} /s  {cost:.4g}"
+            f"  {name:{width}s}  gain {_shown(ell):>8s} /s  {cost:.4g}"
             for name, ell, cost in of.tried[:_SHOWN]
         ]
         if len(of.tried) > _SHOWN:
@@ -41,9 +44,28 @@ def report(of: Any) -> str:
     return "\n".join(rows)
 
 
+def _shown(value: Any) -> str:
+    """A number, or one for each output."""
+    values = np.atleast_1d(value)
+    return ", ".join(f"{one:.4g}" for one in values.tolist())
+
+
+def _wanted(of: Any) -> set[int]:
+    """Rows of the wanted estimates."""
+    orders = getattr(of.observer.model, "orders", ())
+    begins = np.cumsum([0, *orders[:-1]]) if np.ndim(of.state) else 0
+    return set(np.atleast_1d(begins + np.asarray(of.state) - 1).tolist())
+
+
+def _estimates(of: Any) -> str:
+    if np.ndim(of.state):
+        return f"estimates {_shown(of.state)} of the chains (geometric mean)"
+    return f"estimate {of.state}"
+
+
 def _choice(of: Any) -> str:
     name = f"{of.structure}, " if of.structure else ""
-    return f"{name}gain {of.ell:.4g} /s: {of.criterion} of estimate {of.state}."
+    return f"{name}gain {_shown(of.ell)} /s: {of.criterion} of {_estimates(of)}."
 
 
 def _decided(of: Any) -> str:
@@ -57,18 +79,18 @@ def _found(of: Any) -> list[str]:
     if of.judged_by:
         rows.append(
             "The gain is that of the least distance from the smoothed state, which samples on both "
-            f"sides tell (by {of.judged_by}); samples speak some {of.horizon:.3g} s ahead."
+            f"sides tell (by {of.judged_by}); samples speak some {_shown(of.horizon)} s ahead."
         )
     elif of.criterion == "least error":
         rows.append("The gain is that of the least R n(gain) + Q m(gain), noise and model error.")
-    if math.isfinite(of.noise):
-        rows.append(f"Measurement noise, standard deviation: {of.noise:.4g}.")
-    if math.isfinite(of.model_error):
-        rows.append(f"Model error, root of its spectral density: {of.model_error:.4g}.")
-    if of.quantisation:
-        size = of.quantisation / math.sqrt(12.0)
+    if np.isfinite(of.noise).all():
+        rows.append(f"Measurement noise, standard deviation: {_shown(of.noise)}.")
+    if np.isfinite(of.model_error).all():
+        rows.append(f"Model error, root of its spectral density: {_shown(of.model_error)}.")
+    if np.any(of.quantisation):
+        size = _shown(np.asarray(of.quantisation) / math.sqrt(12.0))
         rows.append(
-            f"y moves in steps of {of.quantisation:.4g}: a rounding of {size:.3g}, standard "
+            f"y moves in steps of {_shown(of.quantisation)}: a rounding of {size}, standard "
             "deviation."
         )
     if math.isfinite(of.whiteness):

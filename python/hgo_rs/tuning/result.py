@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from hgo_rs.errors import need
+from hgo_rs.errors import check, need
 from hgo_rs.observers import Observer, RunResult
 from hgo_rs.tuning.report import report
 
@@ -126,6 +126,8 @@ class Tuning:
     remarks: tuple[str, ...] = ()
 
     def __str__(self) -> str:
+        if np.ndim(self.ell):
+            return self.report()
         name = f"{self.structure}: " if self.structure else ""
         rows = [f"{name}gain {self.ell:.4g} /s, {self.criterion} of estimate {self.state}"]
         units = {"bandwidth": " rad/s", "settling": " s"}
@@ -155,9 +157,11 @@ class Tuning:
         """
         given = (log.t, log.y, log.u) if hasattr(log, "pieces") else tuple(log)
         t, y, u = (*given, None)[:3]
-        first = np.atleast_2d(np.asarray(y, dtype=np.float64).T)
+        columns = np.atleast_2d(np.asarray(y, dtype=np.float64).T)
         start = np.zeros(self.observer.n)
-        start[0] = first[0, np.argmax(np.isfinite(first[0]))]
+        begins = np.cumsum([0, *(getattr(self.observer.model, "orders", ())[:-1])])
+        for begin, column in zip(begins.tolist(), columns, strict=False):
+            start[begin] = column[np.argmax(np.isfinite(column))]
         return self.observer.run(t, y, u if self.observer.n_u else None, x_hat0=start)
 
     def columns(self) -> dict[str, Any]:
@@ -175,7 +179,12 @@ class Tuning:
         return pd.DataFrame(self.columns())
 
     def plot(self, figure: Figure | None = None) -> Figure:
-        """Draw the trade-off with the chosen point marked. Needs the extra `plot`."""
+        """Draw the trade-off with the chosen point marked. Needs the extra `plot`.
+
+        Raises HgoError for several outputs, whose gains are not on one curve.
+        """
+        remedy = "tune one chain with the others' estimates as inputs, and plot that"
+        check(bool(self.curves), "outputs", np.size(self.ell), "one", remedy)
         from hgo_rs.plots import tuning_figure
 
         name = f"{self.structure}, " if self.structure else ""

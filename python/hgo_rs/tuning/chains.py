@@ -1,0 +1,316 @@
+"""Gains of an observer of several outputs.
+
+Each chain is smoothed by itself, the smoothed states of the other chains in place of their
+estimates, round by round, from chains without a model on.  Then all gains together are those of the
+least distance of the whole observer from the smoothed states (`reference`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs.errors import HgoError, check, check_array, check_integer
+from hgo_rs.logs import Log
+from hgo_rs.models import Model
+from hgo_rs.observers import MultiOutputObserver, Observer, StandardObserver
+from hgo_rs.tuning.offers import damped_half, with_load
+from hgo_rs.tuning.record import Record, busiest
+from hgo_rs.tuning.reference import MOTION, Reference, Source, butterworth, find
+from hgo_rs.tuning.result import Array, Tuning
+
+ChainsBuild = Callable[[Array], MultiOutputObserver]
+"""An observer of several outputs with the gains given [1/s], one a chain."""
+
+_ROUNDS = 2  # of smoothing with the other chains' states
+_STEPS = (1.6, 1.6, 1.25, 1.1)  # of a gain, sweep by sweep
+_REACH = 24  # steps of one gain in a sweep, at most
+_SPAN = 1e-3, 5.0  # of ell dt
+_MOST = 16_384  # samples of a long record
+
+
+def outputs(log: Any) -> int:
+    """How many outputs a log has."""
+    y = log.y if isinstance(log, Log) else log[1] if len(log) > 1 else ()
+    shape = np.shape(y)
+    return shape[1] if len(shape) == 2 else 1
+
+
+def tune_chains(
+    build: Model | ChainsBuild | Mapping[str, ChainsBuild],
+    log: Log | Sequence[npt.ArrayLike],
+    states: Any,
+    skip: float | None,
+) -> Tuning:
+    """As `tune`, for a log of several outputs.
+
+    ``build``: a model of chains, or gains (p,) -> `MultiOutputObserver`, or several of these by
+    name.  ``states``: the wanted estimate of each chain, counted from 1 within it.
+    """
+    structures: dict[str, ChainsBuild]
+    free = isinstance(build, Model)
+    if isinstance(build, Model):
+        structures = offered_chains(build)
+    else:
+        structures = dict(build) if isinstance(build, Mapping) else {"": build}
+    check(bool(structures), "build", build, "at least one observer", "give a Model of chains")
+    records = _records(log, skip)
+    model = build if isinstance(build, Model) else _model_of(structures, records)
+    check(not model.unknown, "unknown", model.unknown, "left out", "tune without it")
+    orders = model.orders
+    told = f"{len(orders)}, a column for each chain of the model"
+    check(len(records) == len(orders), "outputs of the log", len(records), told, "name them")
+    wanted = _wanted(states, orders)
+    remarks: list[str] = []
+    judge = _Judge(records, wanted, _smoothed(records, model, wanted, remarks), orders)
+    found: dict[str, tuple[Array, float]] = {}
+    for name, make in structures.items():
+        try:
+            found[name] = judge.least(make)
+        except HgoError as error:
+            remarks.append(f"structure {name!r} was left out: {error}")
+    check(bool(found), "build", list(structures), "an observer that runs", "; ".join(remarks))
+    order = sorted(found, key=lambda name: found[name][1])
+    best = order[0]
+    ells = found[best][0]
+    said = [] if free else list(remarks)
+    said += [judge.edge(i, ell) for i, ell in enumerate(ells.tolist()) if judge.edge(i, ell)]
+    observer = structures[best](ells)
+    errors, bounds = judge.errors(observer, ells)
+    each = judge.references
+    several: dict[str, Any] = {
+        "ell": ells,
+        "state": np.array(wanted),
+        "noise": np.array([of.noise for of in each]),
+        "model_error": np.array([of.model_error for of in each]),
+        "quantisation": np.array([record.step() for record in records]),
+        "horizon": np.array([of.horizon for of in each]),
+    }
+    return Tuning(
+        observer=observer,
+        structure=best,
+        criterion="least error",
+        point={},
+        curves={},
+        warnings=tuple(said),
+        errors=errors,
+        bounds=bounds,
+        judged_by="; ".join(of.name for of in each),
+        tried=tuple((name, cast("Any", found[name][0]), found[name][1]) for name in order),
+        remarks=tuple(remarks),
+        **several,
+    )
+
+
+def offered_chains(model: Model) -> dict[str, ChainsBuild]:
+    """Structures for a model of chains by name."""
+    check(bool(model.orders), "model", model, "a Model of chains", "write orders=[...], phi=[...]")
+    out: dict[str, ChainsBuild] = {}
+
+    def add(name: str, poles: Callable[[int], Any], manner: Mapping[str, Any]) -> None:
+        def build(ells: Array) -> MultiOutputObserver:
+            chains = [
+                StandardObserver(n, float(ell), poles=poles(n), **manner)
+                for n, ell in zip(model.orders, ells, strict=True)
+            ]
+            return MultiOutputObserver(chains, model=model)
+
+        out[name] = build
+
+    for told, manner in (("", {}), (", RK4", {"method": MOTION})):
+        add(f"Butterworth{told}", butterworth, manner)
+        add(f"damping 1/2{told}", lambda n: damped_half(n) if n > 1 else [-1.0], manner)
+        add(f"real poles{told}", lambda n: None, manner)
+    return out
+
+
+def _records(log: Log | Sequence[npt.ArrayLike], skip: float | None) -> list[Record]:
+    """One record for each output, of the same rows."""
+    if isinstance(log, Log):
+        log = max(log.pieces, key=lambda piece: len(piece.t))
+        log = (log.t, log.y) if log.u is None else (log.t, log.y, log.u)
+    clock, y = check_array(log[0], "t"), check_array(log[1], "y")
+    t = clock if clock.ndim else float(clock) * np.arange(len(y), dtype=np.float64)
+    check(t.shape == (len(y),), "shape of t", t.shape, f"({len(y)},)", "give a time a sample")
+    rows = busiest(y, 0, _MOST)
+    some = [t[rows], *(check_array(u, "u")[rows] for u in log[2:])]
+    made = [Record.of((some[0], column, *some[1:]), skip) for column in y[rows].T]
+    return [replace(record, whole=len(y)) for record in made]
+
+
+def _model_of(structures: Mapping[str, ChainsBuild], records: Sequence[Record]) -> Model:
+    """The model of the first structure that can be made."""
+    remedy = "give ells -> MultiOutputObserver([...], model=model)"
+    for make in structures.values():
+        check(callable(make), "build", make, "callable", remedy)
+        observer: Any = make(np.array([0.1 / record.dt for record in records]))
+        check(isinstance(observer, MultiOutputObserver), "build", observer, "one", remedy)
+        if isinstance(observer.model, Model):
+            return observer.model
+    raise HgoError(f"build: no structure has a model: must have one; {remedy}")
+
+
+def _wanted(states: Any, orders: Sequence[int]) -> list[int]:
+    """The wanted estimate of each chain; by default the last one."""
+    given = list(orders) if states is None else states
+    given = [given] * len(orders) if isinstance(given, int) else list(given)
+    fits = len(given) == len(orders)
+    check(fits, "state", given, f"{len(orders)} integers, one a chain", "give one for each output")
+    return [
+        check_integer(one, f"state[{i}]", least=1, most=n)
+        for i, (one, n) in enumerate(zip(given, orders, strict=True))
+    ]
+
+
+def chain_model(model: Model, chain: int) -> Model:
+    """One chain alone; the states of the others are inputs behind its own."""
+    ends = np.cumsum(model.orders)
+    own = slice(int(ends[chain]) - model.orders[chain], int(ends[chain]))
+    others = [name for name in model.states if name not in model.states[own]]
+    return Model(
+        states=model.states[own],
+        inputs=[*model.inputs, *others],
+        parameters=model.parameters,
+        phi=model.known[chain],
+    )
+
+
+def _smoothed(
+    records: Sequence[Record], model: Model, wanted: Sequence[int], remarks: list[str]
+) -> list[Reference]:
+    """The smoothed states of each chain."""
+    orders = model.orders
+    bare: list[list[Source]] = [
+        [(f"order {m}, no model", None, m, n) for m in (max(n, 2), max(n, 2) + 1)] for n in orders
+    ]
+    found = []
+    for c, record in enumerate(records):
+        reference = find(record, bare[c], wanted[c] - 1, remarks.append)
+        if reference is None:
+            raise HgoError(
+                f"output {c + 1} cannot be smoothed ({'; '.join(remarks) or 'it stands still'}): "
+                "must be, for the gains of several outputs; give a longer log, or tune each chain"
+            )
+        found.append(reference)
+    for _ in range(_ROUNDS):
+        for c, record in enumerate(records):
+            others = [found[i].x for i in range(len(orders)) if i != c]
+            middle = np.hstack(others)
+            middle[:-1] = 0.5 * (middle[:-1] + middle[1:])  # over the period that begins
+            u = middle if record.u is None or not model.inputs else np.hstack([record.u, middle])
+            alone = chain_model(model, c)
+            n = orders[c]
+            sources: list[Source] = [
+                ("the model", alone, n, n),
+                ("the model and a load", with_load(alone), n + 1, n),
+                *bare[c],
+            ]
+            notes: list[str] = []
+            better = find(replace(record, u=u), sources, wanted[c] - 1, notes.append)
+            found[c] = better or found[c]
+    return found
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """Errors of a whole observer by its distance from the smoothed states."""
+
+    records: Sequence[Record]
+    wanted: Sequence[int]
+    references: Sequence[Reference]
+    orders: Sequence[int]
+
+    def _estimates(self, observer: Observer) -> list[Array]:
+        first = self.records[0]
+        y = np.column_stack([record.y for record in self.records])
+        start = np.concatenate([reference.start for reference in self.references])
+        u = first.u if observer.n_u else None
+        x_hat = observer.run(first.t, y, u, x_hat0=start).x_hat
+        return np.split(x_hat, np.cumsum(self.orders)[:-1], axis=1)
+
+    def cost(self, make: ChainsBuild, ells: Array) -> float:
+        """The geometric mean of the wanted errors; infinite where the observer is refused."""
+        try:
+            parts = self._estimates(make(ells))
+        except HgoError:
+            return math.inf
+        total = 0.0
+        for c, part in enumerate(parts):
+            index, of = self.wanted[c] - 1, self.references[c]
+            far = of.distance(part, self.records[c], index)
+            total += math.log(max(math.hypot(far, of.spread[index]), 1e-300))
+        return math.exp(total / len(parts)) if math.isfinite(total) else math.inf
+
+    def limits(self, chain: int) -> tuple[float, float]:
+        dt = self.records[chain].dt
+        return _SPAN[0] / dt, _SPAN[1] / dt
+
+    def least(self, make: ChainsBuild) -> tuple[Array, float]:
+        """Gains of the least cost, gain by gain with steps that shrink; and the cost."""
+        ells = np.array([of.ell for of in self.references])
+        cost = self.cost(make, ells)
+        for _ in range(_REACH):  # a start that is refused is often too high for the method
+            if math.isfinite(cost):
+                break
+            ells = ells / _STEPS[0]
+            cost = self.cost(make, ells)
+        check(math.isfinite(cost), "gains", ells.tolist(), "of a stable observer", "another method")
+        for step in _STEPS:
+            for c in range(len(ells)):
+                ells, cost = self._along(make, ells, cost, c, step)
+        return ells, cost
+
+    def _along(
+        self, make: ChainsBuild, ells: Array, cost: float, chain: int, step: float
+    ) -> tuple[Array, float]:
+        """The least cost along one gain, in steps of a factor, and between them by a parabola."""
+        low, high = self.limits(chain)
+
+        def at(power: float) -> tuple[Array, float]:
+            tried = ells.copy()
+            tried[chain] = np.clip(tried[chain] * step**power, low, high)
+            return tried, self.cost(make, tried)
+
+        known = {0: (ells, cost), 1: at(1), -1: at(-1)}
+        k = 0
+        for _ in range(_REACH):
+            best = min((k - 1, k, k + 1), key=lambda j: known[j][1])
+            if best == k or not low < known[best][0][chain] < high:
+                k = best
+                break
+            k = best
+            for j in (k - 1, k + 1):
+                known.setdefault(j, at(j))
+        if k - 1 in known and k + 1 in known:
+            left, here, right = (math.log(known[j][1]) for j in (k - 1, k, k + 1))
+            bend = left - 2.0 * here + right
+            if math.isfinite(bend) and bend > 0.0:
+                between = at(k + 0.5 * (left - right) / bend)
+                if between[1] < known[k][1]:
+                    return between
+        return known[k]
+
+    def errors(self, observer: Observer, ells: Array) -> tuple[Array, Array]:
+        """RMS errors of all estimates, and what they hardly exceed, (n,)."""
+        error, bound = [], []
+        for c, part in enumerate(self._estimates(observer)):
+            record, of = self.records[c], self.references[c]
+            lasted = record.dt * float(np.sum(record.two_sided)) * float(ells[c])
+            for i in range(part.shape[1]):
+                far = of.distance(part, record, i)
+                error.append(math.hypot(far, of.spread[i]))
+                bound.append((far + of.spread[i]) * (1.0 + 2.0 / math.sqrt(max(lasted, 1.0))))
+        return np.array(error), np.array(bound)
+
+    def edge(self, chain: int, ell: float) -> str:
+        """What to say of a gain at an end of those that are tried; nothing of others."""
+        low, high = self.limits(chain)
+        if low * 1.001 < ell < high * 0.999:
+            return ""
+        end = "lowest" if ell <= low * 1.001 else "highest"
+        return f"the least error of output {chain + 1} is at the {end} gain tried, {ell:.4g} /s"
