@@ -10,6 +10,11 @@ use nalgebra::SVector;
 pub trait Saturation<T: Scalar>: Copy {
     /// `sat(η)` for the auxiliary state in slot i, which estimates x of index i + 2.
     fn apply(&self, i: usize, eta: T) -> T;
+    /// Whether nothing is saturated: sat(η) = η.
+    #[inline(always)]
+    fn is_identity(&self) -> bool {
+        false
+    }
 }
 
 /// The identity: the low-power observer (5).
@@ -22,6 +27,10 @@ impl<T: Scalar> Saturation<T> for NoSaturation {
     #[inline(always)]
     fn apply(&self, _: usize, eta: T) -> T {
         eta
+    }
+    #[inline(always)]
+    fn is_identity(&self) -> bool {
+        true
     }
 }
 

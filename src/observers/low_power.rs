@@ -433,10 +433,11 @@ where
             }
             self.above(t, x_hat, (i, self.saturation.apply(i, eta[i])), u)
         });
-        let moved = ahead(&SVector::from_element(T::ZERO), &above, dt);
+        let moved = ahead(&SVector::from_element(T::NEG_ZERO), &above, dt);
+        let saturated = !self.saturation.is_identity();
         let x_hat = SVector::from_fn(|i, _| {
             let own = |i: usize| dt * (self.above(t, x_hat, (i, eta[i]), u) - above[i]);
-            let own = if i + 1 < N { own(i) } else { T::NEG_ZERO };
+            let own = if i + 1 < N && saturated { own(i) } else { T::NEG_ZERO };
             x_hat[i] + moved[i] + own
         });
         let eta: SVector<T, N> =
@@ -455,6 +456,11 @@ where
                 if i == 0 { *e1 } else { self.saturation.apply(i - 1, z.eta[i - 1]) - z.x_hat[i] };
             if i + 1 == N {
                 new.x_hat[i] += placed.a[i] * e;
+                continue;
+            }
+            if self.saturation.is_identity() {
+                new.x_hat[i] += placed.a[i] * e;
+                new.eta[i] += placed_b[i] * e;
                 continue;
             }
             let asked = alone_b[i] * e;

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "firmware" / "c"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "firmware" / "tools"))
 
 import example
+import fixed as fixed
 import toolchain
 
 WARNINGS = (

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from exported import checked_as_cpp, in_c, in_rust, put, says_ok
+from exported import checked_as_cpp, fixed, in_c, in_rust, lacking, put, says_ok
 from test_export_every import (
     CASES,
     DT,
@@ -35,6 +35,7 @@ import hgo_rs as hgo
 from hgo_rs import _core
 from hgo_rs.errors import DesignError, HgoError
 from hgo_rs.exports import sources
+from hgo_rs.exports.c import files as c_files
 from hgo_rs.exports.program import Program, program
 from hgo_rs.observers import Observer
 
@@ -263,3 +264,32 @@ def test_a_gain_that_moves_and_is_found_by_iteration_is_still_refused() -> None:
     observer = hgo.LowPowerObserver(3, gain, method="zoh")
     with pytest.raises(HgoError, match='choose method="rk4"'):
         sources(observer, to="c", fixed_dt=DT)
+
+
+@pytest.mark.skipif(bool(lacking()), reason=f"{lacking()} not found")
+@pytest.mark.parametrize("timing", ["predictor", "current"])
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("law", ["standard, n = 2", "low-power, n = 3"])
+def test_zoh_costs_the_chip_at_most_1_3_times_eulers_instructions(
+    law: str, precision: str, timing: str
+) -> None:
+    euler, zoh, any_dt = fixed.beside(law, precision, timing, here=False)
+    assert 20.0 < zoh.instructions <= 1.3 * euler.instructions < any_dt.instructions * 1.3
+    # with current timing 16 rows of gains are held
+    if timing == "predictor" or law.startswith("standard"):
+        assert zoh.bytes <= 1.3 * euler.bytes
+    assert zoh.bytes < any_dt.bytes
+
+
+def test_a_turning_axis_has_the_bits_of_run(tmp_path: Path) -> None:
+    y = np.mod(0.7 * np.arange(N), 6.28)
+    y[sorted(MISSING)] = np.nan
+    for timing in ("predictor", "current"):
+        observer = hgo.StandardObserver(2, 20.0, wrap=6.28, method="zoh", timing=timing)
+        log = (TIMES, y, np.zeros((N, 0)))
+        described = program(observer, name="o", precision="double", fixed_dt=DT, log=log)
+        memory = observer.run(DT, y).memory
+        rows = memory[1:] if timing == "predictor" else memory[:-1]
+        assert np.array_equal([row.memory for row in described.vector], rows[:, :2])
+        folder = put(tmp_path / timing, c_files(described))
+        assert says_ok(in_c(folder, "o"), N - 1)

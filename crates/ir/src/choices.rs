@@ -112,6 +112,10 @@ impl<T: Scalar, const N: usize> Saturation<T> for AnySaturation<N, T> {
             Self::Smooth(smooth) => smooth.apply(i, eta),
         }
     }
+    #[inline(always)]
+    fn is_identity(&self) -> bool {
+        matches!(self, Self::None)
+    }
 }
 
 impl<T: Scalar, const N: usize> AnySaturation<N, T> {
