@@ -498,3 +498,51 @@ def test_what_is_unwrapped_must_move_slowly_enough(tmp_path):
     log = put(tmp_path, y=np.mod(COUNTS, 20))
     with pytest.warns(TurnWarning, match="of a turn"):
         read_log(log, "t", "counts", unwrap={"counts": 20})
+
+
+# --- other engines, and a fixed period --------------------------------------------------------
+
+
+@pytest.mark.parametrize("timing", ["current", "predictor"])
+def test_a_compiled_record_has_the_same_bits(timing):
+    pytest.importorskip("llvmlite")
+    y = np.where(MISSING, np.nan, np.mod(ANGLE, TURN))
+    observer = pendulum(wrap=TURN, timing=timing)
+    plain, compiled = (
+        observer.run(DT, y, start="first-sample", engine=engine)
+        for engine in ("interpreter", "llvm")
+    )
+    assert np.array_equal(plain.memory, compiled.memory)
+    assert np.array_equal(plain.innovation, compiled.innovation, equal_nan=True)
+
+
+@pytest.mark.parametrize("kind", ["standard", "low-power"])
+def test_a_fixed_period_wraps_and_starts_with_the_same_bits(tmp_path, kind):
+    y = np.mod(ANGLE, TURN)[:400]
+    observer = chain(kind, wrap=TURN)
+    observer.export(to="c", out=tmp_path, name="axis", fixed_dt=DT)
+    assert "OK" in exported.in_c(tmp_path, "axis")
+    first = "x1"
+    samples = ", ".join(f"{value!r}" for value in y.tolist())
+    (tmp_path / "main.c").write_text(
+        '#include "axis.h"\n#include <stdio.h>\n\nint main(void)\n{\n'
+        f"    static const double y[] = {{{samples}}};\n    axis_state state;\n    int k;\n\n"
+        "    axis_start(&state, y[0]);\n"
+        "    for (k = 0; k < (int)(sizeof y / sizeof y[0]); ++k) {\n"
+        "        axis_step(&state, y[k], 0.0);\n"
+        f'        printf("%.17g %.17g\\n", state.{first}, state.x2);\n    }}\n    return 0;\n}}\n'
+    )
+    printed = [line.split() for line in exported.in_c(tmp_path, "axis").splitlines()]
+    assert np.array_equal(np.array(printed, float), observer.run(DT, y, start="first-sample").x_hat)
+
+
+def test_a_turn_that_noise_fills_is_not_tuned_for():
+    def build(ell):
+        return hgo.StandardObserver(2, ell, wrap=TURN)
+
+    assert hgo.tune(build, 0.01, cutoff=20.0, dt=DT).ell > 1.0
+    with pytest.raises(HgoError, match=r"wrap = 6\.28.*: must be > 12, six standard deviations"):
+        hgo.tune(build, 2.0, cutoff=20.0, dt=DT)
+    noisy = ANGLE + np.random.default_rng(0).normal(0.0, 1e-3, len(T))
+    with pytest.raises(HgoError, match=r"wrap = .*: must be left out with a log; .* unwrap="):
+        hgo.tune(build, (T, noisy))
