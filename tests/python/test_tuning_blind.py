@@ -304,3 +304,14 @@ def test_an_unknown_of_a_model_is_tuned_too() -> None:
     assert error(result.observer, t, y, None, truth[:, 1]) == pytest.approx(
         result.errors[1], rel=0.3
     )
+
+
+def test_an_output_that_wraps() -> None:
+    t = np.arange(5000) * DT
+    v = 3.0 + np.sin(2.0 * t)
+    y = np.cumsum(v) * DT + 1e-2 * np.random.default_rng(0).standard_normal(t.size)
+    turn = 2.0 * np.pi
+    whole = tune(lambda ell: StandardObserver(2, ell), (t, y))
+    wrapped = tune(lambda ell: StandardObserver(2, ell, wrap=turn), (t, np.mod(y, turn)))
+    assert wrapped.ell == pytest.approx(whole.ell, rel=1e-6)
+    np.testing.assert_allclose(wrapped.errors, whole.errors, rtol=1e-6)

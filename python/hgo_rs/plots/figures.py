@@ -213,20 +213,23 @@ def tuning_figure(
     title: str,
     figure: Figure | None = None,
 ) -> Figure:
-    """Draw the trade-off of `tune`, curves by structure, with the chosen point marked: error over
-    the gain, noise and peaking against bandwidth and, from a log, the innovation.
+    """Draw the trade-off of `tune`, curves by structure, with the chosen point marked.
+
+    Error over the gain, measured and as noise and model error make it; noise and peaking against
+    bandwidth; from a log the innovation.
     """
     require_matplotlib()
     several = len(curves) > 1
     measured = any(np.isfinite(curve.innovation).any() for curve in curves.values())
     panels: list[tuple[str, str, str, tuple[str, ...]]] = [
-        ("error of the estimate", "gain (1/s)", "ell", ("error", "noise", "model")),
+        ("error of the estimate", "gain (1/s)", "ell", ("measured", "error", "noise", "model")),
         ("noise of the estimate", "bandwidth (rad/s)", "bandwidth", ("noise",)),
         ("peaking", "bandwidth (rad/s)", "bandwidth", ("peaking",)),
     ]
     if measured:
         panels.insert(1, ("innovation, RMS over the log", "gain (1/s)", "ell", ("innovation",)))
-    looks = {"noise": "--", "model": ":"}
+    judged = any(np.isfinite(curve.measured).any() for curve in curves.values())
+    looks = {"noise": "--", "model": ":"} | ({"error": "-."} if judged else {})
     with style():
         size = (9.4, 6.4) if measured else (11.0, 3.6)
         figure = new_figure(size) if figure is None else figure
@@ -236,6 +239,7 @@ def tuning_figure(
         colours = [COLOURS[c] for c in ("blue", "green", "purple", "orange", "sky", "grey")]
         for ax, (heading, label, across, shown) in zip(axes, panels, strict=True):
             for j, (name, curve) in enumerate(curves.items()):
+                first = next((q for q in shown if np.isfinite(getattr(curve, q)).any()), shown[0])
                 for quantity in shown:
                     x, y = getattr(curve, across), getattr(curve, quantity)
                     there = np.isfinite(x) & np.isfinite(y) & (y > 0.0)
@@ -247,11 +251,10 @@ def tuning_figure(
                         y[there],
                         color=colours[j % len(colours)],
                         linestyle=looks.get(quantity, "-") if len(shown) > 1 else "-",
-                        label=told if not several or quantity == shown[0] else None,
+                        label=told if not several or quantity == first else None,
                     )
-            y = point.get(shown[0], np.nan)
-            if y != y:
-                y = point.get("noise", np.nan)
+            known = [point[name] for name in (*shown, "noise") if point.get(name, np.nan) > 0.0]
+            y = known[0] if known else np.nan
             if shown[0] == "innovation":
                 curve = curves[chosen]
                 alive = np.isfinite(curve.innovation)
@@ -262,7 +265,7 @@ def tuning_figure(
                 mark = {"marker": "o", "markersize": 8, "linestyle": "none", "zorder": 5}
                 ax.plot(point[across], y, color=COLOURS["vermillion"], label="chosen", **mark)
             ax.set(xscale="log", yscale="log", xlabel=label, title=heading)
-        axes[0].legend(loc="best")
+        axes[1 if several and measured else 0].legend(loc="best")  # room beside the curves
         figure.suptitle(title, x=0.01, ha="left")
     return figure
 

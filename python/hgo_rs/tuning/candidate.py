@@ -275,12 +275,14 @@ class Candidate:
         self.noise, self.model_error = float(noise), float(lack)
         self.misfit = float(np.sqrt(np.mean(left**2)))
 
-    def point(self, ell: float) -> dict[str, float]:
-        """All columns at one gain."""
+    def point(self, ell: float, measured: float = math.nan) -> dict[str, float]:
+        """All columns at one gain, with the error there if it was measured."""
         out = self.figures(self.made(ell))
         noise = self.noise * math.sqrt(out["noise"])
         model = self.model_error * math.sqrt(out["model"])
-        return {**out, "noise": noise, "model": model, "error": math.hypot(noise, model)}
+        error = math.hypot(noise, model)
+        measured = measured if self.reference is not None else math.nan
+        return {**out, "noise": noise, "model": model, "error": error, "measured": measured}
 
     def errors(self, ell: float, record: Record | None) -> tuple[Array, Array]:
         """The RMS error of each estimate at one gain, (n,), and what it exceeds hardly.

@@ -60,7 +60,14 @@ def tune_chains(
         structures = dict(build) if isinstance(build, Mapping) else {"": build}
     check(bool(structures), "build", build, "at least one observer", "give a Model of chains")
     records = _records(log, skip)
-    model = build if isinstance(build, Model) else _model_of(structures, records)
+    turns: Sequence[float | None] = [None] * len(records)
+    model: Any = build
+    if not free:
+        model, turns = _model_of(structures, records)
+    records = [
+        record if turn is None else record.unwrapped(turn)
+        for record, turn in zip(records, turns, strict=False)
+    ]
     check(not model.unknown, "unknown", model.unknown, "left out", "tune without it")
     orders = model.orders
     told = f"{len(orders)}, a column for each chain of the model"
@@ -143,15 +150,17 @@ def _records(log: Log | Sequence[npt.ArrayLike], skip: float | None) -> list[Rec
     return [replace(record, whole=len(y)) for record in made]
 
 
-def _model_of(structures: Mapping[str, ChainsBuild], records: Sequence[Record]) -> Model:
-    """The model of the first structure that can be made."""
+def _model_of(
+    structures: Mapping[str, ChainsBuild], records: Sequence[Record]
+) -> tuple[Model, Sequence[float | None]]:
+    """The model of the first structure that can be made, and the turns of its outputs."""
     remedy = "give ells -> MultiOutputObserver([...], model=model)"
     for make in structures.values():
         check(callable(make), "build", make, "callable", remedy)
         observer: Any = make(np.array([0.1 / record.dt for record in records]))
         check(isinstance(observer, MultiOutputObserver), "build", observer, "one", remedy)
         if isinstance(observer.model, Model):
-            return observer.model
+            return observer.model, observer.wrap
     raise HgoError(f"build: no structure has a model: must have one; {remedy}")
 
 

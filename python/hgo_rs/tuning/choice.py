@@ -172,7 +172,11 @@ def tune(
     index = order if state is None else check_integer(state, "state", least=1, most=order)
     remarks: list[str] = []
     reference = None
+    turns = {candidate.any.wrap[0] for candidate in candidates.values()}
     if record is not None:
+        check(len(turns) == 1, "wrap", turns, "the same for all structures", "give all the same")
+        turn = turns.pop()
+        record = record if turn is None else record.unwrapped(turn)
         record.moves(order)
         models = {
             name: (candidate.any.model, candidate.n) for name, candidate in candidates.items()
@@ -232,7 +236,7 @@ def tune(
         criterion=criterion,
         noise=chosen.noise,
         model_error=chosen.model_error,
-        point=chosen.point(ell),
+        point=chosen.point(ell, errors[index - 1]),
         curves={name: candidates[name].curve for name in reached},
         whiteness=whiteness,
         warnings=tuple(said),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,8 @@ class Record:
         The sampling period, where it was given in place of times.
     whole : int
         Samples of the log, of which a long one's busiest stretch is looked at.
+    turn : float or None
+        What an estimate of y is known up to, where y was unwrapped.
     """
 
     t: Array
@@ -53,6 +55,7 @@ class Record:
     two_sided: npt.NDArray[np.bool_]
     period: float | None = None
     whole: int = 0
+    turn: float | None = None
 
     @classmethod
     def of(cls, log: Log | Sequence[npt.ArrayLike], skip: float | None) -> Record:
@@ -103,6 +106,13 @@ class Record:
         check(enough >= _LEAST, "samples after skip and gaps", enough, f">= {_LEAST}", remedy)
         back = _judged(t[-1] - t[::-1], y[::-1], usual, start)[::-1]
         return cls(t, y, u, usual, start, judged, judged & back, period, whole)
+
+    def unwrapped(self, turn: float) -> Record:
+        """The record with y going on over its turns, each step the shorter way round."""
+        there = np.isfinite(self.y)
+        y = self.y.copy()
+        y[there] = np.unwrap(y[there], period=turn)
+        return replace(self, y=y, turn=turn)
 
     @property
     def first(self) -> float:

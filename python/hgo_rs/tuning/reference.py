@@ -106,7 +106,10 @@ class Reference:
         """RMS of x_hat - x_s of state `index`; infinite where it overflows."""
         some = record.two_sided
         with np.errstate(all="ignore"):
-            square = float(np.mean((x_hat[some, index] - self.x[some, index]) ** 2))
+            off = x_hat[some, index] - self.x[some, index]
+            if index == 0 and record.turn is not None:
+                off -= record.turn * np.rint(off / record.turn)
+            square = float(np.mean(off**2))
         return math.sqrt(square) if math.isfinite(square) else math.inf
 
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
+_DRAWN = 6  # structures, those that err least
+
 
 @dataclass(frozen=True, eq=False)
 class TradeOff:
@@ -189,5 +191,7 @@ class Tuning:
 
         name = f"{self.structure}, " if self.structure else ""
         title = f"{name}estimate {self.state}: gain {self.ell:.4g} /s by {self.criterion}"
+        best = [name for name, _, _ in self.tried[:_DRAWN]]
+        curves = {name: self.curves[name] for name in {self.structure: 0} | dict.fromkeys(best)}
         point = {**self.point, "ell": self.ell}
-        return tuning_figure(self.curves, self.structure, point, title=title, figure=figure)
+        return tuning_figure(curves, self.structure, point, title=title, figure=figure)
