@@ -19,6 +19,7 @@ from hgo_rs.errors import HgoError
 J = 0.02
 UNITS = {"q": "rad", "w": "rad/s", "T_load": "N m", "i": "A"}
 LOAD = {"T_load": "N m"}
+LACK = {"model_error": 0.05}  # N m/sqrt(s)
 METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine", "zoh")
 KINDS = ("standard", "low-power", "peaking-free", "filtered")
 
@@ -44,6 +45,11 @@ def arm() -> hgo.Model:
         phi="u*cos(t) - sin(q) - 0.3*w - (2 + cos(q))*(d + d**3/10)",
         unknown="d",
     )
+
+
+def one_state() -> hgo.Model:
+    side = "u*cos(t) - sin(q) - d - d**3"
+    return hgo.Model(states=["q"], inputs=["u"], phi=side, unknown="d")
 
 
 def record(samples: int = 400) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -384,6 +390,59 @@ def test_noise_gain_and_peaking_are_in_the_unit_of_the_unknown() -> None:
     noise = np.random.default_rng(1).standard_normal(200_000)
     load = law.run(1e-3, noise).of("T")[2000:]
     assert np.std(load) == pytest.approx(math.sqrt(law.noise_gain(1e-3)[2]), rel=0.05)
+
+
+def test_a_gain_is_chosen_in_the_unit_of_the_unknown() -> None:
+    """On paper that of the chain whose last state is the unknown times the slope."""
+    tuned = hgo.tune(lambda ell: hgo.StandardObserver(3, ell, model=drive()), 1e-4, 1e-3, **LACK)
+    lack = {"model_error": LACK["model_error"] / J}
+    chain = hgo.tune(lambda ell: hgo.StandardObserver(3, ell), 1e-4, 1e-3, **lack)
+    assert tuned.ell == pytest.approx(chain.ell, rel=1e-6)
+    for name in ("noise", "model", "error", "peaking"):
+        assert tuned.point[name] == pytest.approx(chain.point[name] * J, rel=1e-6)
+
+
+def test_a_gain_is_chosen_on_a_record_of_an_unknown() -> None:
+    """A load that wanders at 0.05 N m/sqrt(s), an encoder: as good as the best gain there is."""
+    inertia, count, dt, samples = 2e-3, 2.0 * math.pi / 20_000, 1e-3, 3000
+    t = dt * np.arange(samples)
+    load = 0.05 * math.sqrt(dt) * np.cumsum(np.random.default_rng(1).standard_normal(samples))
+    current = 0.8 * np.sin(4.4 * t) + 0.4 * np.sin(14.0 * t) + load / 0.12
+    angle, q, w = np.zeros(samples), 0.0, 0.0
+    for k in range(samples):
+        angle[k] = count * round(q / count)
+        for _ in range(10):
+            w += dt / 10 * (0.12 * current[k] - 1e-3 * w - load[k]) / inertia
+            q += dt / 10 * w
+    model = drive(parameters={"J": inertia, "b": 1e-3, "kt": 0.12})
+
+    def error(ell: float) -> float:
+        law = hgo.StandardObserver(3, ell, model=model)
+        return float(np.std((law.run(t, angle, current).of("T_load") - load)[300:]))
+
+    tuned = hgo.tune(
+        lambda ell: hgo.StandardObserver(3, ell, model=model), (t, angle, current), state=3
+    )
+    assert error(tuned.ell) < 1.05 * min(error(ell) for ell in np.geomspace(40.0, 600.0, 13))
+    assert tuned.noise == pytest.approx(count / math.sqrt(12.0), rel=0.1)
+    assert tuned.model_error == pytest.approx(0.05, rel=0.2)  # N m/sqrt(s)
+
+
+def test_backwards_in_time_an_unknown_stays_what_it_is() -> None:
+    """z = (q, -w, d) and tau = 1 - t: dz/dtau = (z2, phi, 0), of one state (z1, -phi, 0)."""
+    from hgo_rs.expressions.numeric import evaluate
+    from hgo_rs.tuning.reversal import reversed_model
+
+    for model, flip in ((arm(), (1.0, -1.0, 1.0)), (one_state(), (1.0, 1.0))):
+        back = reversed_model(model, model.n, 1.0)
+        assert isinstance(back, hgo.Model) and back.unknown == ("d",)
+        x = np.array([0.3, -0.4, 0.2])[-model.n :]
+        z = x * flip
+        known = {"t": 0.3, "u": 0.7}
+        ahead = evaluate(list(model.drift), {**known, **dict(zip(model.states, x, strict=True))})
+        known["t"] = 0.7
+        turned = evaluate(list(back.drift), {**known, **dict(zip(model.states, z, strict=True))})
+        assert np.allclose(turned, -np.array(flip) * np.array(ahead), rtol=1e-13)
 
 
 # --- refusals -----------------------------------------------------------------------------------

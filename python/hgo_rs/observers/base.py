@@ -283,10 +283,18 @@ class Observer(OnlineObserver):
 
     def _in_units(self, figures: Array, power: int) -> Array:
         """Figures of a chain, of an unknown in its own unit: over a power of its slope."""
+        return np.asarray(figures / self.units**power)
+
+    @property
+    def units(self) -> Array:
+        """What turns the size of an estimate into that of a state of a chain, (n,).
+
+        1 for each state, for an unknown the size of its slope at the present estimate.
+        """
         model = self.model
         if not isinstance(model, Model) or not model.unknown:
-            return figures
-        return np.asarray(figures / np.abs(model.slopes_at(self.memory[: self.n])) ** power)
+            return np.ones(self.n)
+        return np.abs(model.slopes_at(self.memory[: self.n]))
 
     def settling(
         self, dt: float | None = None, *, within: float = 0.02, gain: float | None = None

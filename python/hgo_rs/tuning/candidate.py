@@ -199,7 +199,7 @@ class Candidate:
         out = {
             "bandwidth": float(response.bandwidth(spec, dt)[i]),  # may be infinite
             "settling": float(response.settling(spec, dt)[i]),
-            "peaking": float(response.peaking(spec, dt)[i]),
+            "peaking": float(observer.peaking(dt)[i]),
         }
         noise, model = self.gains(observer)
         out |= {"noise": float(noise[i]), "model": float(model[i])}
@@ -214,7 +214,9 @@ class Candidate:
         if self.slopes is not None:
             of_noise, of_model = self.slopes.shown(np.array([spec["gain"]["ell"]]))[:, 0]
             return of_noise, of_model
-        return response.noise_gain(spec, self.dt), response.model_gain(spec, self.dt)
+        unit = observer.units
+        model = response.model_gain(spec, self.dt) * (unit[-1] / unit) ** 2
+        return observer.noise_gain(self.dt), model
 
     def refine(self, record: Record) -> None:
         """R, Q and what they give, once more with the model's slopes along the estimate."""
@@ -267,6 +269,7 @@ class Candidate:
         else:
             specs = [self.made(ell).spec for ell in grid[used].tolist()]
             shares = np.array([response.innovation_gain(spec, self.dt) for spec in specs])
+            shares[:, 1] *= self.any.units[-1] ** 2
         unit = np.max(shares, axis=0)
         relative = shares / unit / squares[used, None]
         fit, _ = nnls(relative, np.ones(used.size))
@@ -440,9 +443,9 @@ class Candidate:
             )
         whiteness = math.nan
         if math.isfinite(self.misfit):
-            far = np.array([self.noise**2, self.model_error**2]) @ response.innovation_covariance(
-                observer.spec, self.dt, _LAGS + _FAR
-            )
+            far = np.array(
+                [self.noise**2, (self.model_error * self.any.units[-1]) ** 2]
+            ) @ response.innovation_covariance(observer.spec, self.dt, _LAGS + _FAR)
             rho = far / far[0]
             e, there = np.nan_to_num(innovation), np.isfinite(innovation)
             lags = np.arange(1, _LAGS + 1)

@@ -76,7 +76,8 @@ def tune(
     settling : float, optional
         Wanted settling time (2 %) of the estimate [s]. Among structures the least noise wins.
     model_error : float, optional
-        sqrt(Q), unit of x_n per sqrt(s); needed for the least error without a log.
+        sqrt(Q), unit of x_n (of the unknown, where it is one) per sqrt(s); needed for the least
+        error without a log.
     state : int, optional
         The estimate the choice is about, 1 to n. Default: the last one all structures have. Of
         several outputs one a chain, counted within it.

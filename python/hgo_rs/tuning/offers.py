@@ -90,6 +90,8 @@ def sources(models: Mapping[str, tuple[System | None, int]]) -> list[Source]:
 
     for model, n in models.values():
         own = as_model(model)
+        if own is not None and isinstance(model, Model) and model.unknown and model.n == n:
+            add("the model", model, n, common if several else n)
         if own is not None and own.n in (n, n - 1):
             valid = common if several or own.n != n else n
             add("the model", own, own.n, valid)

@@ -27,7 +27,7 @@ import numpy as np
 
 from hgo_rs.design.discretisation import step_limit
 from hgo_rs.errors import HgoError
-from hgo_rs.models import System
+from hgo_rs.models import Model, System
 from hgo_rs.observers import StandardObserver
 from hgo_rs.tuning.linear import stationary
 from hgo_rs.tuning.record import Record
@@ -221,15 +221,38 @@ class _Search:
             try:
                 run = self.back_record.run(self.backward(ell), spare=True)
                 if x_f is not None:
-                    x_b = run.x_hat[::-1] * signs((self.n,))
+                    # in the units of a chain, in which the covariances are
+                    s_f, s_b = _slopes(self.model, x_f), _slopes(self.back_model, run.x_hat)
+                    x_b = (run.x_hat * s_b)[::-1] * signs((self.n,))
                     made = _smoothed(
-                        self.record, self.name, self.forward, ell, x_f, x_b, self.index
+                        self.record, self.name, self.forward, ell, x_f * s_f, x_b, self.index
                     )
+                    made = None if made is None else _in_units(made, s_f)
                     made = made and made.first(self.valid)
             except HgoError:
                 made = None
             self.tried[k] = made
         return self.tried[k]
+
+
+def _slopes(model: System | None, x: Array) -> Array:
+    """What turns states x (N, n) into those of a chain: of an unknown its slope."""
+    return model.slopes_at(x) if isinstance(model, Model) else np.ones_like(x)
+
+
+def _in_units(found: Reference, slopes: Array) -> Reference:
+    """The states in units of the model, where an unknown is the last one."""
+    if np.all(slopes == 1.0):
+        return found
+    usual = np.sqrt(np.mean(slopes**2, axis=0))
+    return replace(
+        found,
+        x=found.x / slopes,
+        start=found.start / slopes[0],
+        spread=found.spread / usual,
+        difference=found.difference / usual,
+        model_error=found.model_error / float(usual[-1]),
+    )
 
 
 def _smoothed(

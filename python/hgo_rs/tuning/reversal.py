@@ -12,7 +12,6 @@ error their errors have nothing in common.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -47,6 +46,11 @@ def reversed_model(model: System | None, n: int, end: float) -> System | None:
         raise HgoError(f"{type(model).__name__} cannot be run backwards in time")
     orders = model.orders or (model.n,)
     flipped = signs(orders) < 0.0
+    first = np.cumsum(orders) - 1  # where the equations stand that phi enters
+    if model.unknown:
+        own = np.isin(model.states, model.unknown)
+        flipped &= ~own  # an unknown stays what it is; its equation is that of the state before
+        first = first - own[first]
     new = {
         state: neg(nodes.symbol(state))
         for state, odd in zip(model.states, flipped, strict=True)
@@ -58,18 +62,20 @@ def reversed_model(model: System | None, n: int, end: float) -> System | None:
         node = substitute(nodes.replaced([node], new)[0], "t", later)
         return node if flip else neg(node)
 
-    arguments: dict[str, Any] = {
-        "states": model.states,
-        "inputs": model.inputs,
-        "parameters": model.parameters,
-    }
+    arguments = model.named_arguments()
+    if model.unknown and "box" in arguments:
+        turned_box = {name: (low, high) for name, (low, high) in arguments["box"].items()}
+        for name in new:
+            if name in turned_box:
+                turned_box[name] = (-turned_box[name][1], -turned_box[name][0])
+        arguments["box"] = turned_box
     if model.form == "triangular":
-        sides = zip(model.known, flipped, strict=True)
+        sides = zip(model.known, flipped, strict=False)  # an unknown has no side
         return Model(**arguments, f=[turned(node, bool(odd)) for node, odd in sides])
-    last = flipped[np.cumsum(orders) - 1]
+    last = flipped[first]
     phi = [turned(node, bool(odd)) for node, odd in zip(model.known, last, strict=True)]
     if model.form == "chains":
-        return Model(**arguments, orders=model.orders, phi=phi)
+        return Model(**arguments, phi=phi)
     return Model(**arguments, phi=phi[0])
 
 

@@ -160,10 +160,13 @@ class Model(OwnSystem):
         return self._slopes.intervals(self._names.parameters, ends)
 
     def slopes_at(self, x: npt.ArrayLike) -> Array:
-        """1 for each state, for an unknown the slope at the states x (n,)."""
-        values = dict(zip(self.states, np.asarray(x, dtype=float), strict=True))
-        slopes = {} if self._slopes is None else self._slopes.at({**values, **self.parameters})
-        return np.array([slopes.get(name, 1.0) for name in self.states])
+        """1 for each state, for an unknown the slope at the states x: (..., n), as x."""
+        at = np.asarray(x, dtype=float)
+        out = np.ones_like(at)
+        values = {**self.parameters, **{name: at[..., i] for i, name in enumerate(self.states)}}
+        for name, slope in ({} if self._slopes is None else self._slopes.at(values)).items():
+            out[..., self.states.index(name)] = slope
+        return out
 
     def with_parameters(
         self, values: Mapping[str, float] | None = None, /, **named: float

@@ -112,10 +112,10 @@ class Slopes:
         labels = [f"slope[{i}]" for i in range(len(self.nodes))]
         return dict(zip(labels, nodes.replaced(self.nodes, within), strict=True))
 
-    def at(self, values: Mapping[str, float]) -> dict[str, float]:
-        """The slope in each unknown at a point."""
+    def at(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The slope in each unknown at a point, or at each of several."""
         found = evaluate(list(self.table().values()), values)
-        return {k: float(slope) for k, slope in zip(self.unknown, found, strict=True) if k}
+        return {name: slope for name, slope in zip(self.unknown, found, strict=True) if name}
 
     def arguments(self, orders: Sequence[int]) -> dict[str, Any]:
         """What makes them again: states and orders without the unknowns, unknown, box."""
