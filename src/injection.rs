@@ -1,7 +1,8 @@
 //! Floor 1. Predict by the exact chain, then correct by gains that place the eigenvalues of the error:
 //! discretisations that are stable at any ℓT.
 //!
-//! Over a step the chain of integrators is solved exactly, what is known beside it is held:
+//! Over a step the chain of integrators is solved exactly. What is known beside it is held, or moves on
+//! ([`crate::motion`]):
 //!
 //!   x̂⁻(k+1) = e^{AT} x̂⁺(k) + ∫₀ᵀ e^{As} ds f̂(x̂⁺(k), u(k), t)
 //!
@@ -21,6 +22,7 @@
 
 use crate::Scalar;
 use crate::error::{DesignError, require};
+use crate::motion::{Flow, Held, Motion};
 use crate::observer::{ContinuousLaw, Scheme};
 use crate::polynomial::{roots, times_root};
 use nalgebra::SVector;
@@ -191,7 +193,9 @@ pub fn ahead<T: Scalar, const N: usize>(
 }
 
 /// A law whose injection can be placed.
-pub trait Injected<T: Scalar>: ContinuousLaw<T> {
+pub trait Injected<T: Scalar>:
+    ContinuousLaw<T> + Flow<T, <Self as ContinuousLaw<T>>::State, <Self as ContinuousLaw<T>>::Input>
+{
     /// What its poles are.
     type Poles: Copy;
     /// Gains of a correction.
@@ -208,26 +212,25 @@ pub trait Injected<T: Scalar>: ContinuousLaw<T> {
     fn poles(&self, at: Placement) -> Result<Self::Poles, DesignError>;
     /// The gains of the correction that ends a step of length dt.
     fn gains(&self, at: Placement, poles: &Self::Poles, z: &Self::State, dt: T) -> Self::Gains;
-    /// The memory after a step without a sample.
-    fn flow(&self, t: T, z: &Self::State, u: &Self::Input, dt: T) -> Self::State;
     /// The memory after the use of the innovation e that ends a step of length dt.
     fn inject(&self, z: &Self::State, e: &Self::Innovation, k: &Self::Gains, dt: T) -> Self::State;
 }
 
 /// The scheme: correct, then predict. P and K are the law's [`Injected::Poles`] and
-/// [`Injected::Gains`].
+/// [`Injected::Gains`], M is how the model moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Placed<T, P, K> {
+pub struct Placed<T, P, K, M = Held> {
     placement: Placement,
+    motion: M,
     poles: P,
     /// The gains of steps of this length.
     prepared: Option<(T, K)>,
 }
 
 impl<T: Scalar, P: Copy, K: Copy> Placed<T, P, K> {
-    /// For this law. Gains are computed at every step unless the observer is
+    /// For this law, its known terms held over a step. Gains are computed at every step unless the observer is
     /// [prepared](crate::Observer::prepared) for the usual length of one.
     ///
     /// # Errors
@@ -236,14 +239,22 @@ impl<T: Scalar, P: Copy, K: Copy> Placed<T, P, K> {
     where
         L: Injected<T, Poles = P, Gains = K>,
     {
-        Ok(Self { placement, poles: law.poles(placement)?, prepared: None })
+        Ok(Self { placement, motion: Held, poles: law.poles(placement)?, prepared: None })
+    }
+
+    /// The same, the known terms moved so.
+    #[must_use]
+    pub fn moved_by<M: Motion>(self, motion: M) -> Placed<T, P, K, M> {
+        let Self { placement, poles, prepared, .. } = self;
+        Placed { placement, motion, poles, prepared }
     }
 }
 
-impl<T, L> Scheme<T, L> for Placed<T, L::Poles, L::Gains>
+impl<T, L, M> Scheme<T, L> for Placed<T, L::Poles, L::Gains, M>
 where
     T: Scalar,
     L: Injected<T>,
+    M: Motion,
 {
     const OVER_GAPS: bool = true;
 
@@ -254,7 +265,7 @@ where
 
     #[inline(always)]
     fn predict(&self, law: &L, t: T, z: &L::State, u: &L::Input, dt: T) -> L::State {
-        law.flow(t, z, u, dt)
+        self.motion.moved(law, t, z, u, dt)
     }
 
     #[inline(always)]

@@ -19,7 +19,7 @@
 //!
 //! A file uses lower floors only, or what is named before it on its own: `elementary`,
 //! `scalar`, `error`, `memory`, `measurement`, `wide`, `polynomial` (0); `gain`, `schedule`, `saturation`, `model`, `laws`,
-//! `integrate`, `observer`, `injection`, `noise`, `metrics`, `program` (1); `models`,
+//! `integrate`, `observer`, `motion`, `injection`, `noise`, `metrics`, `program` (1); `models`,
 //! `observers` (2); `simulate`, `covariance`, `estimator`, `turn` (3). Nothing names `std`, `alloc` or
 //! Python, nothing allocates and nothing panics.
 #![cfg_attr(not(feature = "std"), no_std)]
@@ -40,6 +40,7 @@ pub mod memory;
 pub mod metrics;
 pub mod model;
 pub mod models;
+pub mod motion;
 pub mod noise;
 pub mod observer;
 pub mod observers;
@@ -77,6 +78,7 @@ pub mod prelude {
     pub use crate::memory::Memory;
     pub use crate::metrics::{Moments, Window};
     pub use crate::model::{InputGain, Model, PhaseVariable, Plant, Unknown, last, no_input};
+    pub use crate::motion::{Held, ImplicitMotion, Motion, Rk4Motion};
     pub use crate::noise::{Channel, Draw, Noise, Stream};
     pub use crate::observer::{
         Causal, Current, Discretisation, Discretised, Euler, Hold, Observer, RungeKutta,

@@ -35,10 +35,16 @@ pub trait Model<T: Scalar, const N: usize, const M: usize = 0>: Copy {
     /// What stands in the place of `last`, a value of the last state, in the rate of the state before it.
     ///
     /// In a chain of integrators that is `last` itself. Where the last state is an unknown d in a unit of
-    /// its own, it is φ(t, x̂, u, d), of which f̂ then has nothing, and ḋ = 0.
+    /// its own, it is φ(t, x̂, u, d), of which f̂ then has nothing, and ḋ = 0. It is asked for where the model
+    /// [carries](Self::carries) such a state.
     #[inline(always)]
     fn enters(&self, _t: T, _x_hat: &SVector<T, N>, last: T, _u: &SVector<T, M>) -> T {
         last
+    }
+    /// Whether the last state is an unknown, which enters by [`enters`](Self::enters).
+    #[inline(always)]
+    fn carries(&self) -> bool {
+        false
     }
     /// The slope of [`enters`](Self::enters) in the last state, by which its correction is divided.
     ///

@@ -23,6 +23,7 @@ const SAME_FLOOR: &[(&str, &str, &str)] = &[
     ("integrate", "model", "stochastic schemes take a plant's drift and diffusion"),
     ("observer", "integrate", "a Runge-Kutta observer takes an integrator"),
     ("injection", "observer", "a placed injection is a scheme"),
+    ("injection", "motion", "between corrections the model moves"),
     ("covariance", "simulate", "the covariance is a probe on a run"),
     ("observers/*", "observers/standard", "a law may be built on the standard one"),
     ("observers/peaking_free", "observers/low_power", "(11) is (5) with a saturation"),

@@ -23,6 +23,9 @@ impl Model<f64, 3, 1> for Loaded {
     fn enters(&self, _: f64, x: &Vector3<f64>, d: f64, u: &Vector1<f64>) -> f64 {
         phi(x, d, u.x)
     }
+    fn carries(&self) -> bool {
+        true
+    }
     fn slope(&self, x: &Vector3<f64>) -> f64 {
         slope(x)
     }

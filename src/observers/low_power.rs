@@ -10,13 +10,14 @@
 //! Here `sat` is the identity; with a saturation it is the peaking-free observer (11) of
 //! [`super::PeakingFreeObserver`].
 
-use super::{checked, driven, folded};
+use super::{chain, checked, driven, folded};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
 use crate::injection::{Injected, Placement, Poles, ahead, chain_gains};
 use crate::memory::{AllButLast, Memory};
-use crate::model::PhaseVariable;
+use crate::model::{PhaseVariable, last};
+use crate::motion::Flow;
 use crate::observer::ContinuousLaw;
 use crate::polynomial::{low_power_inner_polynomial, low_power_steps, roots, roots_of, times_root};
 use crate::saturation::{NoSaturation, Saturation};
@@ -99,7 +100,7 @@ where
     /// has it [enter](crate::model::Model::enters).
     #[inline(always)]
     fn above(&self, t: T, x_hat: &SVector<T, N>, (i, eta): (usize, T), u: &SVector<T, M>) -> T {
-        if i + 2 == N { self.model.enters(t, x_hat, eta, u) } else { eta }
+        if self.model.carries() && i + 2 == N { self.model.enters(t, x_hat, eta, u) } else { eta }
     }
 
     /// By how much the state before moves faster where slot i grows: the last one times its
@@ -424,29 +425,6 @@ where
     }
 
     #[inline(always)]
-    fn flow(&self, t: T, z: &Self::State, u: &Self::Input, dt: T) -> Self::State {
-        let LowPowerState { x_hat, eta, r: m } = z;
-        let phi = self.model.phi(t, x_hat, u);
-        let above: SVector<T, N> = SVector::from_fn(|i, _| {
-            if i + 1 == N {
-                return phi;
-            }
-            self.above(t, x_hat, (i, self.saturation.apply(i, eta[i])), u)
-        });
-        let moved = ahead(&SVector::from_element(T::NEG_ZERO), &above, dt);
-        let saturated = !self.saturation.is_identity();
-        let x_hat = SVector::from_fn(|i, _| {
-            let own = |i: usize| dt * (self.above(t, x_hat, (i, eta[i]), u) - above[i]);
-            let own = if i + 1 < N && saturated { own(i) } else { T::NEG_ZERO };
-            x_hat[i] + moved[i] + own
-        });
-        let eta: SVector<T, N> =
-            SVector::from_fn(|i, _| if i + 1 < N { eta[i] + moved[i + 1] } else { T::ZERO });
-        let r = m.plus(dt, &self.gain.rate::<N>(m, T::ZERO));
-        LowPowerState { x_hat, eta: eta.into(), r }
-    }
-
-    #[inline(always)]
     fn inject(&self, z: &Self::State, e1: &T, k: &Self::Gains, dt: T) -> Self::State {
         let ([placed, alone], mut new) = (k, *z);
         let (placed_b, alone_b) =
@@ -472,5 +450,72 @@ where
         }
         new.r = z.r.plus(dt, &driven::<T, G, N>(&self.gain, &z.r, *e1));
         new
+    }
+}
+
+/// Memory of an observer under the gain law G.
+type Moved<T, G, const N: usize> = LowPowerState<T, <G as GainLaw<T>>::Memory, N>;
+
+/// δ of x̂ᵢ₊₁ is one of ηᵢ too. The deviations of x̂ᵢ and ηᵢ₋₁ begin at 0 and move alike while no saturation
+/// is at its level.
+impl<T, G, Md, S, const N: usize, const M: usize> Flow<T, Moved<T, G, N>, SVector<T, M>>
+    for LowPower<T, G, Md, S, N, M>
+where
+    T: Scalar,
+    G: GainLaw<T>,
+    Md: PhaseVariable<T, N, M>,
+    S: Saturation<T>,
+{
+    /// Of each state, and what η of an unknown enters; sat(η) of it is that state's.
+    type Terms = (SVector<T, N>, T);
+
+    #[inline(always)]
+    fn terms(&self, t: T, z: &Moved<T, G, N>, u: &SVector<T, M>) -> Self::Terms {
+        let LowPowerState { x_hat, eta, .. } = z;
+        let mut f = (last(self.model.phi(t, x_hat, u)), T::NEG_ZERO);
+        for i in 0..N {
+            if self.model.carries() && i + 2 == N {
+                f.0[i] = self.above(t, x_hat, (i, self.saturation.apply(i, eta[i])), u);
+                f.1 = self.above(t, x_hat, (i, eta[i]), u);
+            }
+        }
+        f
+    }
+
+    #[inline(always)]
+    fn flow(&self, z: &Moved<T, G, N>, f: &Self::Terms, dt: T) -> Moved<T, G, N> {
+        let LowPowerState { x_hat, eta, r: m } = z;
+        let enters = |i: usize| self.model.carries() && i + 2 == N;
+        let above: SVector<T, N> = SVector::from_fn(|i, _| {
+            if i + 1 == N || enters(i) { f.0[i] } else { self.saturation.apply(i, eta[i]) }
+        });
+        let moved = ahead(&SVector::from_element(T::NEG_ZERO), &above, dt);
+        let saturated = !self.saturation.is_identity();
+        let x_hat = SVector::from_fn(|i, _| {
+            let own = if enters(i) { f.1 } else { eta[i] };
+            let own = if i + 1 < N && saturated { dt * (own - above[i]) } else { T::NEG_ZERO };
+            x_hat[i] + moved[i] + own
+        });
+        let eta: SVector<T, N> =
+            SVector::from_fn(|i, _| if i + 1 < N { eta[i] + moved[i + 1] } else { T::ZERO });
+        let r = m.plus(dt, &self.gain.rate::<N>(m, T::ZERO));
+        LowPowerState { x_hat, eta: eta.into(), r }
+    }
+
+    #[inline(always)]
+    fn chain(&self, delta: &Self::Terms) -> Self::Terms {
+        (chain(&delta.0, self.model.carries()), T::NEG_ZERO)
+    }
+
+    #[inline(always)]
+    fn shifted(&self, z: &Moved<T, G, N>, (delta, _): &Self::Terms) -> Moved<T, G, N> {
+        let eta: SVector<T, N> =
+            SVector::from_fn(|i, _| if i + 1 < N { z.eta[i] + delta[i + 1] } else { T::ZERO });
+        LowPowerState { x_hat: z.x_hat + delta, eta: eta.into(), r: z.r }
+    }
+
+    #[inline(always)]
+    fn rows(&self) -> usize {
+        N
     }
 }

@@ -323,3 +323,10 @@ fn driven<T: Scalar, G: GainLaw<T>, const N: usize>(
 ) -> G::Memory {
     gain.rate::<N>(memory, e).zip(&gain.rate::<N>(memory, T::ZERO), |rate, free| rate - free)
 }
+
+/// A x̂: the chain of integrators ẋᵢ = xᵢ₊₁, without a last state that a model carries as an unknown.
+#[inline(always)]
+fn chain<T: Scalar, const N: usize>(x: &SVector<T, N>, carries: bool) -> SVector<T, N> {
+    let linked = |i: usize| i + 1 < N && !(carries && i + 2 == N);
+    SVector::from_fn(|i, _| if linked(i) { x[i + 1] } else { T::NEG_ZERO })
+}

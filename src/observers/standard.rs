@@ -8,15 +8,15 @@
 //! Lee, Choi and Khalil (39), whose forward Euler form under a fixed step is (42) and under the
 //! decreasing steps a(k) of [`crate::schedule::StochasticApproximation`] is (44).
 
-use super::{checked, driven, folded};
+use super::{chain, checked, driven, folded};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
 use crate::injection::{Injected, Placement, Poles, ahead, chain_gains};
 use crate::memory::Memory;
 use crate::model::Model;
+use crate::motion::Flow;
 use crate::observer::ContinuousLaw;
-use core::cmp::Ordering::{Equal, Greater, Less};
 use nalgebra::SVector;
 
 crate::memory_struct! {
@@ -78,18 +78,20 @@ where
         e: T,
         u: &SVector<T, M>,
     ) -> SVector<T, N> {
-        self.free(t, x_hat, u) + self.injected(x_hat, r, e) // (5)
+        chain(x_hat, self.model.carries()) + self.known(t, x_hat, u) + self.injected(x_hat, r, e) // (5)
     }
 
-    /// A x̂ + f̂, the last state as the model has it [enter](Model::enters).
+    /// f̂, with what an unknown [enters](Model::enters).
     #[inline(always)]
-    fn free(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, M>) -> SVector<T, N> {
-        let above = SVector::from_fn(|i, _| match (i + 1).cmp(&(N - 1)) {
-            Less => x_hat[i + 1],
-            Equal => self.model.enters(t, x_hat, x_hat[i + 1], u),
-            Greater => T::NEG_ZERO,
-        });
-        above + self.model.f_hat(t, x_hat, u)
+    fn known(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, M>) -> SVector<T, N> {
+        let (f, carries) = (self.model.f_hat(t, x_hat, u), self.model.carries());
+        SVector::from_fn(|i, _| {
+            if carries && i + 2 == N {
+                self.model.enters(t, x_hat, x_hat[i + 1], u) + f[i]
+            } else {
+                f[i]
+            }
+        })
     }
 
     /// A correction of a chain of integrators, its last entry in the [unit](Model::slope) of the last state.
@@ -212,19 +214,46 @@ where
     }
 
     #[inline(always)]
-    fn flow(&self, t: T, z: &Self::State, u: &Self::Input, dt: T) -> Self::State {
-        let rate = self.free(t, &z.x_hat, u);
-        StandardState {
-            x_hat: ahead(&z.x_hat, &rate, dt),
-            r: z.r.plus(dt, &self.gain.rate::<N>(&z.r, T::ZERO)),
-        }
-    }
-
-    #[inline(always)]
     fn inject(&self, z: &Self::State, e: &T, k: &SVector<T, N>, dt: T) -> Self::State {
         StandardState {
             x_hat: z.x_hat + self.in_unit(&z.x_hat, SVector::from_fn(|i, _| k[i] * *e)),
             r: z.r.plus(dt, &driven::<T, G, N>(&self.gain, &z.r, *e)),
         }
+    }
+}
+
+/// Memory of an observer under the gain law G.
+type Moved<T, G, const N: usize> = StandardState<T, <G as GainLaw<T>>::Memory, N>;
+
+impl<T, G, Md, const N: usize, const M: usize> Flow<T, Moved<T, G, N>, SVector<T, M>>
+    for StandardObserver<T, G, Md, N, M>
+where
+    T: Scalar,
+    G: GainLaw<T>,
+    Md: Model<T, N, M>,
+{
+    type Terms = SVector<T, N>;
+
+    #[inline(always)]
+    fn terms(&self, t: T, z: &Moved<T, G, N>, u: &SVector<T, M>) -> Self::Terms {
+        self.known(t, &z.x_hat, u)
+    }
+
+    #[inline(always)]
+    fn flow(&self, z: &Moved<T, G, N>, f: &Self::Terms, dt: T) -> Moved<T, G, N> {
+        StandardState {
+            x_hat: ahead(&z.x_hat, &(self.chain(&z.x_hat) + f), dt),
+            r: z.r.plus(dt, &self.gain.rate::<N>(&z.r, T::ZERO)),
+        }
+    }
+
+    #[inline(always)]
+    fn chain(&self, delta: &SVector<T, N>) -> Self::Terms {
+        chain(delta, self.model.carries())
+    }
+
+    #[inline(always)]
+    fn shifted(&self, z: &Moved<T, G, N>, delta: &SVector<T, N>) -> Moved<T, G, N> {
+        StandardState { x_hat: z.x_hat + delta, ..*z }
     }
 }

@@ -68,7 +68,7 @@ def standard(n: int, gain: Spec, method: str = "euler", model: Spec = NONE) -> S
 
 
 def low_power(n: int, gain: Spec, method: str = "euler", model: Spec = NONE) -> Spec:
-    spec = hgo_rs.LowPowerObserver(n, 1.0).spec
+    spec = hgo_rs.LowPowerObserver(n, 1.0, method="euler").spec
     more = {"gain": gain, "model": model, "method": method, "timing": "predictor"}
     return {**spec, **more}
 

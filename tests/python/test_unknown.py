@@ -143,7 +143,7 @@ def test_the_placed_law_corrects_by_the_gains_of_the_chain_over_the_slope() -> N
     y = np.where(np.isnan(y), 0.0, y)
     free = hgo.StandardObserver(3, 20.0)
     free.reset([0.0, 0.0, 0.0])
-    law = observer("standard", arm())
+    law = observer("standard", arm(), motion="held")
     result = law.run(t, y, u)
     z = result.x_hat[0]
     for k, dt in enumerate(np.diff(t)):

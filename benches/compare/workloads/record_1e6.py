@@ -49,7 +49,7 @@ def low_power(model: Model | None = None) -> Observer:
 
 
 def placed(model: Model | Lee) -> Observer:
-    return StandardObserver(2, ELL, model=model, method="zoh")
+    return StandardObserver(2, ELL, model=model, method="zoh", motion="held")
 
 
 LEE = Model(states=["x1", "x2"], phi="-x1/(1 + x1*x1) - x2")

@@ -1,10 +1,12 @@
-//! Floor 3. What a spec chooses by name: gain law, saturation, method and timing.
+//! Floor 3. What a spec chooses by name: gain law, saturation, method, motion and timing.
 
 use crate::error::{Error, Result, refused};
 use crate::spec::Spec;
 use hgo_rs::Scalar;
 use hgo_rs::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
 use hgo_rs::injection::Placement;
+use hgo_rs::memory::Memory;
+use hgo_rs::motion::{Flow, Held, ImplicitMotion, Motion, Rk4Motion, SUBSTEPS};
 use hgo_rs::observer::{BogackiShampine, Discretisation, Rk4, Rk4InnovationHeld, Timing};
 use hgo_rs::observers::{HardClip, LAWS, NoSaturation, Saturation, SmoothSaturation};
 
@@ -161,6 +163,8 @@ pub fn not_placed() -> Error {
 pub struct Manner {
     /// How it moves and corrects.
     pub method: AnyMethod,
+    /// How the model moves between placed corrections.
+    pub motion: AnyMotion,
     /// What a sample is for: the next estimate, or its own.
     pub timing: Timing,
 }
@@ -174,8 +178,62 @@ pub enum AnyMethod {
     Placed(Placement),
 }
 
+/// A motion of the model by its name.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum AnyMotion {
+    /// Its value of the period's beginning.
+    Held,
+    /// By RK4.
+    Rk4(Rk4Motion),
+    /// Implicit where it is stiff.
+    Implicit(ImplicitMotion),
+}
+
+impl Motion for AnyMotion {
+    fn moved<T, Z, U, L>(&self, law: &L, t: T, z: &Z, u: &U, dt: T) -> Z
+    where
+        T: Scalar,
+        Z: Memory<T>,
+        L: Flow<T, Z, U>,
+    {
+        match self {
+            Self::Held => Held.moved(law, t, z, u, dt),
+            Self::Rk4(motion) => motion.moved(law, t, z, u, dt),
+            Self::Implicit(motion) => motion.moved(law, t, z, u, dt),
+        }
+    }
+}
+
+impl AnyMotion {
+    /// The motion of an observer's spec, "held" where left out, and the steps that a period is cut into.
+    fn read(spec: &Spec<'_>, method: AnyMethod) -> Result<Self> {
+        let motion = spec.text_or("motion", "held")?;
+        let substeps = || -> Result<u8> {
+            let count = spec.whole_or("substeps", u64::from(SUBSTEPS))?;
+            Ok(u8::try_from(count).unwrap_or(u8::MAX))
+        };
+        let given = ["motion", "substeps"].into_iter().find(|key| spec.has(key));
+        if let (AnyMethod::Known(_), Some(key)) = (method, given) {
+            return Err(refused(format!(
+                "{key} is not allowed with this method, which moves the model itself: leave it out, or \
+                 choose method zoh or bilinear"
+            )));
+        }
+        match motion.as_str() {
+            "held" if spec.has("substeps") => Err(refused(
+                "substeps is not allowed where the model is held over the period: leave it out, or choose \
+                 motion rk4 or implicit",
+            )),
+            "held" => Ok(Self::Held),
+            "rk4" => Ok(Self::Rk4(Rk4Motion::new(substeps()?)?)),
+            "implicit" => Ok(Self::Implicit(ImplicitMotion::new(substeps()?)?)),
+            other => Err(spec.unknown("motion", other, &["held", "rk4", "implicit"])),
+        }
+    }
+}
+
 impl Manner {
-    /// Method and timing of an observer's spec.
+    /// Method, motion and timing of an observer's spec.
     pub fn read(spec: &Spec<'_>) -> Result<Self> {
         let method = spec.text_or("method", "euler")?;
         let Some((_, method)) = METHODS.iter().find(|(name, _)| *name == method) else {
@@ -187,13 +245,15 @@ impl Manner {
             "current" => Timing::Current,
             other => return Err(spec.unknown("timing", other, &["predictor", "current"])),
         };
-        Ok(Self { method: *method, timing })
+        Ok(Self { method: *method, motion: AnyMotion::read(spec, *method)?, timing })
     }
 
     /// The scheme of a law that is compiled as one loop.
     pub fn whole(self) -> Option<Discretisation> {
         match self {
-            Self { method: AnyMethod::Known(scheme), timing: Timing::Predictor } => Some(scheme),
+            Self { method: AnyMethod::Known(scheme), timing: Timing::Predictor, .. } => {
+                Some(scheme)
+            }
             _ => None,
         }
     }

@@ -29,6 +29,7 @@ use crate::spec::Spec;
 use crate::systems::AnyModel;
 use crate::value::{Numbers, Value};
 use hgo_rs::laws::{Form, Gain, Law, Sizes};
+use hgo_rs::motion::SUBSTEPS;
 use hgo_rs::observers::LAWS;
 use std::sync::Arc;
 
@@ -55,7 +56,7 @@ fn keys(kind: &str) -> Option<Vec<&'static str>> {
     }
     keys.extend(law.coefficients.iter().map(|list| list.name));
     keys.extend(law.size.map(|(name, _)| name));
-    keys.extend(["method", "timing", "wrap"]);
+    keys.extend(["method", "motion", "substeps", "timing", "wrap"]);
     if law.saturated {
         keys.extend(["saturation", "clip"]);
     }
@@ -94,7 +95,12 @@ impl Config {
         }
         let model = if spec.has("model") { Some(model(&spec.sub("model")?)?) } else { None };
         let config = Self {
-            observer: law(&spec, model.as_ref(), &["format", "model", "start", "log"])?,
+            observer: law(
+                &spec,
+                model.as_ref(),
+                model.as_ref(),
+                &["format", "model", "start", "log"],
+            )?,
             start: spec.get("start").cloned().unwrap_or_else(|| Value::Map(Vec::new())),
             log: spec.get("log").cloned(),
         };
@@ -221,8 +227,14 @@ impl Map {
     }
 }
 
-/// The spec of a law; `also` are keys beside its own.
-fn law(spec: &Spec<'_>, model: Option<&Value>, also: &[&str]) -> Result<Value> {
+/// The spec of a law; `known` is the model of all chains of which it may be one, `also` are keys beside its
+/// own.
+fn law(
+    spec: &Spec<'_>,
+    model: Option<&Value>,
+    known: Option<&Value>,
+    also: &[&str],
+) -> Result<Value> {
     let kind = spec.text("observer")?;
     let Some(keys) = keys(&kind) else {
         let known: Vec<&str> = LAWS.iter().map(|law| law.kind).chain(["chains"]).collect();
@@ -240,10 +252,10 @@ fn law(spec: &Spec<'_>, model: Option<&Value>, also: &[&str]) -> Result<Value> {
         }
         "chains" => {
             let inner = spec.list("observers")?;
-            let inner: Result<Vec<Value>> = inner.iter().map(|one| law(one, None, &[])).collect();
-            made.put("observers", Value::List(inner?));
+            let inner = inner.iter().map(|one| law(one, None, known, &[]));
+            made.put("observers", Value::List(inner.collect::<Result<_>>()?));
         }
-        _ => rates(&mut made, spec, model)?,
+        _ => rates(&mut made, spec, model, known)?,
     }
     made.put_given(spec, "wrap");
     match model {
@@ -273,7 +285,12 @@ fn order(spec: &Spec<'_>, model: Option<&Value>) -> Result<usize> {
 }
 
 /// A law of the list that is given by a rate.
-fn rates(made: &mut Map, spec: &Spec<'_>, model: Option<&Value>) -> Result<()> {
+fn rates(
+    made: &mut Map,
+    spec: &Spec<'_>,
+    model: Option<&Value>,
+    known: Option<&Value>,
+) -> Result<()> {
     let kind = spec.text("observer")?;
     let Some(law) = Law::find(LAWS, &kind) else { return Ok(()) };
     let n = if let [only] = law.orders { *only } else { order(spec, model)? };
@@ -293,7 +310,7 @@ fn rates(made: &mut Map, spec: &Spec<'_>, model: Option<&Value>) -> Result<()> {
         made.put(list.name, numbers(values));
     }
     let placed = law.placed && !(moves && law.form == Form::Phase);
-    manner(made, spec, if placed { METHOD } else { "rk4" })?;
+    manner(made, spec, if placed { METHOD } else { "rk4" }, known)?;
     if law.saturated {
         let levels = spec.numbers("saturation")?.values.clone();
         let levels = if levels.len() == 1 { vec![levels[0]; n - 1] } else { levels };
@@ -338,10 +355,34 @@ fn gain(spec: &Spec<'_>) -> Result<Value> {
     Ok(Value::Map(law.0))
 }
 
-fn manner(made: &mut Map, spec: &Spec<'_>, method: &str) -> Result<()> {
-    made.put("method", Value::Text(spec.text_or("method", method)?));
+fn manner(made: &mut Map, spec: &Spec<'_>, method: &str, known: Option<&Value>) -> Result<()> {
+    let method = spec.text_or("method", method)?;
+    if matches!(method.as_str(), "zoh" | "bilinear") || spec.has("motion") {
+        let motion = spec.text_or("motion", usual_motion(known)?)?;
+        if motion != "held" {
+            made.put("substeps", spec.get("substeps").cloned().unwrap_or(whole(SUBSTEPS.into())));
+        } else if spec.has("motion") {
+            made.put_given(spec, "substeps"); // which the law refuses
+        }
+        made.put("motion", Value::Text(motion));
+    } else {
+        made.put_given(spec, "substeps");
+    }
+    made.put("method", Value::Text(method));
     made.put("timing", Value::Text(spec.text_or("timing", TIMING)?));
     Ok(())
+}
+
+/// The motion of a model where the file leaves it open. A table tells no bound of its slopes: one that moves
+/// is implicit where it turns out to be stiff.
+fn usual_motion(known: Option<&Value>) -> Result<&'static str> {
+    let Some(model) = known else { return Ok("held") };
+    let kind = Spec::new(model, "model")?.text("kind")?;
+    Ok(match kind.as_str() {
+        "none" | "input" => "held",
+        "own" => "implicit",
+        _ => "rk4",
+    })
 }
 
 /// Numbers, and pairs of a real and an imaginary part.

@@ -195,6 +195,9 @@ impl<const N: usize> Model<Traced, N, MAX_INPUTS> for Known {
         x[N - 1] = last;
         self.call(t, x.as_slice(), u.as_slice())[side]
     }
+    fn carries(&self) -> bool {
+        self.unknown().is_some()
+    }
     fn slope(&self, x: &SVector<Traced, N>) -> Traced {
         let Some(Entry { slope, .. }) = self.unknown() else { return Traced::ONE };
         self.call(Traced::ZERO, x.as_slice(), &[Traced::ZERO; MAX_INPUTS])[slope]

@@ -2,7 +2,7 @@
 //! over the tables. (Laws times schemes, each pair compiled, would be many times as much code.)
 
 use crate::Function;
-use crate::choices::{AnyMethod, Manner, not_placed};
+use crate::choices::{AnyMethod, AnyMotion, Manner, not_placed};
 use crate::error::Result;
 use crate::order::MAX_INPUTS;
 use crate::table::Table;
@@ -10,6 +10,7 @@ use crate::trace::{self, PlacedGains, Setting, Traced, inline, input, inputs, na
 use hgo_rs::Scalar;
 use hgo_rs::injection::{Injected, Placement};
 use hgo_rs::memory::Memory;
+use hgo_rs::motion::{Flow, Motion};
 use hgo_rs::observer::{
     ContinuousLaw, Current, CurrentState, Discretised, Observer, Scheme, Timing,
 };
@@ -43,17 +44,25 @@ pub struct LawTables {
     /// (z before, z after, dt) → z after a staggered step.
     stagger: Table,
     /// z → z within the set that the law lives in.
-    admissible: Table,
+    pub(crate) admissible: Table,
     /// If its eigenvalues are placed.
-    placed: Option<PlacedTables>,
+    pub(crate) placed: Option<PlacedTables>,
 }
 
 /// The halves of a step of a law whose eigenvalues are placed.
-struct PlacedTables {
-    /// (t, z, u, dt) → z after a step without a sample.
-    flow: Table,
+pub(crate) struct PlacedTables {
+    /// How many known terms there are.
+    pub(crate) n_f: usize,
+    /// (t, z, u) → the known terms.
+    pub(crate) terms: Table,
+    /// (z, terms, dt) → z after a step along the chain under these terms.
+    pub(crate) flow: Table,
+    /// terms → what the chain makes of them.
+    pub(crate) chain: Table,
+    /// (z, δ) → z, its estimate moved by δ.
+    pub(crate) shifted: Table,
     /// (z, y, dt, gains) → z after the use of a sample.
-    correct: Table,
+    pub(crate) correct: Table,
     /// The gains, where they are inputs.
     gains: Option<Arc<Gains>>,
 }
@@ -185,7 +194,10 @@ trait Law {
 
 /// One whose eigenvalues can be placed.
 trait PlacedLaw: Law {
-    fn flow(&self, t: Traced, z: &[Traced], u: &[Traced], dt: Traced) -> Vec<Traced>;
+    fn terms(&self, t: Traced, z: &[Traced], u: &[Traced]) -> Vec<Traced>;
+    fn flow(&self, z: &[Traced], f: &[Traced], dt: Traced) -> Vec<Traced>;
+    fn chain(&self, delta: &[Traced]) -> Vec<Traced>;
+    fn shifted(&self, z: &[Traced], delta: &[Traced]) -> Vec<Traced>;
     /// For a time that is asked for once the poles are known.
     fn gains(&self, at: Placement, z: &[Traced], dt: &dyn Fn() -> Traced) -> Result<Vec<Traced>>;
     fn inject(&self, z: &[Traced], y: Traced, gains: &[Traced], dt: Traced) -> Vec<Traced>;
@@ -223,8 +235,17 @@ impl<L> PlacedLaw for Flat<L>
 where
     L: Injected<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>, Gains: Numbers<Traced>>,
 {
-    fn flow(&self, t: Traced, z: &[Traced], u: &[Traced], dt: Traced) -> Vec<Traced> {
-        flat(&self.0.flow(t, &L::State::read(z), &L::Input::read(u), dt))
+    fn terms(&self, t: Traced, z: &[Traced], u: &[Traced]) -> Vec<Traced> {
+        flat(&self.0.terms(t, &L::State::read(z), &L::Input::read(u)))
+    }
+    fn flow(&self, z: &[Traced], f: &[Traced], dt: Traced) -> Vec<Traced> {
+        flat(&self.0.flow(&L::State::read(z), &L::Terms::read(f), dt))
+    }
+    fn chain(&self, delta: &[Traced]) -> Vec<Traced> {
+        flat(&self.0.chain(&L::Terms::read(delta)))
+    }
+    fn shifted(&self, z: &[Traced], delta: &[Traced]) -> Vec<Traced> {
+        flat(&self.0.shifted(&L::State::read(z), &L::Terms::read(delta)))
     }
     fn gains(&self, at: Placement, z: &[Traced], dt: &dyn Fn() -> Traced) -> Result<Vec<Traced>> {
         let poles = self.0.poles(at)?;
@@ -325,7 +346,13 @@ impl LawTables {
                     (false, true) => GainsOf::Table,
                     (false, false) => GainsOf::Call(gains(at)?),
                 };
-                Some(Self::placed(setting, (at, manner.timing), (sizes.len, n_u), &build, gains)?)
+                Some(Self::placed(
+                    setting,
+                    (at, manner.timing),
+                    (sizes.len, L::Terms::LEN, n_u),
+                    &build,
+                    gains,
+                )?)
             }
         };
         Ok(Self { placed, ..Self::of(setting, n_u, sizes, &|| Ok(build()?))? })
@@ -366,13 +393,21 @@ impl LawTables {
     fn placed(
         setting: Setting,
         (at, timing): (Placement, Timing),
-        (len, n_u): (usize, usize),
+        (len, n_f, n_u): (usize, usize, usize),
         build: &dyn Fn() -> Result<Box<dyn PlacedLaw>>,
         gains: GainsOf,
     ) -> Result<PlacedTables> {
-        let free = [("t", 1), ("z", len), ("u", n_u), ("dt", 1)];
-        let flow =
-            part(setting, &free, |of| Ok(build()?.flow(of[0][0], &of[1], &of[2], of[3][0])))?;
+        let (known, free) =
+            ([("t", 1), ("z", len), ("u", n_u)], [("z", len), ("f", n_f), ("dt", 1)]);
+        let terms = part(setting, &known, |of| Ok(build()?.terms(of[0][0], &of[1], &of[2])))?;
+        let flow = part(setting, &free, |of| Ok(build()?.flow(&of[0], &of[1], of[2][0])))?;
+        let chain = part(setting, &[("delta", n_f)], |of| Ok(build()?.chain(&of[0])))?;
+        let shifted =
+            part(
+                setting,
+                &[("z", len), ("delta", n_f)],
+                |of| Ok(build()?.shifted(&of[0], &of[1])),
+            )?;
         let (inputs, called) = match gains {
             GainsOf::Inputs(gains) => (Some(gains), None),
             GainsOf::Call(gains) => (None, Some(gains)),
@@ -407,7 +442,7 @@ impl LawTables {
             });
             Ok(chosen.collect())
         })?;
-        Ok(PlacedTables { flow, correct, gains: inputs })
+        Ok(PlacedTables { n_f, terms, flow, chain, shifted, correct, gains: inputs })
     }
 
     /// The gains of a placed correction, where they are inputs of the step.
@@ -420,7 +455,8 @@ impl LawTables {
         let rate = trace(setting, || {
             let (t, z) = (input("t"), inputs("z", self.len));
             let (y, u) = (input("y[0]"), inputs("u", self.n_u));
-            let law = Tabled { tables: self, own: &self.own(), gains: &[] };
+            let own = self.own();
+            let law = Tabled { tables: self, motion: AnyMotion::Held, own: &own, gains: &[] };
             let (z, u) = (State::read(&z), Inputs::read(&u));
             let rate = law.rate(t, &z, &law.innovation(&z, y), &u);
             Ok(named("z", &rate.as_slice()[..self.len]))
@@ -446,7 +482,7 @@ impl LawTables {
         let (y, u) = (input("y[0]"), Inputs::read(&inputs("u", self.n_u)));
         let own = self.own();
         let gains = inputs("gains", self.gains().map_or(0, |gains| gains.count));
-        let law = Tabled { tables: self, own: &own, gains: &gains };
+        let law = Tabled { tables: self, motion: manner.motion, own: &own, gains: &gains };
         let (z, held) = memory.split_at(self.len);
         step(law, Given { t, dt, z: State::read(z), held, y, u })
     }
@@ -535,6 +571,7 @@ struct Given<'a> {
 #[derive(Clone, Copy)]
 struct Tabled<'a> {
     tables: &'a LawTables,
+    motion: AnyMotion,
     own: &'a [Traced],
     gains: &'a [Traced],
 }
@@ -543,8 +580,15 @@ impl Tabled<'_> {
     fn call(&self, table: &Table, given: &[&[Traced]]) -> State {
         State::read(&inline(table, &[given.concat().as_slice(), self.own].concat()))
     }
+    /// A part of a law that is placed; of another one there is none to ask for.
+    fn placed(&self, part: impl Fn(&PlacedTables) -> &Table, given: &[&[Traced]]) -> State {
+        self.tables.placed.as_ref().map_or(State::zero(), |of| self.call(part(of), given))
+    }
     fn z<'b>(&self, z: &'b State) -> &'b [Traced] {
         &z.as_slice()[..self.tables.len]
+    }
+    fn f<'b>(&self, f: &'b State) -> &'b [Traced] {
+        &f.as_slice()[..self.tables.placed.as_ref().map_or(0, |of| of.n_f)]
     }
     fn e<'b>(&self, e: &'b Innovations) -> &'b [Traced] {
         &e.as_slice()[..self.tables.errors]
@@ -586,6 +630,25 @@ impl ContinuousLaw<Traced> for Tabled<'_> {
     }
 }
 
+impl Flow<Traced, State, Inputs> for Tabled<'_> {
+    type Terms = State;
+    fn terms(&self, t: Traced, z: &State, u: &Inputs) -> State {
+        self.placed(|of| &of.terms, &[&[t], self.z(z), self.u(u)])
+    }
+    fn flow(&self, z: &State, f: &State, dt: Traced) -> State {
+        self.placed(|of| &of.flow, &[self.z(z), self.f(f), &[dt]])
+    }
+    fn chain(&self, delta: &State) -> State {
+        self.placed(|of| &of.chain, &[self.f(delta)])
+    }
+    fn shifted(&self, z: &State, delta: &State) -> State {
+        self.placed(|of| &of.shifted, &[self.z(z), self.f(delta)])
+    }
+    fn rows(&self) -> usize {
+        self.tables.n
+    }
+}
+
 impl<'a> Scheme<Traced, Tabled<'a>> for Tabled<'a> {
     const OVER_GAPS: bool = true;
     fn advance(
@@ -600,11 +663,9 @@ impl<'a> Scheme<Traced, Tabled<'a>> for Tabled<'a> {
         self.predict(law, t, &self.correct(law, z, y, dt), u, dt)
     }
     fn predict(&self, _: &Self, t: Traced, z: &State, u: &Inputs, dt: Traced) -> State {
-        let Some(PlacedTables { flow, .. }) = &self.tables.placed else { return *z };
-        self.call(flow, &[&[t], self.z(z), self.u(u), &[dt]])
+        self.motion.moved(self, t, z, u, dt)
     }
     fn correct(&self, _: &Self, z: &State, y: Traced, dt: Traced) -> State {
-        let Some(PlacedTables { correct, .. }) = &self.tables.placed else { return *z };
-        self.call(correct, &[self.z(z), &[y], &[dt], self.gains])
+        self.placed(|of| &of.correct, &[self.z(z), &[y], &[dt], self.gains])
     }
 }

@@ -3,10 +3,11 @@
 //! The laws are the core's own. Run over [`Traced`] numbers, with the model's table in the place of a
 //! compiled model, each writes down its step once; the program of that step is what runs.
 
+use crate::choices::AnyMotion;
 use crate::error::{Result, refused};
 use crate::order::CHAINS;
 use crate::table::Table;
-use crate::tabled::{Gains, flat};
+use crate::tabled::{Gains, LawTables, flat};
 use crate::trace::{self, Setting, Traced, input, inputs, named, trace};
 use hgo_rs::Scalar;
 use hgo_rs::memory::Memory;
@@ -48,6 +49,8 @@ pub struct Tables {
     pub(crate) placed: Vec<PlacedChain>,
     /// A continuous law: (t, z, y, u, parameters) → ż, and z → z within the set that it lives in.
     pub(crate) law: Option<(Table, Table)>,
+    /// A law whose model moves between placed corrections, in parts, and how.
+    pub(crate) moving: Option<(Box<LawTables>, AnyMotion)>,
     pub(crate) parameters: Vec<f64>,
     /// The start from first samples, if the law has one: (z, y) → z.
     pub(crate) start: Option<Table>,

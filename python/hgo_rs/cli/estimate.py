@@ -94,6 +94,12 @@ class _Named(click.ParamType):
     help=f"Discretisation; by default the class's own: {DEFAULT_METHOD}, where the law takes it.",
 )
 @click.option(
+    "--motion",
+    help="How the model moves over a period under zoh and bilinear: held, rk4 or implicit; by "
+    "default as the model needs it.",
+)
+@click.option("--substeps", type=int, help="Steps a period of motion rk4 and implicit; default 2.")
+@click.option(
     "--timing",
     help="current (the estimate at a sample uses it) or predictor; by default "
     f"{DEFAULT_TIMING}, where the law takes it.",
@@ -243,7 +249,7 @@ def _estimate(
 
 
 def _law(law: Observer) -> str:
-    """What ran: kind and order, gain, method and timing, as it was chosen."""
+    """What ran: kind and order, gain, method, motion and timing, as it was chosen."""
     parts = law.spec.get("observers", [law.spec])
     told = []
     for part in parts:
@@ -253,6 +259,7 @@ def _law(law: Observer) -> str:
         words += [f"order {part['n']}"] if "n" in part else []
         words += [f"gain {ell:g} 1/s"] if ell is not None else []
         words += [f"method {part['method']}"] if "method" in part else []
+        words += [f"motion {part['motion']}"] if "motion" in part else []
         words += [f"wrap {part['wrap']}"] if "wrap" in part else []
         told.append(", ".join(words))
     return f"{'; '.join(told)}; timing {law.timing}"

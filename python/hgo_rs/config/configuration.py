@@ -22,6 +22,7 @@ from hgo_rs.config import keys
 from hgo_rs.config.keys import FORMAT, MODELS, OBSERVERS, TEXT, TOP, ConfigError, Kind
 from hgo_rs.config.tables import model_table, observer_table, plain
 from hgo_rs.config.text import parsed, read
+from hgo_rs.design.discrete import CORRECTING
 from hgo_rs.errors import HgoError, nearest
 from hgo_rs.files import write_text
 from hgo_rs.laws import LAWS
@@ -194,8 +195,16 @@ class Config:
         return log
 
     def replace(self, log: Mapping[str, Any] | None = None, **changes: Any) -> Config:
-        """This configuration with other values; `log` changes keys of the table `[log]`."""
+        """This configuration with other values; `log` changes keys of the table `[log]`.
+
+        What another value leaves without a meaning goes: `epsilon` beside a new `gain`, `motion`
+        under a method that moves the model itself.
+        """
         data = dict(self.data)
+        if changes.get("method", CORRECTING[0]) not in CORRECTING:
+            data = {key: value for key, value in data.items() if key not in ("motion", "substeps")}
+        if changes.get("motion") == "held":
+            data.pop("substeps", None)
         for rivals in _RIVALS:
             if any(key in changes for key in rivals):
                 data = {key: value for key, value in data.items() if key not in rivals}

@@ -102,6 +102,8 @@ TOP: dict[str, Kind] = {
     "saturation": NUMBER_OR_NUMBERS,
     "clip": TEXT,
     "method": TEXT,
+    "motion": TEXT,
+    "substeps": INTEGER,
     "timing": TEXT,
     "wrap": NUMBER_OR_NUMBERS,
     "allow_unstable": FLAG,

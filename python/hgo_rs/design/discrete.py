@@ -58,6 +58,14 @@ DEFAULT_TIMING = "current"
 CORRECTING = ("zoh", "bilinear")
 """Methods that correct by the sample, then move: stable for any step."""
 
+MOTIONS = ("held", "rk4", "implicit")
+"""How the model moves over a period under such a method: held at its beginning; by RK4; implicit
+(backward Euler) where it is stiff, else by RK4."""
+
+SUBSTEPS = 2
+"""Steps that a period is cut into for "rk4" and "implicit" where it is left open."""
+MAX_SUBSTEPS = 16
+
 
 @dataclass(frozen=True, eq=False)
 class Continuous:

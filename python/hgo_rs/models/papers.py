@@ -36,12 +36,28 @@ class System(Described):
         """Number of known inputs u."""
         return 0
 
+    @property
+    def moves(self) -> bool:
+        """Whether the known terms depend on the state or the time, and so move over a period."""
+        return True
+
+    @property
+    def own_slope(self) -> float | None:
+        """Bound of |df_i/dx_i| [1/s], of known terms in the state that they move; inf where one may
+        jump there. None where it is not known.
+        """
+        return None
+
 
 @dataclass(frozen=True)
 class Unknown(System):
     """Nothing is known: phi = 0. The observer is then a differentiator. Any order."""
 
     _kind = ("kind", "none")
+
+    @property
+    def moves(self) -> bool:
+        return False
 
 
 @dataclass(frozen=True)
@@ -64,6 +80,10 @@ class InputGain(System):
     @property
     def n_u(self) -> int:
         return 1
+
+    @property
+    def moves(self) -> bool:
+        return False
 
 
 @dataclass(frozen=True)

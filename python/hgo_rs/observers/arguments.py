@@ -9,7 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs import _core
-from hgo_rs.design.discrete import DEFAULT_METHOD, METHODS, TIMINGS
+from hgo_rs.design.discrete import (
+    CORRECTING,
+    DEFAULT_METHOD,
+    MAX_SUBSTEPS,
+    METHODS,
+    MOTIONS,
+    SUBSTEPS,
+    TIMINGS,
+)
 from hgo_rs.errors import HgoError, check, check_choice, check_integer, check_number, explain
 from hgo_rs.laws import Law
 from hgo_rs.models import Ship, System, Unknown
@@ -34,6 +42,45 @@ def manner(method: str, timing: str) -> dict[str, str]:
         "method": check_choice("method", method, METHODS),
         "timing": check_choice("timing", timing, TIMINGS),
     }
+
+
+def motion(
+    method: str,
+    motion: str | None,
+    substeps: int | None,
+    model: System | None,
+    gain: Mapping[str, Any],
+) -> dict[str, Any]:
+    """How the model moves between corrections, by itself where it is left open; of a method that
+    does not place them nothing.
+    """
+    if method not in CORRECTING:
+        for name, value in (("motion", motion), ("substeps", substeps)):
+            remedy = f"method {method!r} moves the model itself; or choose method 'zoh'"
+            check(value is None, name, value, "left out", remedy)
+        return {}
+    chosen = usual_motion(model, gain) if motion is None else motion
+    check_choice("motion", chosen, MOTIONS)
+    if chosen == "held":
+        remedy = "the model is held over the period; or choose motion='rk4'"
+        open_ = substeps is None or motion is None
+        check(open_, "substeps", substeps, "left out", remedy)
+        return {"motion": chosen}
+    count = SUBSTEPS if substeps is None else substeps
+    remedy = "choose an integer in this range, or a smaller dt"
+    count = check_integer(count, "substeps", least=1, most=MAX_SUBSTEPS, remedy=remedy)
+    return {"motion": chosen, "substeps": count}
+
+
+def usual_motion(model: System | None, gain: Mapping[str, Any]) -> str:
+    """The motion where it is left open: held where nothing moves, implicit where a known term may
+    jump, or is steeper than the gain, in the state that it moves.
+    """
+    if model is None or not model.moves:
+        return "held"
+    slope = model.own_slope
+    least = gain["ell"] if gain["law"] == "constant" else 1.0
+    return "rk4" if slope is None or slope <= least else "implicit"
 
 
 def pairs(poles: Poles, count: int, law: str) -> list[tuple[float, float]]:

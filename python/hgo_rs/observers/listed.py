@@ -30,7 +30,7 @@ class HighGainObserver(Observer):
         A law by its word in `hgo_rs.laws.LAWS`, such as "standard".
     n : int
         Order, one of the law's.
-    gain, epsilon, model, method, timing, wrap, allow_unstable
+    gain, epsilon, model, method, motion, substeps, timing, wrap, allow_unstable
         As in `StandardObserver`. Default of `method`: "zoh" where the law can be placed.
     poles : numbers, optional
         As many as make the law's coefficients, before scaling by ell. Default: the usual ones.
@@ -57,6 +57,8 @@ class HighGainObserver(Observer):
         poles: Poles | None = None,
         model: System | None = None,
         method: str | None = None,
+        motion: str | None = None,
+        substeps: int | None = None,
         timing: str = DEFAULT_TIMING,
         saturation: npt.ArrayLike | None = None,
         clip: str | None = None,
@@ -71,14 +73,17 @@ class HighGainObserver(Observer):
         )
         gain_law = arguments.gain(gain, epsilon)
         coefficients = arguments.of_law(law, n, poles, entries)
-        usual = arguments.usual_method(law, gain_law)
+        if method is None:
+            method = arguments.usual_method(law, gain_law)
+        manner = arguments.manner(method, timing)
         spec = {
             "kind": kind,
             "n": n,
             **coefficients,
             "gain": gain_law,
             "model": arguments.model(model, n),
-            **arguments.manner(usual if method is None else method, timing),
+            **manner,
+            **arguments.motion(method, motion, substeps, model, gain_law),
             **turn(wrap),
         }
         for name, value in (("saturation", saturation), ("clip", clip)):
@@ -91,6 +96,7 @@ class HighGainObserver(Observer):
                 "saturation": _saturation(saturation, n, model),
                 "clip": check_choice("clip", "hard" if clip is None else clip, ("hard", "smooth")),
             }
+        self._motion_open = motion is None
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
 

@@ -17,7 +17,7 @@ class LowPowerObserver(HighGainObserver):
     ----------
     n : int
         Order, 2 to 12.
-    gain, epsilon, model, method, timing, wrap, allow_unstable
+    gain, epsilon, model, method, motion, substeps, timing, wrap, allow_unstable
         As in `StandardObserver`. The model must be of phase-variable form.
     poles : 2 n - 1 numbers, optional
         Eigenvalues of M_n. Default: 2 n - 2 equidistant ones in [-2, -1], and -2; for n = 5 the
@@ -37,6 +37,8 @@ class LowPowerObserver(HighGainObserver):
         beta: npt.ArrayLike | None = None,
         model: System | None = None,
         method: str | None = None,
+        motion: str | None = None,
+        substeps: int | None = None,
         timing: str = DEFAULT_TIMING,
         wrap: float | None = None,
         allow_unstable: bool = False,
@@ -49,6 +51,8 @@ class LowPowerObserver(HighGainObserver):
             poles=poles,
             model=model,
             method=method,
+            motion=motion,
+            substeps=substeps,
             timing=timing,
             wrap=wrap,
             allow_unstable=allow_unstable,
@@ -62,7 +66,8 @@ class PeakingFreeObserver(HighGainObserver):
 
     Parameters
     ----------
-    n, gain, epsilon, poles, alpha, beta, model, method, timing, wrap, allow_unstable
+    n, gain, epsilon, poles, alpha, beta, model, method, motion, substeps, timing, wrap,
+    allow_unstable
         As in `LowPowerObserver`.
     saturation : float or n - 1 numbers
         Levels r_2 ... r_n >= max |x_i| (10).
@@ -89,6 +94,8 @@ class PeakingFreeObserver(HighGainObserver):
         beta: npt.ArrayLike | None = None,
         model: System | None = None,
         method: str | None = None,
+        motion: str | None = None,
+        substeps: int | None = None,
         timing: str = DEFAULT_TIMING,
         wrap: float | None = None,
         allow_unstable: bool = False,
@@ -101,6 +108,8 @@ class PeakingFreeObserver(HighGainObserver):
             poles=poles,
             model=model,
             method=method,
+            motion=motion,
+            substeps=substeps,
             timing=timing,
             saturation=saturation,
             clip=clip,

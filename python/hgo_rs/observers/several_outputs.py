@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from hgo_rs.errors import check
 from hgo_rs.models import Model
+from hgo_rs.observers import arguments
 from hgo_rs.observers.base import Observer
 from hgo_rs.observers.listed import HighGainObserver
 
@@ -14,14 +16,15 @@ class MultiOutputObserver(Observer):
     """An observer for each output of a model of several chains, which share their states.
 
     Each observer estimates the chain of its output, x_c1' = x_c2, ..., x_cn' = phi_c(t, x, u), with
-    phi_c over the states of all chains; those of the other chains stand at their estimates at the
-    beginning of the step. A sample that is missing in one output is predicted over in that output.
+    phi_c over the states of all chains. All chains move together over a period; under a method or a
+    motion that holds the model the other chains stand at their estimates at its beginning. A sample
+    that is missing in one output is predicted over in that output.
 
     Parameters
     ----------
     observers : sequence of StandardObserver, LowPowerObserver or PeakingFreeObserver
         One for each output, made without a model: structure, gain, discretisation, timing. All of
-        the same timing.
+        the same timing and motion; a motion that is left open is chosen by the model.
     model : Model
         Of the form of chains: `Model(states=..., orders=[n_1, n_2, ...], phi=[phi_1, phi_2, ...])`.
     allow_unstable : bool
@@ -53,8 +56,27 @@ class MultiOutputObserver(Observer):
             remedy = "a StandardObserver, LowPowerObserver or PeakingFreeObserver without a model"
             check(free, "observers", observer, remedy, "the model of all chains is given once")
             specs.append({k: v for k, v in observer.spec.items() if k != "model"})
+        specs = _moving(observers, specs, model)
         same = len({observer.timing for observer in observers}) == 1
         timings = [observer.timing for observer in observers]
         check(same, "timing of the observers", timings, "the same", "give all the same timing=")
         spec = {"kind": "chains", "observers": specs, "model": model.spec}
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
+
+
+def _moving(
+    observers: Sequence[Observer], specs: list[dict[str, Any]], model: Model
+) -> list[dict[str, Any]]:
+    """The specs; where the motion is left open, with that of another chain, or the model's own."""
+    open_ = [getattr(observer, "_motion_open", False) for observer in observers]
+    placed = all("motion" in spec for spec in specs)
+    if not any(open_) or not placed:
+        return specs
+    told = [spec for spec, left in zip(specs, open_, strict=True) if not left]
+    if told:
+        chosen: dict[str, Any] = {k: v for k, v in told[0].items() if k in ("motion", "substeps")}
+    else:
+        gains = [spec["gain"] for spec in specs]
+        least = min(gains, key=lambda gain: gain.get("ell", 1.0))
+        chosen = arguments.motion(specs[0]["method"], None, None, model, least)
+    return [spec | chosen if left else spec for spec, left in zip(specs, open_, strict=True)]

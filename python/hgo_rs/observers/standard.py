@@ -36,6 +36,14 @@ class StandardObserver(HighGainObserver):
     method : str, optional
         Discretisation, one of `METHODS`; the papers' recursions are "euler". Default: "zoh", or
         "rk4" for a low-power or peaking-free law with a gain that moves.
+    motion : "held", "rk4" or "implicit", optional
+        How the model moves over a period under "zoh" and "bilinear": held at the period's
+        beginning; by RK4; implicit (backward Euler) where a known term is stiff in the state that
+        it moves, else by RK4. Default: "held" where the model depends on inputs alone or nothing
+        is known, "implicit" where a known term may jump or has a slope above the gain in the state
+        that it moves, such as dry friction (`model.own_slope`), else "rk4".
+    substeps : int, optional
+        Steps that a period is cut into by the last two, 1 to 16. Default: 2.
     timing : "predictor" or "current"
         Whether the estimate at sample k uses samples up to k - 1, as the papers' recursions do, or
         up to k.
@@ -62,6 +70,8 @@ class StandardObserver(HighGainObserver):
         k: npt.ArrayLike | None = None,
         model: System | None = None,
         method: str | None = None,
+        motion: str | None = None,
+        substeps: int | None = None,
         timing: str = DEFAULT_TIMING,
         wrap: float | None = None,
         allow_unstable: bool = False,
@@ -74,6 +84,8 @@ class StandardObserver(HighGainObserver):
             poles=poles,
             model=model,
             method=method,
+            motion=motion,
+            substeps=substeps,
             timing=timing,
             wrap=wrap,
             allow_unstable=allow_unstable,

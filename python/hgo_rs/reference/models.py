@@ -57,6 +57,11 @@ class Plant:
         """f_hat(x_hat, u), shape of ``x_hat``; None where it vanishes."""
         return None
 
+    @property
+    def carries(self) -> bool:
+        """Whether the last state is an unknown, which ``enters``."""
+        return False
+
     def enters(self, x_hat: Array, last: Array, u: Array | None, t: float) -> Array:
         """What ``last``, a value of the last state, does to the rate of the one before: itself."""
         return last
@@ -411,6 +416,11 @@ class Own(Plant):
             f[:-2] = values[:-2]
         return f
 
+    @property
+    def carries(self) -> bool:
+        """Of a model of one chain."""
+        return bool(self.unknown)
+
     def enters(self, x_hat: Array, last: Array, u: Array | None, t: float) -> Array:
         """phi(t, x, u, d) for ``last`` = d, where the last state is an unknown."""
         if not self.unknown:
@@ -471,6 +481,11 @@ class Chain(Plant):
         if not self.unknown:
             f[-1] = self._values(x_hat, u, t)[self.number]
         return f
+
+    @property
+    def carries(self) -> bool:
+        """Of this chain."""
+        return bool(self.unknown)
 
     def enters(self, x_hat: Array, last: Array, u: Array | None, t: float) -> Array:
         """phi_i, where the last state of the chain is an unknown."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import integrate
+from . import motion as moving
 from .error import Array, Spec, choice, fail, integer, known, member, number, vector
 from .gain import AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw, gain_from
 from .models import Chain, Own, Plant, Ship, VanDerPol, plant_from
@@ -100,6 +101,8 @@ class ContinuousLaw(Law):
     """A law given by a rate d(memory)/dt, discretised by a scheme: with predictor timing."""
 
     method: str
+    model: Plant
+    motion = ("held", 1)  # how the model moves between placed corrections, steps a period
     gain_rows: tuple[int, ...] = ()  # where in the memory gains r >= 1 stand
 
     def innovation(self, memory: Array, y: Array) -> Array:
@@ -152,7 +155,7 @@ class ContinuousLaw(Law):
         """A step without a sample."""
         if self.method not in PLACED:
             return self.step(memory, np.full(memory.shape[1], np.nan), u, t, dt)
-        new = self.flow(memory, u, t, dt)
+        new = moving.moved(self, self.motion, memory, u, t, dt)
         self.clamp(new)
         return new
 
@@ -166,8 +169,28 @@ class ContinuousLaw(Law):
         self.clamp(new)
         return new
 
-    def flow(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
-        """A step along the chain, exact, what is known held."""
+    @property
+    def n_terms(self) -> int:
+        """Rows of ``terms``."""
+        return self.n
+
+    def terms(self, memory: Array, u: Array | None, t: float) -> Array:
+        """What is known of the system, (n_terms, runs)."""
+        raise NotImplementedError
+
+    def flow(self, memory: Array, f: Array, dt: float) -> Array:
+        """A step along the chain, exact, under the terms ``f``."""
+        raise NotImplementedError
+
+    def chain(self, delta: Array) -> Array:
+        """A delta: each entry's rate is the next entry, but for an unknown."""
+        rate = np.vstack([delta[1:], np.zeros_like(delta[:1])])
+        if self.model.carries:
+            rate[-2] = 0.0
+        return rate
+
+    def shifted(self, memory: Array, delta: Array) -> Array:
+        """The memory, its estimate moved by ``delta``."""
         raise NotImplementedError
 
     def place(self, memory: Array, e: Array, dt: float) -> Array:
@@ -229,6 +252,12 @@ def in_unit(model: Plant, x: Array, correction: Array) -> Array:
     return np.concatenate((correction[:-1], correction[-1:] / model.slope(x)))
 
 
+def known_terms(model: Plant, x: Array, u: Array | None, t: float) -> Array:
+    """f_hat, (n, runs)."""
+    f = model.known(x, u, t)
+    return np.zeros_like(x) if f is None else f.copy()
+
+
 class StandardObserver(ContinuousLaw):
     """The standard high-gain observer with any gain law.
 
@@ -244,7 +273,7 @@ class StandardObserver(ContinuousLaw):
         self.model = _model(spec, self.n, chain)
         self.may_be_undefined = self.model.kind == "own"
         self.n_u = self.model.n_u
-        self.method = _method(spec)
+        self.method, self.motion = _method(spec), moving.motion_from(spec, "observer")
         self.memory_len = self.n + self.gain.moves
         self.gain_rows = (self.n,) if self.gain.moves else ()
         if isinstance(self.gain, ConstantGain):
@@ -262,7 +291,7 @@ class StandardObserver(ContinuousLaw):
             power = power * g
         return rate
 
-    def chain(self, x_hat: Array, e: Array, g: Array | None, u: Array | None, t: float) -> Array:
+    def driven(self, x_hat: Array, e: Array, g: Array | None, u: Array | None, t: float) -> Array:
         """x_hat_i' = x_hat_{i+1} + f_i(x_hat) + k_i g^i e."""
         rate = in_unit(self.model, x_hat, self.injected(e, g))
         rate[:-1] += above(self.model, x_hat, u, t)
@@ -274,11 +303,11 @@ class StandardObserver(ContinuousLaw):
     def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
         """Astolfi (2); Sanfelice, Praly (5), (6)."""
         if not self.gain.moves:
-            return self.chain(memory, e, None, u, t)
+            return self.driven(memory, e, None, u, t)
         n = self.n
         r = memory[n]
         rate = np.empty_like(memory)
-        rate[:n] = self.chain(memory[:n], e, r, u, t)
+        rate[:n] = self.driven(memory[:n], e, r, u, t)
         rate[n] = self.gain.rate(r, e, n)
         return rate
 
@@ -291,18 +320,25 @@ class StandardObserver(ContinuousLaw):
         injected = in_unit(self.model, x_hat, self.injected(e, r))
         return np.vstack([injected, driven(self.gain, r, e, self.n)])
 
-    def flow(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
+    def terms(self, memory: Array, u: Array | None, t: float) -> Array:
+        """f_hat of the estimate, with what an unknown enters."""
+        x_hat = memory[: self.n]
+        f = known_terms(self.model, x_hat, u, t)
+        if self.model.carries:
+            f[-2] += self.model.enters(x_hat, x_hat[-1], u, t)
+        return f
+
+    def flow(self, memory: Array, f: Array, dt: float) -> Array:
         """x_hat along the chain; r without a sample."""
         n, new = self.n, memory.copy()
-        x_hat = memory[:n]
-        rates = np.vstack([above(self.model, x_hat, u, t), np.zeros_like(x_hat[:1])])
-        f = self.model.known(x_hat, u, t)
-        if f is not None:
-            rates = rates + f
-        new[:n] += ahead(rates, dt)
+        new[:n] += ahead(self.chain(memory[:n]) + f, dt)
         if self.gain.moves:
             new[n] += dt * self.gain.rate(memory[n], np.zeros_like(memory[n]), n)
         return new
+
+    def shifted(self, memory: Array, delta: Array) -> Array:
+        """x_hat alone."""
+        return np.vstack([memory[: self.n] + delta, memory[self.n :]])
 
     def place(self, memory: Array, e: Array, dt: float) -> Array:
         """x_hat + K e."""
@@ -361,7 +397,7 @@ class LowPowerObserver(ContinuousLaw):
         self.model = _model(spec, n, chain)
         self.may_be_undefined = self.model.kind == "own"
         self.n_u = self.model.n_u
-        self.method = _method(spec)
+        self.method, self.motion = _method(spec), moving.motion_from(spec, "observer")
         self.memory_len = 2 * n - 1 + self.gain.moves
         self.gain_rows = (2 * n - 1,) if self.gain.moves else ()
         self._injections: tuple[Array, Array] | None = None
@@ -418,14 +454,42 @@ class LowPowerObserver(ContinuousLaw):
             rate[2 * n - 1] = driven(self.gain, memory[2 * n - 1], e, n)
         return rate
 
-    def flow(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
+    @property
+    def n_terms(self) -> int:
+        """Those of the estimate, and one for the unknown."""
+        return self.n + self.model.carries
+
+    def terms(self, memory: Array, u: Array | None, t: float) -> Array:
+        """(0, ..., 0, phi) of the estimate; with an unknown, what the limited eta of it enters, and
+        below all what eta itself does.
+        """
+        n, x_hat, eta = self.n, memory[: self.n], memory[self.n : 2 * self.n - 1]
+        f = known_terms(self.model, x_hat, u, t)
+        if not self.model.carries:
+            return f
+        limited, own = (self.model.enters(x_hat, of[-1], u, t) for of in (self.limit(eta), eta))
+        f[n - 2] += limited
+        return np.vstack([f, own[None]])
+
+    def chain(self, delta: Array) -> Array:
+        """Of the estimate; nothing below it."""
+        rate = super().chain(delta[: self.n])
+        return np.vstack([rate, np.zeros_like(delta[self.n :])])
+
+    def shifted(self, memory: Array, delta: Array) -> Array:
+        """x_hat, and eta, which estimates x_2 ... x_n."""
+        n = self.n
+        x_hat, eta = memory[:n] + delta[:n], memory[n : 2 * n - 1] + delta[1:n]
+        return np.vstack([x_hat, eta, memory[2 * n - 1 :]])
+
+    def flow(self, memory: Array, f: Array, dt: float) -> Array:
         """Every block along the chain, by its own eta and by what those above pass on."""
         n, new = self.n, memory.copy()
-        x_hat, eta = memory[:n], memory[n : 2 * n - 1]
-        own, passed = (self._above(x_hat, of, u, t) for of in (eta, self.limit(eta)))
-        phi = self.model.known(x_hat, u, t)
-        last = np.zeros_like(x_hat[:1]) if phi is None else phi[-1:]
-        moved = ahead(np.vstack([passed, last]), dt)
+        eta = memory[n : 2 * n - 1]
+        own, passed = eta.copy(), self.limit(eta).copy()
+        if self.model.carries:
+            own[-1], passed[-1] = f[-1], f[n - 2]
+        moved = ahead(np.vstack([passed, f[n - 1 : n]]), dt)
         new[:n] += moved
         new[: n - 1] += dt * (own - passed)
         new[n : 2 * n - 1] += moved[1:]
@@ -494,7 +558,7 @@ class FilteredObserver(StandardObserver):
         self.gain = gain_from(member(spec, "gain", "observer"))
         self.model = _model(spec, n, chain)
         self.may_be_undefined, self.n_u = self.model.kind == "own", self.model.n_u
-        self.method = _method(spec)
+        self.method, self.motion = _method(spec), moving.motion_from(spec, "observer")
         self.memory_len = n + m + self.gain.moves
         self.gain_rows = (n + m,) if self.gain.moves else ()
         if isinstance(self.gain, ConstantGain):
@@ -509,7 +573,7 @@ class FilteredObserver(StandardObserver):
         n, m, g = self.n, len(self.c), self._gain(memory)
         eta, rate = memory[n : n + m], np.empty_like(memory)
         moved = g if self.gain.moves else None
-        rate[:n] = self.chain(memory[:n], eta[0], moved, u, t)
+        rate[:n] = self.driven(memory[:n], eta[0], moved, u, t)
         rate[n : n + m] = -self.c[:, None] * g * eta[0]
         rate[n : n + m - 1] += g * eta[1:]
         rate[n + m - 1] += self.c[-1] * g * e
@@ -583,7 +647,7 @@ class CollectionObserver(ContinuousLaw):
         self.model = _model(spec, self.n, None)
         self.may_be_undefined = self.model.kind == "own"
         self.n_u = self.model.n_u
-        self.method = _method(spec)
+        self.method, self.motion = _method(spec), moving.motion_from(spec, "observer")
         self.memory_len = self.copies * (self.n + 1)
         self.gain_rows = tuple(range(self.n, self.memory_len, self.n + 1))
 
@@ -946,6 +1010,14 @@ class ChainsObserver(Law):
         if any(law.is_current != self.is_current for law in self.laws):
             timings = [one.get("timing", "predictor") for one in specs]
             raise fail("observer.observers timing", timings, "the same", "choose one for all")
+        inner: list[Law] = self.laws
+        for outer in (WrappedLaw, CurrentLaw):
+            inner = [law.law if isinstance(law, outer) else law for law in inner]
+        self.inner = [law for law in inner if isinstance(law, ContinuousLaw)]
+        self.motion = self.inner[0].motion
+        if any(law.motion != self.motion for law in self.inner):
+            motions = [law.motion for law in self.inner]
+            raise fail("observer.observers motion", motions, "the same", "choose one for all")
         self.n, self.n_y, self.n_u = model.n, len(self.laws), model.n_u
         self.places, rest = [], self.n
         for law, chain in zip(self.laws, self.chains, strict=True):
@@ -986,6 +1058,16 @@ class ChainsObserver(Law):
     def step(self, memory: Array, y: Array, u: Array | None, t: float, dt: float) -> Array:
         """A step of every observer."""
         y = np.reshape(y, (self.n_y, -1))
+        if self.motion[0] != "held":
+            turned = zip(self.laws, self.places, y, strict=True)
+            y = np.stack(
+                [
+                    law.near(memory[place], one, u, t) if isinstance(law, WrappedLaw) else one
+                    for law, place, one in turned
+                ]
+            )
+            corrected = self.own(memory, lambda i, law, own: law.corrected(own, y[i], dt))
+            return self.together(corrected, u, t, dt)
         return self.each(memory, lambda i, law, own: law.step(own, y[i], u, t, dt))
 
     def correct(self, memory: Array, y: Array, t: float) -> Array:
@@ -995,7 +1077,63 @@ class ChainsObserver(Law):
 
     def predict(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
         """Every observer over the period."""
+        if self.motion[0] != "held":
+            new = self.together(memory, u, t, dt)
+            for law, place in zip(self.inner, self.places, strict=True):
+                new[place[law.memory_len :]] += dt  # the time of the next correction
+            return new
         return self.each(memory, lambda i, law, own: law.predict(own, u, t, dt))
+
+    # --- where the model moves: all chains at once, each stage with all states as they are -------
+
+    def own(self, memory: Array, act: Callable[[int, ContinuousLaw, Array], Array]) -> Array:
+        """As ``each``, of the laws' own memories, without the time of a next correction."""
+        new = memory.copy()
+        for i, (law, place) in enumerate(zip(self.inner, self.places, strict=True)):
+            self.chains[i].stands = memory[: self.n]
+            new[place[: law.memory_len]] = act(i, law, memory[place[: law.memory_len]])
+        return new
+
+    def together(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
+        """The memory after a period without a sample."""
+        new = moving.moved(self, self.motion, memory, u, t, dt)
+
+        def clamped(i: int, law: ContinuousLaw, own: Array) -> Array:
+            law.clamp(own)
+            return own
+
+        new = self.own(new, clamped)
+        for outer, place in zip(self.laws, self.places, strict=True):
+            if isinstance(outer, WrappedLaw):
+                new[place] = outer.back(new[place])
+        return new
+
+    def terms(self, memory: Array, u: Array | None, t: float) -> Array:
+        """Of all chains, one after the other."""
+        f = []
+        for chain, law, place in zip(self.chains, self.inner, self.places, strict=True):
+            chain.stands = memory[: self.n]
+            f.append(law.terms(memory[place[: law.memory_len]], u, t))
+        return np.vstack(f)
+
+    def _split(self, f: Array) -> list[Array]:
+        """Terms, or a deviation, by chains."""
+        return np.split(f, np.cumsum([law.n_terms for law in self.inner])[:-1])
+
+    def flow(self, memory: Array, f: Array, dt: float) -> Array:
+        """Of all chains."""
+        parts = self._split(f)
+        return self.own(memory, lambda i, law, own: law.flow(own, parts[i], dt))
+
+    def chain(self, delta: Array) -> Array:
+        """Of all chains."""
+        parts = zip(self.inner, self._split(delta), strict=True)
+        return np.vstack([law.chain(part) for law, part in parts])
+
+    def shifted(self, memory: Array, delta: Array) -> Array:
+        """Of all chains."""
+        parts = self._split(delta)
+        return self.own(memory, lambda i, law, own: law.shifted(own, parts[i]))
 
 
 class WrappedLaw(Law):
@@ -1075,7 +1213,7 @@ LAWS: dict[str, type[Law]] = {
 SINGLE = ("standard", "low-power", "peaking-free", "filtered")
 
 
-_CHAIN = ("n", "gain", "model", "method", "timing", "wrap")
+_CHAIN = ("n", "gain", "model", "method", "motion", "substeps", "timing", "wrap")
 KEYS: dict[str, tuple[str, ...]] = {
     "standard": ("k", *_CHAIN),
     "low-power": ("alpha", "beta", *_CHAIN),

@@ -1,4 +1,4 @@
-//! Floor 7. The laws as tables: the core's law over traced numbers, by its spec. Those of the list that are
+//! Floor 8. The laws as tables: the core's law over traced numbers, by its spec. Those of the list that are
 //! given by a rate have one builder; a recursion has its own.
 
 mod chains;

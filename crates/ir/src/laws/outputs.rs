@@ -1,4 +1,4 @@
-//! What is known of a law's outputs: the start from their first samples, and the turns of those that wrap.
+//! Floor 7. What is known of a law's outputs: the start from their first samples, and the turns of those that wrap.
 //! A table of one that wraps stands between a sample that is moved by whole turns to the nearest to its
 //! prediction and an estimate that is brought back into one turn.
 
@@ -10,6 +10,7 @@ use crate::tables::{MEMORY, Shape, Tables};
 use crate::trace::{self, Setting, Traced, input, inputs, named, trace};
 use hgo_rs::Scalar;
 use hgo_rs::laws::{Form, Law, Sizes};
+use hgo_rs::observers::LAWS;
 use hgo_rs::turn::Turn;
 
 /// Whether an output of an observer wraps.
@@ -69,6 +70,26 @@ pub(super) fn finished(
     };
     // a rate has no step after which the estimate could be brought back
     Ok(Tables { correct, advance, missing, unstarted, start, law: None, ..tables })
+}
+
+/// A step of chains that move together, with the reductions of those whose output wraps. `chains`: the spec of
+/// each, its shape, and where its memory stands in that of all.
+pub(super) fn together<'a>(
+    table: Table,
+    shape: &Shape,
+    chains: impl Iterator<Item = (&'a Spec<'a>, &'a Shape, &'a Vec<usize>)>,
+    setting: Setting,
+) -> Result<Table> {
+    let mut all = Vec::new();
+    for (spec, own, place) in chains {
+        let Some(law) = Law::find(LAWS, &spec.text("kind")?) else { continue };
+        all.extend(outputs(law, spec, own)?.into_iter().map(|output| {
+            let entries = output.entries.iter().map(|entry| place[*entry]).collect();
+            Output { entries, ..output }
+        }));
+    }
+    let plain = all.iter().all(|output| output.turn.is_none());
+    if plain { Ok(table) } else { wrapped(&table, shape, &all, setting) }
 }
 
 /// The outputs; of those that wrap one turn for a law of one output, or one or none (NaN) for each.

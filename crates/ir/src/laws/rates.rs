@@ -2,7 +2,7 @@
 //! choices are the row's.
 #![allow(clippy::extra_unused_type_parameters)] // every row of the list has the same ones
 
-use crate::choices::{AnyGain, AnyMethod, AnySaturation, Manner, MovingGain};
+use crate::choices::{AnyGain, AnyMethod, AnyMotion, AnySaturation, Manner, MovingGain};
 use crate::error::{Result, refused};
 use crate::model::{Given, Known};
 use crate::order::MAX_INPUTS;
@@ -54,7 +54,7 @@ impl<'a> Described<'a> {
         let mut known = vec!["kind", "n"];
         known.extend(law.coefficients.iter().map(|list| list.name));
         known.extend(law.size.map(|(name, _)| name));
-        known.extend(["gain", "model", "method", "timing", "wrap"]);
+        known.extend(["gain", "model", "method", "motion", "substeps", "timing", "wrap"]);
         if law.saturated {
             known.extend(["saturation", "clip"]);
         }
@@ -278,6 +278,7 @@ pub(super) fn tables(
             vec![PlacedChain { channel: 0, elapsed, gains: gains.clone() }]
         }),
         law: if together { Some(law.together(setting)?) } else { None },
+        moving: (manner.motion != AnyMotion::Held).then(|| (Box::new(law), manner.motion)),
         parameters: given.parameters().to_vec(),
         start: None,
     })

@@ -85,6 +85,7 @@ where
         unstarted: Some((elapsed, [correct(false, true)?, correct(false, false)?])),
         placed: Vec::new(),
         law: None,
+        moving: None,
         parameters: given.parameters().to_vec(),
         start: None,
     })

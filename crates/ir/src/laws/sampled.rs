@@ -51,6 +51,7 @@ where
         unstarted: None,
         placed: Vec::new(),
         law: None,
+        moving: None,
         parameters: given.parameters().to_vec(),
         start: None,
     })

@@ -92,6 +92,30 @@ def lipschitz(
     return _branch_and_bound(jacobian, ends, known, rtol)
 
 
+def own_slope(
+    roots: Sequence[Node], own: Sequence[str], names: Sequence[str], parameters: Mapping[str, float]
+) -> float:
+    """A bound of the largest |d root_i / d own_i|, inf where root_i may jump as own_i moves.
+
+    Over all values of ``names`` (states, inputs, t); of a root whose slope has no bound there, over
+    values between -1 and 1.
+    """
+    known: dict[str, Any] = {name: (value, value) for name, value in parameters.items()}
+    found = 0.0
+    for root, state in zip(roots, own, strict=True):
+        slope = derivative(root, state)
+        for most in (np.inf, 1.0):
+            box = {**dict.fromkeys(names, (-most, most)), **known}
+            if jumps([root], box, [state]):
+                return np.inf
+            low, high = bounds([slope], box)[0]
+            size = float(np.maximum(-low, high))
+            if np.isfinite(size):
+                break
+        found = max(found, size)
+    return found
+
+
 def checked_box(box: Box, allowed: set[str]) -> dict[str, tuple[float, float]]:
     ends: dict[str, tuple[float, float]] = {}
     for name, pair in box.items():

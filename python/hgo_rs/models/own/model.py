@@ -12,6 +12,7 @@ from hgo_rs.errors import HgoError, check, explain
 from hgo_rs.expressions import nodes
 from hgo_rs.expressions.grammar import unknown
 from hgo_rs.expressions.nodes import Node
+from hgo_rs.models.own import analysis
 from hgo_rs.models.own import unknowns as unknowns_of
 from hgo_rs.models.own.analysis import Box, checked_box
 from hgo_rs.models.own.base import OwnSystem, written
@@ -268,6 +269,28 @@ class Model(OwnSystem):
     def known_names(self) -> tuple[str, ...]:
         """phi, or f[0] ..."""
         return self._groups[self._form.known].labels(self._form.known)
+
+    @property
+    def moves(self) -> bool:
+        if not self.compiled:
+            return True
+        moving = {"t", *self.states} - set(self.unknown)
+        return not moving.isdisjoint(nodes.symbols(self.known))
+
+    def _chains(self) -> list[tuple[int, str]]:
+        """Order of each chain, and the name of its unknown, "" where it has none."""
+        orders = self.orders or (self.n,)
+        return list(zip(orders, self._form.unknown or ("",) * len(orders), strict=True))
+
+    @property
+    def own_slope(self) -> float | None:
+        if not self.compiled or self.form not in ("phase", "chains", "triangular"):
+            return None
+        moved = [state for state in self.states if state not in self.unknown]
+        of_chain = [order - bool(name) for order, name in self._chains()]
+        own = moved if self.form == "triangular" else [moved[i - 1] for i in np.cumsum(of_chain)]
+        names = ("t", *self.states, *self.inputs)
+        return analysis.own_slope(self.known, own, names, self.parameters)
 
     @property
     def drift(self) -> tuple[Node, ...]:
