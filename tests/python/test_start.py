@@ -104,6 +104,16 @@ def test_refusals():
         hgo.SampledDataObserver(model).run(T, FAR, start="first-sample")
 
 
+def test_a_log_of_another_output_begins_where_the_observer_stands(tmp_path):
+    log = read_log(put(tmp_path, 0.5 * np.sin(T)), "t", "easting")
+    model = hgo.Model(states=["q", "v"], f=["v", "-q"], K_T=["y - 2*q", "0"], h="2*q")
+    observer = hgo.SampledDataObserver(model)
+    ((_, result),) = run_chunks(observer, [log])
+    assert np.array_equal(result.memory, observer.run(log.t, log.y).memory)
+    with pytest.raises(HgoError, match="whose output h is not its first state"):
+        list(run_chunks(observer, [log], start="first-sample"))
+
+
 # --- logs and files ---------------------------------------------------------------------------
 
 

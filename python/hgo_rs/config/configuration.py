@@ -170,11 +170,13 @@ class Config:
         return observer
 
     @property
-    def start(self) -> str:
-        """Where a run over a log begins: "first-sample", or "zero" where `observer` stands."""
+    def start(self) -> str | None:
+        """Where a run over a log begins: "first-sample", or "zero" where `observer` stands; None:
+        at the first sample if the observer's output is its first state.
+        """
         start = self.data.get("start", {})
         stands = not {"x_hat", "memory"}.isdisjoint(start)
-        return "zero" if stands else str(start.get("from", "first-sample"))
+        return "zero" if stands else start.get("from")
 
     def _inner(self) -> list[Config]:
         """Each of `[[observers]]`, as a configuration of its own."""

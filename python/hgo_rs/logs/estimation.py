@@ -57,7 +57,7 @@ def estimate(log: str | Path | Log, config: str | Path | Config) -> RunResult:
     check_fit(observer, log.names)
     _warn_of_turns(observer, log)
     memory = observer.memory
-    if config.start == "first-sample":
+    if _begins_at_first(observer, config.start):
         memory = _at_first(observer, memory, log)
     observer._check_start(memory)
     return _run(observer, log, memory)
@@ -83,6 +83,13 @@ def told_turn(source: str, name: str, turn: float) -> str:
     )
 
 
+def _begins_at_first(observer: Observer, start: str | None) -> bool:
+    """Whether to begin at the first sample: as told, else where the output is the first state."""
+    if start is None:
+        return observer._begins
+    return check_choice("start", start, STARTS) == "first-sample"
+
+
 def _at_first(observer: Observer, memory: np.ndarray, *logs: Log) -> np.ndarray:
     """A memory with x_hat_1 at the first sample that is there, of each output."""
     y = np.concatenate([log.y.reshape(len(log.t), -1) for log in logs])
@@ -106,7 +113,7 @@ def check_fit(observer: Observer, names: dict[str, Any], where: str = "") -> Non
 
 
 def run_chunks(
-    observer: Observer, chunks: Iterable[Log], *, start: str = "first-sample"
+    observer: Observer, chunks: Iterable[Log], *, start: str | None = None
 ) -> Iterator[tuple[Log, RunResult]]:
     """Run over a log that comes in chunks, each chunk with its result.
 
@@ -116,9 +123,10 @@ def run_chunks(
 
     Parameters
     ----------
-    start : "first-sample" or "zero"
+    start : "first-sample" or "zero", optional
         Where an observer whose x_hat is 0 begins: with x_hat_1 at the first sample that is there,
-        of each output, or as it stands. One that stands elsewhere begins there.
+        of each output, or as it stands. One that stands elsewhere begins there. Default: at the
+        first sample, but as it stands for a model whose output h is not its first state.
 
     Raises
     ------
@@ -127,7 +135,7 @@ def run_chunks(
     """
     stands = observer.memory
     rests = not np.any(stands[: observer.n]) and not observer._told
-    first = check_choice("start", start, STARTS) == "first-sample" and rests
+    first = _begins_at_first(observer, start) and rests
     observer._check_start(stands)
     memory = stands
     stretches = _Ahead(_stretches(chunks))

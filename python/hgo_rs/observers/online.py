@@ -237,6 +237,13 @@ class OnlineObserver(_core.Online):
             memory = self._begun(memory, sample[0])
         return memory
 
+    @property
+    def _begins(self) -> bool:
+        """Whether its outputs are states of its own, so that it can begin at first samples."""
+        if self.spec["kind"] == "reduced-order":
+            return True
+        return self._core.begin(self._core.initial(), np.zeros(self.n_y)) is not None
+
     def _begun(self, memory: Array, y0: Array) -> Array:
         """A memory with its estimates of the outputs at first samples, NaN where there is none."""
         if self.spec["kind"] == "reduced-order":
