@@ -410,3 +410,41 @@ def test_a_change_of_method_drops_the_motion() -> None:
     assert "motion" not in config.replace(method="euler").observer().spec
     held = config.replace(motion="held").observer().spec
     assert (held["motion"], "substeps" in held) == ("held", False)
+
+
+# --- the input over a period --------------------------------------------------------------------
+
+
+def test_inputs_averaged_over_a_period() -> None:
+    """As the means given by hand, to the bit; a sampled input that moves on is followed better."""
+    dt = 0.02
+    t = np.arange(500) * dt
+    exact = solve_ivp(
+        lambda t, x: [x[1], 5 * np.cos(4 * t) - 3 * np.sin(x[0]) - 0.8 * x[1]],
+        (0.0, t[-1]),
+        [0.4, 0.0],
+        method="DOP853",
+        rtol=1e-12,
+        atol=1e-12,
+        t_eval=t,
+    ).y
+    y, u = exact[0], 5 * np.cos(4 * t)
+    model = hgo.Model(states=["q", "v"], inputs=["u"], phi="u - 3*sin(q) - 0.8*v")
+    observer = hgo.StandardObserver(2, 4.0, model=model)
+    held = observer.run(t, y, u, x_hat0=exact[:, 0])
+    mean = observer.run(t, y, u, x_hat0=exact[:, 0], input_hold="mean", until=t[-1] + dt)
+    by_hand = np.append(0.5 * (u[:-1] + u[1:]), u[-1])
+    told = observer.run(t, y, by_hand, x_hat0=exact[:, 0], until=t[-1] + dt)
+    assert np.array_equal(mean.memory, told.memory)
+    assert np.array_equal(mean.next_memory, told.next_memory)
+    errors = [np.std(run.x_hat[:, 1] - exact[1]) for run in (held, mean)]
+    assert errors[1] < 0.05 * errors[0]
+
+    predictor = observer.with_timing("predictor")
+    with pytest.raises(HgoError, match="input_hold"):
+        predictor.run(t, y, u, input_hold="mean")
+    with pytest.raises(HgoError, match="input_hold"):
+        observer.run(t, y, u, input_hold="next")
+    u[7] = np.nan
+    with pytest.raises(HgoError, match="u at sample 7"):
+        observer.run(t, y, u, input_hold="mean")

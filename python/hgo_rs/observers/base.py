@@ -26,7 +26,7 @@ from hgo_rs.observers.compiled import RecordEngine
 from hgo_rs.observers.gaps import gap_error
 from hgo_rs.observers.labels import Labels
 from hgo_rs.observers.online import TAMER, OnlineObserver
-from hgo_rs.observers.records import STARTS, Array
+from hgo_rs.observers.records import INPUT_HOLDS, STARTS, Array
 from hgo_rs.observers.result import Gap, RunResult
 from hgo_rs.observers.turns import check_motion
 from hgo_rs.read_only import shown as frozen
@@ -70,6 +70,7 @@ class Observer(OnlineObserver):
         until: float | None = None,
         start: str = "zero",
         timing: str | None = None,
+        input_hold: str = "previous",
         allow_unstable: bool | None = None,
         engine: str = "auto",
     ) -> RunResult:
@@ -86,7 +87,7 @@ class Observer(OnlineObserver):
         y : (N,) or (N, n_y)
             Samples; None or NaN is missing: the law predicts over it, `missing` says where.
         u : (N,) or (N, n_u), optional
-            Known inputs, each held until the next sample.
+            Known inputs, each held until the next sample, or as `input_hold` says.
         x_hat0, r0, memory0 : optional
             Where to start, see `initial_memory`; or the whole memory, as the first sample finds
             it.
@@ -99,6 +100,10 @@ class Observer(OnlineObserver):
             has no peak. A reduced-order observer begins at its first sample anyway.
         timing : "predictor" or "current", optional
             Default: the observer's own. The result says which.
+        input_hold : "previous" or "mean"
+            The input over a period: its value at the beginning, as of an actuator that holds it, or
+            the mean of those at both ends, for one that is measured and moves on. With current
+            timing, where both are known.
         allow_unstable : bool, optional
             Run at a step beyond the stability limit. Default: the constructor's choice.
         engine : "auto", "interpreter" or "llvm"
@@ -117,6 +122,7 @@ class Observer(OnlineObserver):
             given |= {
                 "until": until,
                 "start": start,
+                "input_hold": input_hold,
                 "allow_unstable": allow_unstable,
                 "engine": engine,
             }
@@ -126,6 +132,12 @@ class Observer(OnlineObserver):
         samples = records.samples(y, self.n_y)
         clock = records.clock(t_or_dt, len(samples))
         told = records.inputs(u, len(samples), self.n_u)
+        applied = told
+        if check_choice("input_hold", input_hold, INPUT_HOLDS) == "mean":
+            remedy = 'take timing="current", or give the means as u'
+            allowed = "'previous' with predictor timing"
+            check(self._core.is_current, "input_hold", input_hold, allowed, remedy)
+            applied = records.averaged(told)
         if check_choice("start", start, STARTS) == "first-sample":
             given = {"x_hat0": x_hat0, "memory0": memory0}
             for name, value in given.items():
@@ -145,10 +157,10 @@ class Observer(OnlineObserver):
         slowdown = 1.0
         if self._interpreted:
             refused(engine == "llvm", OF_FUNCTIONS)
-            record = (clock, samples, told, begin)
+            record = (clock, samples, applied, begin)
             track, slowdown = self._called_run(*record, innovation=tells, until=end)
         else:
-            record = (clock, samples, told, begin)
+            record = (clock, samples, applied, begin)
             track = self._records.run(engine, record, innovation=tells, until=end)
         if not track["sound"]:
             records.check_samples(track["y"], self.n_y)
@@ -207,7 +219,7 @@ class Observer(OnlineObserver):
         result.__dict__["labels"] = Labels.of(self.spec, self.n)
         result.__dict__["next_memory"] = None if until is None else frozen(track["next"])
         if track["missing"].any():  # for the error to expect after the gaps
-            result.__dict__["_run_of"] = (self, told.copy())
+            result.__dict__["_run_of"] = (self, applied.copy())
         return result
 
     @cached_property

@@ -11,6 +11,8 @@ Array = npt.NDArray[np.float64]
 
 MARK = "mark a missing sample as NaN"
 STARTS = ("zero", "first-sample")
+
+INPUT_HOLDS = ("previous", "mean")
 """Where an estimate begins if nothing else is said."""
 
 
@@ -113,6 +115,13 @@ def inputs(u: npt.ArrayLike | None, count: int, n_u: int) -> Array:
     if values.shape != (count, n_u):
         raise HgoError(f"u of shape {values.shape}: must be ({count}, {n_u})")
     return values
+
+
+def averaged(u: Array) -> Array:
+    """The mean input of each period (N, n_u); that of the last one, whose end is open, held."""
+    means = u.copy()
+    means[:-1] = 0.5 * (u[:-1] + u[1:])
+    return means
 
 
 def check_inputs(u: Array) -> None:
