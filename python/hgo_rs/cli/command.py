@@ -18,6 +18,7 @@ from hgo_rs.cli.estimate import estimate_command
 from hgo_rs.cli.export import export_command
 from hgo_rs.cli.scenarios import list_command, reproduce_command, run_command
 from hgo_rs.cli.terminal import INTERRUPTED, TERMINATED, USAGE, complain, unknown
+from hgo_rs.cli.tune import tune_command
 from hgo_rs.errors import HgoError
 
 
@@ -67,5 +68,12 @@ def command() -> None:
     """High-gain observers: recompute five papers and a textbook, or estimate states from a log."""
 
 
-for _command in (list_command, run_command, reproduce_command, estimate_command, export_command):
+for _command in (
+    list_command,
+    run_command,
+    reproduce_command,
+    estimate_command,
+    tune_command,
+    export_command,
+):
     command.add_command(_command)

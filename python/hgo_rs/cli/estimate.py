@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,12 @@ import click
 import numpy as np
 
 from hgo_rs import observers, plots
+from hgo_rs.cli.places import can_draw, check_places
 from hgo_rs.cli.reproduce import OutputError
 from hgo_rs.cli.terminal import say, unknown
 from hgo_rs.config import FORMAT, OBSERVERS, Config, load
 from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING
-from hgo_rs.errors import HgoError, MissingExtraError, printable
+from hgo_rs.errors import HgoError, printable
 from hgo_rs.files import together
 from hgo_rs.logs import Log, LogSummary, TableWriter, read_chunks, run_chunks
 from hgo_rs.logs.estimation import check_fit, told_turn
@@ -164,7 +165,7 @@ def estimate_command(
     """
     out = out if out is not None else Path(f"{log.stem}.estimates.csv")
     check_writable_format(out)
-    draw = _can_draw(figure)
+    draw = can_draw(figure)
     figure = figure if figure is not None else out.with_suffix(".png")
     told = _configuration(config, options)
     try:
@@ -204,7 +205,7 @@ def _estimate(
         results["--figure"] = figure
     if save_config is not None:
         results["--save-config"] = save_config
-    _check_places(results, {"the log itself": log, "the file of --config": config})
+    check_places(results, {"the log itself": log, "the file of --config": config})
     summary, gaps, trace = LogSummary(), _LongestGaps(), _Trace(law.wrap[0])
 
     jumps = Jumps() if looks and law.wrap == (None,) else None
@@ -320,57 +321,6 @@ def _check_options(given: dict[str, Any], base: Config | None) -> None:
         if key not in given:
             option = "--" + key.replace("_", "-")
             raise HgoError(f"{option} is needed for --observer {name}, or a --config that says it")
-
-
-def _can_draw(figure: Path | None) -> bool:
-    """A figure that is asked for needs matplotlib; the default one is left out without it."""
-    if figure is None:
-        try:
-            plots.require_matplotlib()
-        except MissingExtraError:
-            return False
-        return True
-    plots.require_matplotlib()
-    known = (".png", ".svg", ".pdf")
-    if figure.suffix.lower() not in known:
-        raise HgoError(f"{figure}: unknown format {figure.suffix!r}; known: {', '.join(known)}")
-    return True
-
-
-def _check_places(results: Mapping[str, Path], sources: Mapping[str, Path | None]) -> None:
-    """Refuse before the work, not after it: what cannot be written, or would replace another."""
-    taken = {name: path for name, path in sources.items() if path is not None}
-    for option, path in results.items():
-        for name, other in taken.items():
-            if _same_file(path, other):
-                remedy = f"choose another file with {option}"
-                if name in results:
-                    name = f"the file of {name} too"
-                raise OutputError(f"{path} is {name}; {remedy}")
-        taken[option] = path
-        _check_writable(path)
-
-
-def _same_file(a: Path, b: Path) -> bool:
-    try:
-        return a.resolve() == b.resolve() or a.samefile(b)
-    except OSError:
-        return False
-
-
-def _check_writable(path: Path) -> None:
-    if path.is_dir():
-        raise OutputError(f"cannot write {path}: it is a folder")
-    if path.exists() and not path.is_file():
-        raise OutputError(f"cannot write {path}: it is a pipe or a device; name a file")
-    existed = path.exists()
-    try:
-        with path.open("ab"):
-            pass
-        if not existed:
-            path.unlink()
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def _columns(log: Log, result: RunResult, piece: int | None) -> dict[str, np.ndarray]:

@@ -46,6 +46,7 @@ def tune_chains(
     log: Log | Sequence[npt.ArrayLike],
     states: Any,
     skip: float | None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> Tuning:
     """As `tune`, for a log of several outputs.
 
@@ -76,11 +77,13 @@ def tune_chains(
     remarks: list[str] = []
     judge = _Judge(records, wanted, _smoothed(records, model, wanted, remarks), orders)
     found: dict[str, tuple[Array, float]] = {}
-    for name, make in structures.items():
+    for done, (name, make) in enumerate(structures.items()):
         try:
             found[name] = judge.least(make)
         except HgoError as error:
             remarks.append(f"structure {name!r} was left out: {error}")
+        if progress is not None:
+            progress(done + 1, len(structures))
     check(bool(found), "build", list(structures), "an observer that runs", "; ".join(remarks))
     order = sorted(found, key=lambda name: found[name][1])
     best = order[0]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -41,6 +41,7 @@ def tune(
     state: int | Sequence[int] | None = None,
     ells: npt.ArrayLike | None = None,
     skip: float | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> Tuning:
     """Choose the gain of an observer, and its structure if several are offered.
 
@@ -87,6 +88,8 @@ def tune(
         or 0.9 of the step limit.
     skip : float, optional
         Time [s] at the start of a log that is not judged. Default: a twentieth of it.
+    progress : callable, optional
+        Told after each structure how many are done, and how many there are.
 
     Returns
     -------
@@ -115,7 +118,7 @@ def tune(
             check(value is None, name, value, "left out with several outputs", "leave it out")
         remedy = "give a Model of chains, or gains -> MultiOutputObserver"
         check(build is not None, "build", build, "a model of chains", remedy)
-        result = tune_chains(cast("Any", build), log_or_noise, state, skip)
+        result = tune_chains(cast("Any", build), log_or_noise, state, skip, progress)
         for text in result.warnings:
             warnings.warn(text, TuningWarning, stacklevel=2)
         return result
@@ -184,7 +187,9 @@ def tune(
         }
         reference = find(record, sources(models), index - 1, remarks.append)
     reached: dict[str, float] = {}
-    for name, candidate in candidates.items():
+    for done, (name, candidate) in enumerate(candidates.items()):
+        if progress is not None:
+            progress(done, len(candidates))
         try:
             candidate.look(index - 1, record, *known, reference)
             if targets:
@@ -193,6 +198,8 @@ def tune(
                 reached[name] = candidate.least_error()
         except HgoError as error:
             refusals[name] = error
+    if progress is not None:
+        progress(len(candidates), len(candidates))
     if not reached:
         raise next(iter(refusals.values()))
 
