@@ -60,9 +60,8 @@ def test_a_model_and_a_log_are_enough(noise: float) -> None:
     found = error(result.observer, t, y, u, v)
     poles = {"Butterworth": butterworth(2), "real": None}
     least = min(
-        error(StandardObserver(2, g, poles=p, model=PENDULUM, method=m), t, y, u, v)
+        error(StandardObserver(2, g, poles=p, model=PENDULUM), t, y, u, v)
         for p in poles.values()
-        for m in ("zoh", "rk4-innovation-held")
         for g in np.geomspace(2.0, 300.0, 25)
     )
     assert found < 1.1 * least
@@ -224,10 +223,7 @@ def test_the_models_slopes_are_in_noise_and_model_error() -> None:
     t, y, x = oscillator(omega, 60_000, seed=4)
     record = Record.of((t, y), None)
     ells = np.geomspace(8.0, 60.0, 4)
-    laws = [
-        StandardObserver(2, g, poles=butterworth(2), model=model, method="rk4-innovation-held")
-        for g in ells
-    ]
+    laws = [StandardObserver(2, g, poles=butterworth(2), model=model) for g in ells]
     runs = [law.run(t, y, x_hat0=[y[0], 0.0]) for law in laws]
     moves = path(record, model, runs[0].x_hat[: len(record.t)], 4, 600)
     slopes = Slopes.of([law.spec for law in laws], DT, moves)
@@ -242,9 +238,7 @@ def test_the_models_slopes_are_in_noise_and_model_error() -> None:
     assert not 0.5 < flat / slopes.shown(ells[:1])[1, 0, 1] < 2.0  # what the slopes are worth
 
     def build(ell: float) -> StandardObserver:
-        return StandardObserver(
-            2, ell, poles=butterworth(2), model=model, method="rk4-innovation-held"
-        )
+        return StandardObserver(2, ell, poles=butterworth(2), model=model)
 
     result = tune(build, (t, y))
     assert result.noise == pytest.approx(1e-2, rel=0.1)

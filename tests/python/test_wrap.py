@@ -544,5 +544,6 @@ def test_a_turn_that_noise_fills_is_not_tuned_for():
     with pytest.raises(HgoError, match=r"wrap = 6\.28.*: must be > 12, six standard deviations"):
         hgo.tune(build, 2.0, cutoff=20.0, dt=DT)
     noisy = ANGLE + np.random.default_rng(0).normal(0.0, 1e-3, len(T))
-    with pytest.raises(HgoError, match=r"wrap = .*: must be left out with a log; .* unwrap="):
-        hgo.tune(build, (T, noisy))
+    wrapped = np.mod(noisy, TURN)
+    plain = hgo.tune(lambda ell: hgo.StandardObserver(2, ell), (T, noisy))
+    assert hgo.tune(build, (T, wrapped)).ell == pytest.approx(plain.ell, rel=1e-6)

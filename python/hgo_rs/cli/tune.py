@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -129,7 +130,7 @@ def _tuned(
         warnings.simplefilter("ignore", TuningWarning)  # the report tells them
         several: Any = list(state) or None
         wanted = state[0] if len(state) == 1 else several
-        if not click.get_text_stream("stdout").isatty():
+        if not sys.stdout.isatty():
             return tune(model, recorded, state=wanted, skip=skip)
         bar: Any
         with click.progressbar(length=1, label="tuning") as bar:

@@ -108,8 +108,6 @@ class Candidate:
         self.index, self.noise, self.model_error = index, noise, model_error
         self.reference = reference
         for turn in filter(None, self.any.wrap):
-            remedy = "read the log with unwrap=, and give wrap to the observer of the gain found"
-            check(record is None, "wrap", turn, "left out with a log", remedy)
             allowed = f"> {6.0 * noise:.6g}, six standard deviations of the noise"
             remedy = "noise of half a turn is not told from motion; check the unit of both"
             check(not turn <= 6.0 * noise, "wrap", turn, allowed, remedy)

@@ -21,7 +21,7 @@ from hgo_rs.models import Model
 from hgo_rs.observers import MultiOutputObserver, Observer, StandardObserver
 from hgo_rs.tuning.offers import damped_half, with_load
 from hgo_rs.tuning.record import Record, busiest
-from hgo_rs.tuning.reference import MOTION, Reference, Source, butterworth, find
+from hgo_rs.tuning.reference import Reference, Source, butterworth, find
 from hgo_rs.tuning.result import Array, Tuning
 
 ChainsBuild = Callable[[Array], MultiOutputObserver]
@@ -122,20 +122,19 @@ def offered_chains(model: Model) -> dict[str, ChainsBuild]:
     check(bool(model.orders), "model", model, "a Model of chains", "write orders=[...], phi=[...]")
     out: dict[str, ChainsBuild] = {}
 
-    def add(name: str, poles: Callable[[int], Any], manner: Mapping[str, Any]) -> None:
+    def add(name: str, poles: Callable[[int], Any]) -> None:
         def build(ells: Array) -> MultiOutputObserver:
             chains = [
-                StandardObserver(n, float(ell), poles=poles(n), **manner)
+                StandardObserver(n, float(ell), poles=poles(n))
                 for n, ell in zip(model.orders, ells, strict=True)
             ]
             return MultiOutputObserver(chains, model=model)
 
         out[name] = build
 
-    for told, manner in (("", {}), (", RK4", {"method": MOTION})):
-        add(f"Butterworth{told}", butterworth, manner)
-        add(f"damping 1/2{told}", lambda n: damped_half(n) if n > 1 else [-1.0], manner)
-        add(f"real poles{told}", lambda n: None, manner)
+    add("Butterworth", butterworth)
+    add("damping 1/2", lambda n: damped_half(n) if n > 1 else [-1.0])
+    add("real poles", lambda n: None)
     return out
 
 

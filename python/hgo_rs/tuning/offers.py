@@ -9,7 +9,7 @@ from hgo_rs.expressions import nodes
 from hgo_rs.expressions.nodes import Node
 from hgo_rs.models import InputGain, Model, System, Unknown
 from hgo_rs.observers import LowPowerObserver, Observer, StandardObserver
-from hgo_rs.tuning.reference import MOTION, Source, butterworth
+from hgo_rs.tuning.reference import Source, butterworth
 
 Build = Callable[[float], Observer]
 """An observer with the gain given [1/s]."""
@@ -128,30 +128,15 @@ def offered(model: System | None) -> dict[str, Build]:
     known = own if own is not None else None if isinstance(model, Unknown) else model
     if known is not None:
         loaded = with_load(own) if own is not None and n < _LARGEST else None
-        for told, manner in (("", {}), (", RK4", {"method": MOTION})):
-            add(f"model, Butterworth{told}", StandardObserver, n, butterworth(n), known, **manner)
-            if n >= 2:
-                add(
-                    f"model, damping 1/2{told}",
-                    StandardObserver,
-                    n,
-                    damped_half(n),
-                    known,
-                    **manner,
-                )
-            add(f"model, real poles{told}", StandardObserver, n, None, known, **manner)
-            if loaded is not None:
-                poles = butterworth(n + 1)
-                add(
-                    f"model and load, Butterworth{told}",
-                    StandardObserver,
-                    n + 1,
-                    poles,
-                    loaded,
-                    **manner,
-                )
-                slow = [*damped_half(n), SLOW] if n >= 2 else [-1.0, SLOW]
-                add(f"model and load, slow{told}", StandardObserver, n + 1, slow, loaded, **manner)
+        add("model, Butterworth", StandardObserver, n, butterworth(n), known)
+        if n >= 2:
+            add("model, damping 1/2", StandardObserver, n, damped_half(n), known)
+        add("model, real poles", StandardObserver, n, None, known)
+        if loaded is not None:
+            poles = butterworth(n + 1)
+            add("model and load, Butterworth", StandardObserver, n + 1, poles, loaded)
+            slow = [*damped_half(n), SLOW] if n >= 2 else [-1.0, SLOW]
+            add("model and load, slow", StandardObserver, n + 1, slow, loaded)
     for order in (max(n, 2), max(n, 2) + 1):
         if order <= _LARGEST:
             add(

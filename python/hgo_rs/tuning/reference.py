@@ -34,9 +34,6 @@ from hgo_rs.tuning.record import Record
 from hgo_rs.tuning.result import Array
 from hgo_rs.tuning.reversal import reversed_model, reversed_record, signs
 
-MOTION = "rk4-innovation-held"
-"""Moves a model over a step by Runge and Kutta's rule."""
-
 _LEAST = 50  # samples with others on both sides
 _SPAN = 2e-3, 5.0  # of ell dt
 _RATIO = 1.25  # of a gain to the one below
@@ -170,16 +167,12 @@ class _Search:
             self.innovation[k] = square if math.isfinite(square) else np.inf
 
     def forward(self, ell: float) -> StandardObserver:
-        method = None if self.model is None else MOTION
         poles = butterworth(self.n)
-        return StandardObserver(self.n, ell, poles=poles, model=self.model, method=method)
+        return StandardObserver(self.n, ell, poles=poles, model=self.model)
 
     def backward(self, ell: float) -> StandardObserver:
-        method = None if self.model is None else MOTION
         poles, known = butterworth(self.n), self.back_model
-        return StandardObserver(
-            self.n, ell, poles=poles, model=known, method=method, timing="predictor"
-        )
+        return StandardObserver(self.n, ell, poles=poles, model=known, timing="predictor")
 
     def best(self, closest: float, farthest: float) -> Reference | None:
         """The fixed point that leaves of y, beside x_s, no less and no more than this."""
