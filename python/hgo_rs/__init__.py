@@ -160,6 +160,7 @@ def _later(module: str, name: str) -> Callable[..., Any]:
 # what an observer does by floors above its own
 upward.register("export", _later("exports", "export"))
 upward.register("save", _later("config", "save"))
+upward.register("deviation", _later("smoothing.deviation", "deviation"))
 upward.register("to_control", _later("exports.control", "to_control"))
 
 

@@ -34,6 +34,7 @@ FLOORS = (
     "data",
     "exports",
     "tuning",
+    "smoothing",
     "scenarios",
     "cli",
     "",

@@ -73,6 +73,8 @@ class Observer(OnlineObserver):
         input_hold: str = "previous",
         allow_unstable: bool | None = None,
         engine: str = "auto",
+        noise: npt.ArrayLike | None = None,
+        model_error: npt.ArrayLike | None = None,
     ) -> RunResult:
         """Run over a record of N samples.
 
@@ -109,6 +111,10 @@ class Observer(OnlineObserver):
         engine : "auto", "interpreter" or "llvm"
             What steps, with the same bits: "auto" compiles the step by LLVM (extra `fast`) once
             this observer has had samples enough for it, some millions of a law of order two.
+        noise, model_error : float or (n_y,), optional
+            Standard deviation of the samples' noise, sqrt(R), and the square root of the intensity
+            Q of white noise in the last state of each chain, as `tune` finds them: for `deviation`
+            of the result.
 
         Raises
         ------
@@ -124,6 +130,8 @@ class Observer(OnlineObserver):
                 "start": start,
                 "input_hold": input_hold,
                 "allow_unstable": allow_unstable,
+                "noise": noise,
+                "model_error": model_error,
                 "engine": engine,
             }
             return self.with_timing(timing).run(t_or_dt, y, u, **given)
@@ -218,6 +226,12 @@ class Observer(OnlineObserver):
         result.__dict__["slowdown"] = slowdown
         result.__dict__["labels"] = Labels.of(self.spec, self.n)
         result.__dict__["next_memory"] = None if until is None else frozen(track["next"])
+        if noise is not None or model_error is not None:
+            both = noise is not None and model_error is not None
+            remedy = "hgo_rs.tune finds both in a log"
+            check(both, "noise, model_error", (noise, model_error), "given together", remedy)
+            spread = upward.call("deviation", self, result, told, noise, model_error)
+            result.__dict__["deviation"] = frozen(spread)
         if track["missing"].any():  # for the error to expect after the gaps
             result.__dict__["_run_of"] = (self, applied.copy())
         return result

@@ -50,6 +50,11 @@ class Labels:
         name = self.column(i)
         return f"e_{name}" if name in self.unknown else f"e{i + 1}"
 
+    def deviation(self, i: int) -> str:
+        """The standard deviation of entry i: std_T_load, or std1."""
+        name = self.column(i)
+        return f"std_{name}" if name in self.unknown else f"std{i + 1}"
+
     def unit(self, i: int) -> str:
         """The unit of entry i; empty where it is not known."""
         name = self.states[i] if i < len(self.states) else ""

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from hgo_rs.errors import HgoError, explain, need
+from hgo_rs.errors import HgoError, check, explain, need
 from hgo_rs.observers.labels import Labels
+from hgo_rs.observers.whiteness import LAGS, normal_width, normality, whiteness
 from hgo_rs.read_only import shown
 
 if TYPE_CHECKING:
@@ -60,6 +61,9 @@ class RunResult:
         compiled model, more for a Python callable that could not be compiled.
     next_memory : (m,) or None
         The memory at `until`, where the run was given one.
+    deviation : (N, n) or None
+        Standard deviations of the estimates, where the run was given noise and model error: the
+        covariance of the observer's own error, linearised along the estimates.
     labels : Labels
         Names and units of the estimates, where the model has some.
     """
@@ -92,6 +96,7 @@ class RunResult:
 
     slowdown = 1.0
     next_memory: ClassVar[Array | None] = None
+    deviation: ClassVar[Array | None] = None
     labels: ClassVar[Labels] = Labels()
 
     if not TYPE_CHECKING:
@@ -116,6 +121,8 @@ class RunResult:
         for name in fields:
             values = getattr(self, name)
             part.__dict__[name] = None if values is None else values[rows]
+        if self.deviation is not None:
+            part.__dict__["deviation"] = self.deviation[rows]
         if "_run_of" in self.__dict__:
             observer, u = self.__dict__["_run_of"]
             part.__dict__["_run_of"] = (observer, u[rows])
@@ -175,8 +182,40 @@ class RunResult:
         error: Array = observer._gap_error(self, u, gaps)
         return error
 
+    def band(self, level: float = 0.95) -> tuple[Array, Array]:
+        """Lower and upper ends, (N, n) each, between which a state lies with this probability.
+
+        Raises
+        ------
+        HgoError
+            A run without noise and model error.
+        """
+        remedy = "run(..., noise=, model_error=)"
+        check(self.deviation is not None, "deviation", None, "known", remedy)
+        wide = normal_width(level) * np.asarray(self.deviation)
+        return self.x_hat - wide, self.x_hat + wide
+
+    @property
+    def whiteness(self) -> float:
+        """How probable autocorrelations as large as those of the innovations are, if these are
+        white: the least over the outputs, of what follows the first twentieth. NaN of too few.
+        """
+        return self._probable(whiteness)
+
+    @property
+    def normality(self) -> float:
+        """How probable innovations as far from normal ones are; as `whiteness`."""
+        return self._probable(normality)
+
+    def _probable(self, test: Callable[[Array], float]) -> float:
+        late = self.innovation[len(self.innovation) // 20 :]
+        columns = [column[np.isfinite(column)] for column in late.T]
+        return min((test(c) for c in columns if len(c) > 2 * LAGS), default=float("nan"))
+
     def plot(self, figure: Figure | None = None) -> Figure:
-        """Draw estimates, innovation and gain. Needs the extra `plot`."""
+        """Draw estimates, with their bands where deviations are known, innovation and gain. Needs
+        the extra `plot`.
+        """
         from hgo_rs.plots import estimate_figure
 
         single = self.y.shape[1] == 1
@@ -187,6 +226,7 @@ class RunResult:
             innovation=self.innovation[:, 0] if single else None,
             missing=self.missing,
             gain=self.gain,
+            band=None if self.deviation is None else self.band(),
             names=self.labels.titles(self.x_hat.shape[1]),
             figure=figure,
         )
@@ -206,6 +246,8 @@ class RunResult:
         out = {"time": self.time}
         name = self.labels.heading if units else self.labels.column
         out |= {name(i): column for i, column in enumerate(self.x_hat.T)}
+        if self.deviation is not None:
+            out |= {self.labels.deviation(i): column for i, column in enumerate(self.deviation.T)}
         out |= {f"innovation{i + 1}": column for i, column in enumerate(self.innovation.T)}
         if self.gain is not None:
             out["gain"] = self.gain

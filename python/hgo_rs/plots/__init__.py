@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from hgo_rs.plots.figures import estimate_figure, note_peak, shade_gaps, sweep_figure, tuning_figure
+from hgo_rs.plots.figures import (
+    error_figure,
+    estimate_figure,
+    note_peak,
+    shade_gaps,
+    sweep_figure,
+    tuning_figure,
+)
 from hgo_rs.plots.style import COLOURS, new_figure, render, require_matplotlib, save, style
 
 __all__ = [
     "COLOURS",
+    "error_figure",
     "estimate_figure",
     "new_figure",
     "note_peak",

@@ -32,8 +32,10 @@ def estimate_figure(
     innovation: Any = None,
     missing: Any = None,
     gain: Any = None,
+    band: tuple[Any, Any] | None = None,
     names: Sequence[str] | None = None,
     output: str = "y",
+    estimate: str = "estimate",
     title: str = "",
     figure: Figure | None = None,
 ) -> Figure:
@@ -53,10 +55,14 @@ def estimate_figure(
         Missing samples: shaded.
     gain : (N,), optional
         The gain over time; a constant one is not drawn.
+    band : two (N, n), optional
+        Lower and upper ends of a band around the estimates: shaded.
     names : n strings, optional
         Panel titles; default x̂1, x̂2, ...
     output : str
         What the measurement is called.
+    estimate : str
+        What the estimates are called.
     title : str
         Over all panels.
     figure : Figure, optional
@@ -117,7 +123,10 @@ def estimate_figure(
             if x is not None:
                 truth = np.asarray(x, dtype=float).reshape(len(time), -1)
                 ax.plot(time, truth[:, i], color=COLOURS["black"], linewidth=2.2, label="true")
-            ax.plot(time, x_hat[:, i], color=COLOURS["vermillion"], linewidth=1.1, label="estimate")
+            if band is not None:
+                low, high = (np.asarray(end, dtype=float)[:, i] for end in band)
+                ax.fill_between(time, low, high, color=COLOURS["vermillion"], alpha=0.25, lw=0)
+            ax.plot(time, x_hat[:, i], color=COLOURS["vermillion"], linewidth=1.1, label=estimate)
             ax.set_title(states[i])
             _leave_peak_out(ax, time, x_hat[:, i])
         if len(axes[0].get_lines()) > 1:
@@ -202,6 +211,44 @@ def sweep_figure(
         ax.margins(x=0.03)
         if len(lines) > 1:
             ax.legend()
+    return figure
+
+
+def error_figure(
+    methods: Sequence[str],
+    errors: Mapping[str, Any],
+    *,
+    title: str = "",
+    figure: Figure | None = None,
+) -> Figure:
+    """Draw errors as bars, a panel for each quantity (methods,), NaN where there is none; the
+    least one is marked.
+    """
+    require_matplotlib()
+    with style():
+        size = (2.2 + 2.9 * len(errors), 1.2 + 0.34 * len(methods))
+        figure = new_figure(size) if figure is None else figure
+        figure.set_size_inches(*size)
+        axes = figure.subplots(1, len(errors), sharey=True, squeeze=False)[0]
+        place = np.arange(len(methods))
+        for ax, (name, values) in zip(axes, errors.items(), strict=True):
+            values = np.asarray(values, dtype=float)
+            colours = [COLOURS["blue"]] * len(values)
+            if np.isfinite(values).any():
+                colours[int(np.nanargmin(values))] = COLOURS["vermillion"]
+            ax.barh(place, np.nan_to_num(values), color=colours, height=0.62)
+            if _spans_decades(values):
+                ax.set_xscale("log")
+            for y, value in zip(place.tolist(), values.tolist(), strict=True):
+                if np.isfinite(value):
+                    told = {"xytext": (3, 0), "textcoords": "offset points", "va": "center"}
+                    ax.annotate(f"{value:.3g}", (value, y), fontsize=8, **told)
+            ax.set(title=name, yticks=place, yticklabels=list(methods))
+            ax.margins(x=0.22)
+            ax.grid(visible=False, axis="y")
+        axes[0].invert_yaxis()
+        if title:
+            figure.suptitle(title, x=0.01, ha="left")
     return figure
 
 

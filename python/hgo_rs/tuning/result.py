@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from hgo_rs.errors import check, need
+from hgo_rs.errors import HgoError, check, need
 from hgo_rs.observers import Observer, RunResult
 from hgo_rs.tuning.report import report
 
@@ -155,7 +156,8 @@ class Tuning:
 
     def run(self, log: Any) -> RunResult:
         """The chosen observer over a log: (t, y), (t, y, u) or a `Log`, from rest at the first
-        sample.
+        sample; with the deviations of its estimates where noise and model error are
+        known and the law has them.
         """
         given = (log.t, log.y, log.u) if hasattr(log, "pieces") else tuple(log)
         t, y, u = (*given, None)[:3]
@@ -164,7 +166,14 @@ class Tuning:
         begins = np.cumsum([0, *(getattr(self.observer.model, "orders", ())[:-1])])
         for begin, column in zip(begins.tolist(), columns, strict=False):
             start[begin] = column[np.argmax(np.isfinite(column))]
-        return self.observer.run(t, y, u if self.observer.n_u else None, x_hat0=start)
+        record = (t, y, u if self.observer.n_u else None)
+        if math.isfinite(self.noise) and math.isfinite(self.model_error) and self.noise > 0.0:
+            noise, model_error = self.noise, self.model_error
+            with contextlib.suppress(HgoError):  # of a law or a model without deviations
+                return self.observer.run(
+                    *record, x_hat0=start, noise=noise, model_error=model_error
+                )
+        return self.observer.run(*record, x_hat0=start)
 
     def columns(self) -> dict[str, Any]:
         """The curves of all structures, one below the other, as named columns."""
