@@ -144,6 +144,9 @@ macro_rules! count {
     (m) => {
         |sizes| sizes.m
     };
+    (n (n + 1)/2) => {
+        |sizes| sizes.n * (sizes.n + 1) / 2
+    };
     (n + m) => {
         |sizes| sizes.n + sizes.m
     };

@@ -18,7 +18,7 @@
 //! # Floors
 //!
 //! A file uses lower floors only, or what is named before it on its own: `elementary`,
-//! `scalar`, `error`, `memory`, `measurement`, `wide`, `polynomial` (0); `gain`, `schedule`, `saturation`, `model`, `laws`,
+//! `scalar`, `error`, `memory`, `measurement`, `wide`, `polynomial` (0); `dual`, `factor`, `gain`, `schedule`, `saturation`, `model`, `laws`,
 //! `integrate`, `observer`, `motion`, `injection`, `noise`, `metrics`, `program` (1); `models`,
 //! `observers` (2); `simulate`, `covariance`, `estimator`, `turn` (3). Nothing names `std`, `alloc` or
 //! Python, nothing allocates and nothing panics.
@@ -28,9 +28,11 @@
 compile_error!("hgo-rs needs feature `std` (default) or, without std, feature `libm`");
 
 pub mod covariance;
+pub mod dual;
 pub mod elementary;
 pub mod error;
 pub mod estimator;
+pub mod factor;
 pub mod gain;
 pub mod injection;
 pub mod integrate;
@@ -85,9 +87,9 @@ pub mod prelude {
         StaggeredEuler, Status,
     };
     pub use crate::observers::{
-        HardClip, LowPower, LowPowerObserver, ModifiedObserver, NoSaturation, PeakingFreeObserver,
-        ReducedOrderObserver, RepelledCollection, SampledDataObserver, SmoothSaturation,
-        StandardObserver,
+        HardClip, HighGainEkf, LowPower, LowPowerObserver, ModifiedObserver, NoSaturation,
+        PeakingFreeObserver, ReducedOrderObserver, RepelledCollection, SampledDataObserver,
+        SampledEkf, SmoothSaturation, StandardObserver,
     };
     pub use crate::polynomial::{coefficients_from_poles, low_power_coefficients_from_poles};
     pub use crate::scalar::Scalar;

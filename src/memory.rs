@@ -8,7 +8,7 @@
 
 use crate::Scalar;
 use core::ops::{Deref, DerefMut};
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 
 /// A fixed number of scalars of type `T` in a fixed order.
 pub trait Memory<T: Scalar>: Copy {
@@ -220,6 +220,63 @@ impl<T: Scalar, const N: usize> Memory<T> for AllButLast<T, N> {
     fn visit_mut(&mut self, f: &mut impl FnMut(&mut T)) {
         for i in 0..Self::LEN {
             f(&mut self.0[i]);
+        }
+    }
+}
+
+/// The lower triangle of a square matrix, row by row; no memory counts what is above.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LowerTriangle<T: Scalar, const N: usize>(SMatrix<T, N, N>);
+
+impl<T: Scalar, const N: usize> LowerTriangle<T, N> {
+    /// From its entries (row, column).
+    #[inline(always)]
+    pub fn from_fn(entry: impl Fn(usize, usize) -> T) -> Self {
+        Self(SMatrix::from_fn(|i, j| if j <= i { entry(i, j) } else { T::ZERO }))
+    }
+}
+
+impl<T: Scalar, const N: usize> Deref for LowerTriangle<T, N> {
+    type Target = SMatrix<T, N, N>;
+    #[inline(always)]
+    fn deref(&self) -> &SMatrix<T, N, N> {
+        &self.0
+    }
+}
+
+impl<T: Scalar, const N: usize> DerefMut for LowerTriangle<T, N> {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut SMatrix<T, N, N> {
+        &mut self.0
+    }
+}
+
+impl<T: Scalar, const N: usize> Memory<T> for LowerTriangle<T, N> {
+    const LEN: usize = N * (N + 1) / 2;
+    #[inline(always)]
+    fn zero() -> Self {
+        Self::from_fn(|_, _| T::ZERO)
+    }
+    #[inline(always)]
+    fn zip(&self, other: &Self, f: impl Fn(T, T) -> T + Copy) -> Self {
+        Self::from_fn(|i, j| f(self.0[(i, j)], other.0[(i, j)]))
+    }
+    #[inline(always)]
+    fn visit(&self, f: &mut impl FnMut(T)) {
+        for i in 0..N {
+            for j in 0..=i {
+                f(self.0[(i, j)]);
+            }
+        }
+    }
+    #[inline(always)]
+    fn visit_mut(&mut self, f: &mut impl FnMut(&mut T)) {
+        for i in 0..N {
+            for j in 0..=i {
+                f(&mut self.0[(i, j)]);
+            }
         }
     }
 }

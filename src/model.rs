@@ -11,7 +11,9 @@ use nalgebra::SVector;
 ///
 /// Write it over any [`Scalar`], whose `sin`, `exp`, `powf` and the like are the crate's own and give the
 /// same bits on every machine. On a plain `f32` or `f64` the method `x.sin()` is the standard library's on a
-/// host, which differs in the last bit, and is not there on a chip; `Scalar::sin(x)` is ours.
+/// host, which differs in the last bit, and is not there on a chip; `Scalar::sin(x)` is ours. A law that needs
+/// slopes ([`crate::observers::HighGainEkf`]) asks for the model over [`crate::dual::Dual`] numbers: one with
+/// parameters of type `T` is written over any `S: Scalar + From<T>`, as [`InputGain`] is.
 ///
 /// ```
 /// use hgo_rs::nalgebra::SVector;
@@ -97,17 +99,17 @@ pub struct InputGain<T> {
     pub b0: T,
 }
 
-impl<T: Scalar, const N: usize> Model<T, N, 1> for InputGain<T> {
+impl<T: Scalar, S: Scalar + From<T>, const N: usize> Model<S, N, 1> for InputGain<T> {
     #[inline(always)]
-    fn f_hat(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, 1>) -> SVector<T, N> {
+    fn f_hat(&self, t: S, x_hat: &SVector<S, N>, u: &SVector<S, 1>) -> SVector<S, N> {
         last(self.phi(t, x_hat, u))
     }
 }
 
-impl<T: Scalar, const N: usize> PhaseVariable<T, N, 1> for InputGain<T> {
+impl<T: Scalar, S: Scalar + From<T>, const N: usize> PhaseVariable<S, N, 1> for InputGain<T> {
     #[inline(always)]
-    fn phi(&self, _: T, _: &SVector<T, N>, u: &SVector<T, 1>) -> T {
-        self.b0 * u.x
+    fn phi(&self, _: S, _: &SVector<S, N>, u: &SVector<S, 1>) -> S {
+        S::from(self.b0) * u.x
     }
 }
 

@@ -36,8 +36,8 @@ class Law:
 
     @property
     def single(self) -> bool:
-        """Whether it is one chain with any gain: linear where its model is left out."""
-        return self.continuous and self.gain == "any"
+        """Whether it is one chain with any gain and poles: linear where its model is left out."""
+        return self.continuous and self.gain == "any" and self.poles is not None
 
     def counts(self, n: int, m: int = 0) -> dict[str, int]:
         """How many coefficients each list has."""

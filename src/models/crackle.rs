@@ -35,23 +35,23 @@ impl<T: Scalar> Crackle<T> {
 
     /// φ (20), not saturated.
     #[inline(always)]
-    fn crackle(x: &Vector5<T>) -> T {
-        let fifth = T::from_f64(0.2);
-        let four = T::from_f64(4.0);
-        fifth * (x[0] * x[0] - T::ONE) - x[1] - x[2] - four * x[3] - x[4]
+    fn crackle<S: Scalar>(x: &Vector5<S>) -> S {
+        let fifth = S::from_f64(0.2);
+        let four = S::from_f64(4.0);
+        fifth * (x[0] * x[0] - S::ONE) - x[1] - x[2] - four * x[3] - x[4]
     }
 }
 
-impl<T: Scalar> PhaseVariable<T, 5> for Crackle<T> {
+impl<T: Scalar, S: Scalar + From<T>> PhaseVariable<S, 5> for Crackle<T> {
     #[inline(always)]
-    fn phi(&self, _: T, x_hat: &Vector5<T>, _: &SVector<T, 0>) -> T {
-        Self::crackle(x_hat).clip(-self.phi_max, self.phi_max)
+    fn phi(&self, _: S, x_hat: &Vector5<S>, _: &SVector<S, 0>) -> S {
+        Self::crackle(x_hat).clip(S::from(-self.phi_max), S::from(self.phi_max))
     }
 }
 
-impl<T: Scalar> Model<T, 5> for Crackle<T> {
+impl<T: Scalar, S: Scalar + From<T>> Model<S, 5> for Crackle<T> {
     #[inline(always)]
-    fn f_hat(&self, t: T, x_hat: &Vector5<T>, u: &SVector<T, 0>) -> Vector5<T> {
+    fn f_hat(&self, t: S, x_hat: &Vector5<S>, u: &SVector<S, 0>) -> Vector5<S> {
         last(self.phi(t, x_hat, u))
     }
 }

@@ -30,10 +30,10 @@ impl<T: Scalar> SanfelicePraly<T> {
     }
 }
 
-impl<T: Scalar> Model<T, 2> for SanfelicePraly<T> {
+impl<T: Scalar, S: Scalar + From<T>> Model<S, 2> for SanfelicePraly<T> {
     #[inline(always)]
-    fn f_hat(&self, _: T, x_hat: &Vector2<T>, _: &SVector<T, 0>) -> Vector2<T> {
-        Vector2::new(self.nu1 * x_hat.x, T::NEG_ZERO)
+    fn f_hat(&self, _: S, x_hat: &Vector2<S>, _: &SVector<S, 0>) -> Vector2<S> {
+        Vector2::new(S::from(self.nu1) * x_hat.x, S::NEG_ZERO)
     }
 }
 

@@ -68,16 +68,16 @@ impl<T: Scalar> VanDerPol<T> {
     }
 }
 
-impl<T: Scalar> PhaseVariable<T, 2> for VanDerPol<T> {
+impl<T: Scalar, S: Scalar + From<T>> PhaseVariable<S, 2> for VanDerPol<T> {
     #[inline(always)]
-    fn phi(&self, _: T, x: &Vector2<T>, _: &SVector<T, 0>) -> T {
-        -x.x + self.epsilon * (T::ONE - x.x * x.x) * x.y
+    fn phi(&self, _: S, x: &Vector2<S>, _: &SVector<S, 0>) -> S {
+        -x.x + S::from(self.epsilon) * (S::ONE - x.x * x.x) * x.y
     }
 }
 
-impl<T: Scalar> Model<T, 2> for VanDerPol<T> {
+impl<T: Scalar, S: Scalar + From<T>> Model<S, 2> for VanDerPol<T> {
     #[inline(always)]
-    fn f_hat(&self, t: T, x: &Vector2<T>, u: &SVector<T, 0>) -> Vector2<T> {
+    fn f_hat(&self, t: S, x: &Vector2<S>, u: &SVector<S, 0>) -> Vector2<S> {
         last(self.phi(t, x, u))
     }
 }

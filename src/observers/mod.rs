@@ -5,18 +5,22 @@
 
 mod collection;
 mod filtered;
+mod high_gain_ekf;
 mod low_power;
 mod peaking_free;
 mod reduced_order;
 mod sampled_data;
+mod sampled_ekf;
 mod standard;
 
 pub use collection::{CopyState, ModifiedObserver, ModifiedState, RepelledCollection};
 pub use filtered::{FilteredObserver, FilteredState, filter_from_poles};
+pub use high_gain_ekf::{HighGainEkf, HighGainEkfState, PACKED};
 pub use low_power::{BlockGains, LowPower, LowPowerObserver, LowPowerState};
 pub use peaking_free::PeakingFreeObserver;
 pub use reduced_order::{ReducedOrderObserver, ReducedOrderState};
 pub use sampled_data::SampledDataObserver;
+pub use sampled_ekf::SampledEkf;
 pub use standard::{StandardObserver, StandardState};
 
 pub use crate::saturation::{HardClip, NoSaturation, Saturation, SmoothSaturation};
@@ -101,6 +105,16 @@ macro_rules! for_each_law {
                 form: Triangular, placed: false,
                 memory: [x_hat(n) eta(m) r(moves)],
                 source: "Treangle, Farza and M'Saad (2019); Astolfi, Zaccarian and Jungers (2021)",
+            }
+            rates {
+                kind: "high-gain-ekf", title: "high-gain extended Kalman filter",
+                law: $crate::observers::HighGainEkf<T, G, Md, N, M>,
+                new: [Q(n (n + 1)/2) R(1) P0(n (n + 1)/2)] [gain, model],
+                orders: [1 2 3 4 5 6], size: [],
+                design: [],
+                form: Triangular, placed: false,
+                memory: [x_hat(n) p(n (n + 1)/2) r(moves)],
+                source: "Deza, Busvelle, Gauthier and Rakotopara (1992); Boizot, Busvelle and Gauthier (2010)",
             }
             rates {
                 kind: "collection", title: "collection of observers that repel each other",

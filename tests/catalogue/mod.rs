@@ -2,6 +2,7 @@
 //! list, and what the papers and the bounds of the orders add to them.
 #![allow(clippy::extra_unused_type_parameters)] // every row of the list has the same ones
 
+use hgo_rs::dual::Dual;
 use hgo_rs::for_each_law;
 use hgo_rs::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
 use hgo_rs::injection::{Injected, Placed, Placement};
@@ -15,11 +16,11 @@ use hgo_rs::observer::{
 };
 use hgo_rs::observers::{
     HardClip, LAWS, LowPowerObserver, NoSaturation, PeakingFreeObserver, ReducedOrderObserver,
-    SampledDataObserver, Saturation, SmoothSaturation, StandardObserver,
+    SampledDataObserver, SampledEkf, Saturation, SmoothSaturation, StandardObserver,
 };
 use hgo_rs::polynomial::coefficients_from_poles;
 use hgo_rs::{DesignError, Observer, Scalar};
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 use std::fmt::Debug;
 
 /// α and β of Astolfi et al., n = 5: every eigenvalue of M₅ is real and in [−2, −1].
@@ -153,14 +154,14 @@ struct Given<T, G, S> {
 struct Numbers {
     law: &'static Law,
     sizes: Sizes,
-    values: [f64; 24],
+    values: [f64; 32],
 }
 
 impl Numbers {
     fn new(kind: &str, n: usize, m: usize) -> Result<Self, DesignError> {
         let law = Law::find(LAWS, kind).unwrap();
         let sizes = Sizes { n, m, ..Sizes::default() };
-        let mut values = [0.0; 24];
+        let mut values = [0.0; 32];
         if let Some(Design { poles, place, .. }) = law.design {
             let (count, mut given) = ((poles.len)(&sizes), [(0.0, 0.0); 24]);
             for (i, pole) in given.iter_mut().enumerate() {
@@ -168,6 +169,13 @@ impl Numbers {
             }
             let coefficients = law.coefficients.iter().map(|part| (part.len)(&sizes)).sum();
             place(&sizes, &given[..count], &mut values[..coefficients])?;
+        } else if law.coefficients[0].name == "Q" {
+            // R amid the triangles of Q and P(0), whose diagonals are 1
+            let packed = n * (n + 1) / 2;
+            for i in 0..n {
+                (values[i * (i + 3) / 2], values[packed + 1 + i * (i + 3) / 2]) = (1.0, 1.0);
+            }
+            values[packed] = 1.0;
         } else {
             values[..4].copy_from_slice(&[2.0, 2.0, 0.0558, 0.0317]); // k, k_bar: Sanfelice and Praly
         }
@@ -229,7 +237,7 @@ macro_rules! list {
                 where
                     T: Scalar,
                     G: GainLaw<T>,
-                    Md: PhaseVariable<T, N, M> + Model<T, N, M> + From<Swing>,
+                    Md: PhaseVariable<T, N, M> + Model<T, N, M> + Model<Dual<T, N>, N, M> + From<Swing>,
                     S: Saturation<T>,
                 {
                     let numbers = Numbers::new($kind, N, K)?;
@@ -300,7 +308,7 @@ pub fn observers() -> u64 {
         (true, _) => 3 * (schemes + usize::from(law.placed) * placements),
     };
     let listed: usize = LAWS.iter().map(of_list).sum();
-    let (continuous, placed, recursions) = (6, 1, 2);
+    let (continuous, placed, recursions) = (6, 1, 3);
     (listed + continuous * schemes + placed * placements + recursions) as u64
 }
 
@@ -340,6 +348,12 @@ where
     let model = VanDerPol::new(c(0.8), c(0.5), Diffusion::Additive, Correction::Derived)?;
     let sampled = SampledDataObserver::<_, 2> { model };
     visitor.visit("sampled-data", "recursion", sampled, fill::<T, 0>);
+    let (q, p0) = (
+        SMatrix::from_fn(|i, j| c(f64::from(i == j && i == 1))),
+        SMatrix::from_fn(|i, j| c(f64::from(i == j))),
+    );
+    let filter = SampledEkf::<T, _, 2, 1, 1>::new(&q, [c(0.01)], &p0, [c(2.0)], [2], Swing)?;
+    visitor.visit("high-gain EKF", "sampled", filter, fill::<T, 1>);
     let ship = Ship::new(c(0.0), [c(0.0); 3])?;
     let reduced = ReducedOrderObserver::new([0.1, 0.2, 0.2].map(c), c(0.1), ship)?;
     visitor.visit("reduced-order", "recursion", reduced, fill::<T, 2>);

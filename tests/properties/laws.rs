@@ -1,6 +1,7 @@
 //! The laws written out, in both precisions, and where one is a case of another.
 
 use crate::catalogue::{SCHEMES, Visitor, visit_all};
+use hgo_rs::dual::Dual;
 use hgo_rs::for_each_law;
 use hgo_rs::gain::{AdaptiveGain, ConstantGain, GainLaw};
 use hgo_rs::laws::{Form, Gain, Law, Sizes};
@@ -258,7 +259,7 @@ fn the_list_counts_the_entries_of_each_memory() {
                     moves: bool,
                 ) where
                     G: GainLaw<T>,
-                    Md: PhaseVariable<T, N, M> + Model<T, N, M>,
+                    Md: PhaseVariable<T, N, M> + Model<T, N, M> + Model<Dual<T, N>, N, M>,
                     S: Saturation<T>,
                 {
                     law::<T, $law>($kind, N, K, moves);

@@ -6,9 +6,11 @@
 #[path = "../catalogue/mod.rs"]
 mod catalogue;
 mod designs;
+mod duals;
 mod elementary;
 mod estimators;
 mod exact;
+mod factors;
 mod gains;
 mod laws;
 mod memories;

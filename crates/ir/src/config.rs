@@ -21,7 +21,7 @@
 //! - `[log]` is handed on as it is: no file of samples is read here.
 //! - No step is compared with a stability limit, so that `allow_unstable` changes nothing.
 
-use crate::design::of_law;
+use crate::design::{covariances, of_law};
 use crate::error::{Result, refused};
 use crate::observer::build;
 use crate::recursion::AnyObserver;
@@ -49,7 +49,7 @@ fn keys(kind: &str) -> Option<Vec<&'static str>> {
         keys.push("order");
     }
     if law.gain == Gain::Any {
-        keys.push("epsilon");
+        keys.push(if filters(law) { "theta" } else { "epsilon" });
     }
     if law.design.is_some() {
         keys.push("poles");
@@ -63,11 +63,17 @@ fn keys(kind: &str) -> Option<Vec<&'static str>> {
     Some(keys)
 }
 
+/// Whether a law's gains come from a covariance.
+fn filters(law: &Law) -> bool {
+    law.coefficients.iter().any(|list| list.name == "P0")
+}
+
 /// Keys of a model's expressions.
 const EXPRESSIONS: [&str; 7] = ["phi", "f", "f1", "g", "f2", "h", "K_T"];
 
 /// What a file leaves open.
 const METHOD: &str = "zoh";
+const SAMPLED: &str = "sampled";
 const TIMING: &str = "current";
 
 /// An observer as a file says it.
@@ -305,12 +311,22 @@ fn rates(
     }
     let gain = gain(spec)?;
     let moves = Spec::new(&gain, "gain")?.text("law")? != "constant";
+    let placed = law.placed && !(moves && law.form == Form::Phase);
+    let filters = filters(law);
+    let method = if filters {
+        SAMPLED
+    } else if placed {
+        METHOD
+    } else {
+        "rk4"
+    };
+    let lists =
+        if filters { noises(spec, n, method, &gain)? } else { coefficients(law, spec, n, m)? };
     made.put("gain", gain);
-    for (list, values) in law.coefficients.iter().zip(coefficients(law, spec, n, m)?) {
+    for (list, values) in law.coefficients.iter().zip(lists) {
         made.put(list.name, numbers(values));
     }
-    let placed = law.placed && !(moves && law.form == Form::Phase);
-    manner(made, spec, if placed { METHOD } else { "rk4" }, known)?;
+    manner(made, spec, method, known)?;
     if law.saturated {
         let levels = spec.numbers("saturation")?.values.clone();
         let levels = if levels.len() == 1 { vec![levels[0]; n - 1] } else { levels };
@@ -341,11 +357,28 @@ fn coefficients(law: &Law, spec: &Spec<'_>, n: usize, m: usize) -> Result<Vec<Ve
     lists.iter().map(|list| Ok(spec.numbers(list.name)?.values.clone())).collect()
 }
 
+/// Q, R and P(0) of a Kalman filter.
+fn noises(spec: &Spec<'_>, n: usize, usual: &str, gain: &Value) -> Result<Vec<Vec<f64>>> {
+    let gain = Spec::new(gain, "gain")?;
+    let theta = if gain.text("law")? == "constant" { gain.f64("ell")? } else { 1.0 };
+    let sampled = spec.text_or("method", usual)? == SAMPLED;
+    let (q, r) = (spec.numbers("Q")?, spec.numbers("R")?);
+    let [variance] = r.values.as_slice() else {
+        return Err(refused("R is not allowed: give one number, the variance of a sample"));
+    };
+    let p0 = if spec.has("P0") { Some(spec.numbers("P0")?) } else { None };
+    let given = p0.as_ref().map(|p0| p0.values.as_slice());
+    let made = covariances(n, sampled, &q.values, *variance, given, theta)?;
+    Ok(vec![made.q, vec![*variance], made.p0])
+}
+
 /// A number is ℓ, a table a law.
 fn gain(spec: &Spec<'_>) -> Result<Value> {
     let ell = match (spec.get("gain"), spec.has("epsilon")) {
         (Some(law @ Value::Map(_)), false) => return Ok(law.clone()),
         (Some(_), false) => spec.f64("gain")?,
+        (None, false) if spec.has("theta") => spec.f64("theta")?,
+        (None, false) if spec.has("Q") => 1.0,
         (None, true) => 1.0 / hgo_rs::error::positive("epsilon", spec.f64("epsilon")?)?,
         _ => return Err(refused("gain: give either gain [1/s] or epsilon = 1/gain [s]")),
     };

@@ -4,6 +4,7 @@ use crate::error::{Result, refused};
 use crate::table::Table;
 use crate::trace::{self, Setting, Traced, apply, named, trace};
 use hgo_rs::Scalar;
+use hgo_rs::dual::Dual;
 use hgo_rs::program::Operation;
 
 impl Table {
@@ -22,24 +23,62 @@ impl Table {
             let named_inputs = |prefix: &str| -> Vec<Traced> {
                 self.inputs.iter().map(|name| trace::input(&format!("{prefix}{name}"))).collect()
             };
-            let mut values = named_inputs("");
-            let mut slopes: Vec<Option<Traced>> =
-                named_inputs("d ").into_iter().map(Some).collect();
-            values.extend(self.constants.iter().map(|value| Traced::from_f64(*value)));
-            slopes.resize(values.len(), None);
-            for (operation, from) in &self.operations {
-                let value = |i: usize| from.get(i).and_then(|at| values.get(*at)).copied();
-                let [a, b, c] = [0, 1, 2].map(|i| value(i).unwrap_or_default());
-                let [da, db, dc] = [0, 1, 2]
-                    .map(|i| from.get(i).and_then(|at| slopes.get(*at).copied()).flatten());
-                let made = apply(*operation, [a, b, c]);
-                slopes.push(slope(*operation, made, [a, b, c], [da, db, dc]));
-                values.push(made);
-            }
-            let outputs = self.outputs.iter().map(|output| slopes[*output].unwrap_or_default());
-            Ok(named("slope", &outputs.collect::<Vec<_>>()))
+            let values = named_inputs("");
+            let direction = named_inputs("d ").into_iter().map(Some).collect();
+            let slopes = self.slopes(values, direction).into_iter().map(Option::unwrap_or_default);
+            Ok(named("slope", &slopes.collect::<Vec<_>>()))
         })
     }
+
+    /// Within a trace: the derivatives of the outputs at these inputs along a direction; `None` is 0.
+    fn slopes(
+        &self,
+        mut values: Vec<Traced>,
+        mut slopes: Vec<Option<Traced>>,
+    ) -> Vec<Option<Traced>> {
+        values.extend(self.constants.iter().map(|value| Traced::from_f64(*value)));
+        slopes.resize(values.len(), None);
+        for (operation, from) in &self.operations {
+            let value = |i: usize| from.get(i).and_then(|at| values.get(*at)).copied();
+            let [a, b, c] = [0, 1, 2].map(|i| value(i).unwrap_or_default());
+            let [da, db, dc] =
+                [0, 1, 2].map(|i| from.get(i).and_then(|at| slopes.get(*at).copied()).flatten());
+            let made = apply(*operation, [a, b, c]);
+            slopes.push(slope(*operation, made, [a, b, c], [da, db, dc]));
+            values.push(made);
+        }
+        self.outputs.iter().map(|output| slopes[*output]).collect()
+    }
+}
+
+/// Call a function that was kept over dual numbers. One that calls functions has no slopes: refused.
+pub(crate) fn call_dual<const N: usize>(
+    function: usize,
+    arguments: &[Dual<Traced, N>],
+) -> Vec<Dual<Traced, N>> {
+    let (table, parameters) = trace::kept(function);
+    let values: Vec<Traced> = arguments.iter().map(|x| x.value).chain(parameters).collect();
+    let made = trace::inline(&table, &values).into_iter().map(Dual::from);
+    let mut made: Vec<Dual<Traced, N>> = made.collect();
+    if !table.calls.is_empty() {
+        trace::refuse(
+            "this law needs the slopes of its model, which a model of Python functions that could not be \
+             compiled has not: write its equations as expressions, or choose the standard observer",
+        );
+        return made;
+    }
+    for direction in 0..N {
+        let along = arguments.iter().map(|x| x.slopes[direction]);
+        // a constant 0 is no slope
+        let mut along: Vec<_> =
+            along.map(|slope| (slope.to_f64() != 0.0).then_some(slope)).collect();
+        along.resize(values.len(), None);
+        let slopes = table.slopes(values.clone(), along);
+        for (made, slope) in made.iter_mut().zip(slopes) {
+            made.slopes[direction] = slope.unwrap_or(Traced::NEG_ZERO);
+        }
+    }
+    made
 }
 
 /// The derivative of one operation's result; `None` is 0.

@@ -1,6 +1,7 @@
-//! Floor 5. Models that are known at run time only, within a trace: a table in the place of a compiled
+//! Floor 6. Models that are known at run time only, within a trace: a table in the place of a compiled
 //! model.
 
+use crate::derivative::call_dual;
 use crate::error::{Result, refused};
 use crate::order::MAX_INPUTS;
 use crate::spec::Spec;
@@ -8,6 +9,7 @@ use crate::systems::AnyModel;
 use crate::table::Table;
 use crate::trace::{self, Traced, call, input, inputs};
 use hgo_rs::Scalar;
+use hgo_rs::dual::Dual;
 use hgo_rs::model::{Model, PhaseVariable, SampledModel, StrictFeedback, last};
 use nalgebra::{SMatrix, SVector};
 
@@ -133,14 +135,18 @@ pub(crate) enum Known {
 }
 
 impl Known {
-    /// Outputs of an own model.
-    fn call(&self, t: Traced, x: &[Traced], u: &[Traced]) -> Vec<Traced> {
+    /// Outputs of an own model, by what calls a function over these numbers.
+    fn call<S: Scalar + From<Traced>>(
+        &self,
+        (t, x, u): (S, &[S], &[S]),
+        call: impl Fn(usize, &[S]) -> Vec<S>,
+    ) -> Vec<S> {
         match *self {
             Self::Paper(_) => Vec::new(),
             Self::Own { function, n_u, .. } => call(function, &[&[t], x, &u[..n_u]].concat()),
             Self::Chain { function, shared, n_u, n, first, .. } => {
-                let mut all = trace::parameters(shared);
-                all.truncate(n);
+                let (_, shared) = trace::kept(shared);
+                let mut all: Vec<S> = shared.into_iter().take(n).map(S::from).collect();
                 all[first..first + x.len()].copy_from_slice(x);
                 call(function, &[&[t], all.as_slice(), &u[..n_u]].concat())
             }
@@ -157,59 +163,92 @@ impl Known {
 }
 
 /// The first K inputs.
-fn told<const K: usize>(u: &SVector<Traced, MAX_INPUTS>) -> SVector<Traced, K> {
+fn told<S: Scalar, const K: usize>(u: &SVector<S, MAX_INPUTS>) -> SVector<S, K> {
     SVector::from_fn(|i, _| u[i])
 }
 
-impl<const N: usize> Model<Traced, N, MAX_INPUTS> for Known {
-    fn f_hat(
-        &self,
-        t: Traced,
-        x: &SVector<Traced, N>,
-        u: &SVector<Traced, MAX_INPUTS>,
-    ) -> SVector<Traced, N> {
-        let made = self.call(t, x.as_slice(), u.as_slice());
-        match (self, self.unknown()) {
-            (Self::Paper(model), _) => model.f_hat(t, x, &told::<1>(u)),
-            (Self::Chain { chain, .. }, None) => last(made[*chain]),
-            (Self::Own { .. }, None) => match made.as_slice() {
-                [phi] => last(*phi),
-                f => SVector::from_fn(|i, _| f.get(i).copied().unwrap_or_default()),
-            },
-            // the equation that an unknown enters is where the unknown does
-            (Self::Own { .. }, Some(Entry { side, .. })) => {
-                SVector::from_fn(|i, _| if i < side { made[i] } else { Traced::NEG_ZERO })
+/// A model over these numbers, over which functions are called so.
+macro_rules! known_over {
+    ($number:ty, $call:ident) => {
+        impl<const N: usize> Model<$number, N, MAX_INPUTS> for Known {
+            fn f_hat(
+                &self,
+                t: $number,
+                x: &SVector<$number, N>,
+                u: &SVector<$number, MAX_INPUTS>,
+            ) -> SVector<$number, N> {
+                let made = self.call((t, x.as_slice(), u.as_slice()), $call);
+                match (self, self.unknown()) {
+                    (Self::Paper(model), _) => model.f_hat(t, x, &told::<_, 1>(u)),
+                    (Self::Chain { chain, .. }, None) => last(made[*chain]),
+                    (Self::Own { .. }, None) => match made.as_slice() {
+                        [phi] => last(*phi),
+                        f => SVector::from_fn(|i, _| f.get(i).copied().unwrap_or_default()),
+                    },
+                    // the equation that an unknown enters is where the unknown does
+                    (Self::Own { .. }, Some(Entry { side, .. })) => {
+                        SVector::from_fn(|i, _| if i < side { made[i] } else { Scalar::NEG_ZERO })
+                    }
+                    (Self::Chain { .. }, Some(_)) => SVector::from_element(Scalar::NEG_ZERO),
+                }
             }
-            (Self::Chain { .. }, Some(_)) => SVector::from_element(Traced::NEG_ZERO),
+            fn enters(
+                &self,
+                t: $number,
+                x: &SVector<$number, N>,
+                last: $number,
+                u: &SVector<$number, MAX_INPUTS>,
+            ) -> $number {
+                let Some(Entry { side, .. }) = self.unknown() else { return last };
+                let mut x = *x;
+                x[N - 1] = last;
+                self.call((t, x.as_slice(), u.as_slice()), $call)[side]
+            }
+            fn slope(&self, x: &SVector<$number, N>) -> $number {
+                let Some(Entry { slope, .. }) = self.unknown() else { return Scalar::ONE };
+                let nothing = [Scalar::ZERO; MAX_INPUTS];
+                self.call((Scalar::ZERO, x.as_slice(), &nothing), $call)[slope]
+            }
+            fn carries(&self) -> bool {
+                self.unknown().is_some()
+            }
         }
-    }
-    fn enters(
-        &self,
-        t: Traced,
-        x: &SVector<Traced, N>,
-        last: Traced,
-        u: &SVector<Traced, MAX_INPUTS>,
-    ) -> Traced {
-        let Some(Entry { side, .. }) = self.unknown() else { return last };
-        let mut x = *x;
-        x[N - 1] = last;
-        self.call(t, x.as_slice(), u.as_slice())[side]
-    }
-    fn carries(&self) -> bool {
-        self.unknown().is_some()
-    }
-    fn slope(&self, x: &SVector<Traced, N>) -> Traced {
-        let Some(Entry { slope, .. }) = self.unknown() else { return Traced::ONE };
-        self.call(Traced::ZERO, x.as_slice(), &[Traced::ZERO; MAX_INPUTS])[slope]
-    }
+    };
 }
+known_over!(Traced, call);
+known_over!(Dual<Traced, N>, call_dual);
 
 impl<const N: usize> PhaseVariable<Traced, N, MAX_INPUTS> for Known {
     fn phi(&self, t: Traced, x: &SVector<Traced, N>, u: &SVector<Traced, MAX_INPUTS>) -> Traced {
         match self {
-            Self::Paper(model) => model.phi(t, x, &told::<1>(u)),
-            _ => self.f_hat(t, x, u)[N - 1],
+            Self::Paper(model) => model.phi(t, x, &told::<_, 1>(u)),
+            _ => Model::f_hat(self, t, x, u)[N - 1],
         }
+    }
+}
+
+/// All chains of a model with several outputs, for laws that need its slopes.
+#[derive(Clone, Copy)]
+pub(crate) struct OwnChains<const N: usize, const K: usize> {
+    pub(crate) function: usize,
+    pub(crate) n_u: usize,
+    /// The last state of each chain.
+    pub(crate) last: [usize; K],
+}
+
+impl<const N: usize, const K: usize> Model<Dual<Traced, N>, N, MAX_INPUTS> for OwnChains<N, K> {
+    fn f_hat(
+        &self,
+        t: Dual<Traced, N>,
+        x: &SVector<Dual<Traced, N>, N>,
+        u: &SVector<Dual<Traced, N>, MAX_INPUTS>,
+    ) -> SVector<Dual<Traced, N>, N> {
+        let given = [&[t], x.as_slice(), &u.as_slice()[..self.n_u]].concat();
+        let mut f = SVector::from_element(Dual::NEG_ZERO);
+        for (place, phi) in self.last.iter().zip(call_dual(self.function, &given)) {
+            f[*place] = phi;
+        }
+        f
     }
 }
 

@@ -31,9 +31,9 @@ fn head<T: Scalar, const K: usize, const N: usize>(x: &SVector<T, N>) -> SVector
     SVector::from_fn(|i, _| if i < N { x[i] } else { T::ZERO })
 }
 
-impl<T: Scalar, const N: usize> Model<T, N, 1> for AnyModel<T> {
+impl<T: Scalar, S: Scalar + From<T>, const N: usize> Model<S, N, 1> for AnyModel<T> {
     #[inline(always)]
-    fn f_hat(&self, t: T, x: &SVector<T, N>, u: &SVector<T, 1>) -> SVector<T, N> {
+    fn f_hat(&self, t: S, x: &SVector<S, N>, u: &SVector<S, 1>) -> SVector<S, N> {
         match self {
             Self::SanfelicePraly(_) => self.known_vector(t, x),
             _ => last(self.phi(t, x, u)),
@@ -41,11 +41,11 @@ impl<T: Scalar, const N: usize> Model<T, N, 1> for AnyModel<T> {
     }
 }
 
-impl<T: Scalar, const N: usize> PhaseVariable<T, N, 1> for AnyModel<T> {
+impl<T: Scalar, S: Scalar + From<T>, const N: usize> PhaseVariable<S, N, 1> for AnyModel<T> {
     #[inline(always)]
-    fn phi(&self, t: T, x: &SVector<T, N>, u: &SVector<T, 1>) -> T {
+    fn phi(&self, t: S, x: &SVector<S, N>, u: &SVector<S, 1>) -> S {
         match self {
-            Self::Unknown | Self::SanfelicePraly(_) => T::NEG_ZERO,
+            Self::Unknown | Self::SanfelicePraly(_) => S::NEG_ZERO,
             Self::Input(model) => model.phi(t, x, u),
             Self::Lee(_) | Self::VanDerPol(_) | Self::Crackle(_) => self.known(t, x),
         }
@@ -55,20 +55,23 @@ impl<T: Scalar, const N: usize> PhaseVariable<T, N, 1> for AnyModel<T> {
 // Apart, so that a law under a scheme of many stages holds no model many times.
 impl<T: Scalar> AnyModel<T> {
     #[inline(never)]
-    fn known_vector<const N: usize>(&self, t: T, x: &SVector<T, N>) -> SVector<T, N> {
+    fn known_vector<S, const N: usize>(&self, t: S, x: &SVector<S, N>) -> SVector<S, N>
+    where
+        S: Scalar + From<T>,
+    {
         match self {
             Self::SanfelicePraly(model) => head(&model.f_hat(t, &head(x), &no_input())),
-            _ => last(T::NEG_ZERO),
+            _ => last(S::NEG_ZERO),
         }
     }
 
     #[inline(never)]
-    fn known<const N: usize>(&self, t: T, x: &SVector<T, N>) -> T {
+    fn known<S: Scalar + From<T>, const N: usize>(&self, t: S, x: &SVector<S, N>) -> S {
         match self {
             Self::Lee(model) => model.phi(t, &head(x), &no_input()),
             Self::VanDerPol(model) => model.phi(t, &head(x), &no_input()),
             Self::Crackle(model) => model.phi(t, &head(x), &no_input()),
-            Self::Unknown | Self::Input(_) | Self::SanfelicePraly(_) => T::NEG_ZERO,
+            Self::Unknown | Self::Input(_) | Self::SanfelicePraly(_) => S::NEG_ZERO,
         }
     }
 }

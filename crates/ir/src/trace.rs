@@ -51,7 +51,8 @@ struct Trace {
     present: bool,
     /// What is answered to questions about values that are not known.
     answer: Option<Ordering>,
-    undecided: bool,
+    /// Why there is no table.
+    refusal: Option<&'static str>,
 }
 
 const ZERO: Node = Node::Constant(0);
@@ -130,6 +131,9 @@ impl Trace {
     }
 }
 
+const DECIDES: &str = "this observer decides on values while it runs, so that its step is no table of \
+                       operations: choose a law or a method without decisions";
+
 thread_local! {
     static TRACE: RefCell<Trace> = RefCell::default();
 }
@@ -192,12 +196,9 @@ fn begin(Setting { single, present, answer, .. }: Setting) {
 
 /// The table of what was traced.
 fn end(outputs: Vec<(String, Traced)>) -> Result<Table> {
-    let Trace { nodes, names, undecided, calls, called, .. } = with(std::mem::take);
-    if undecided {
-        return Err(refused(
-            "this observer decides on values while it runs, so that its step is no table of \
-             operations: choose a law or a method without decisions",
-        ));
+    let Trace { nodes, names, refusal, calls, called, .. } = with(std::mem::take);
+    if let Some(reason) = refusal {
+        return Err(refused(reason));
     }
     let constants = nodes.iter().filter(|node| matches!(node, Node::Constant(_))).count();
     let of_calls = names.len();
@@ -240,6 +241,11 @@ pub fn input(name: &str) -> Traced {
         trace.names.push(name.to_owned());
         Traced(trace.node(Node::Input(index)))
     })
+}
+
+/// Let the trace end without a table, for this reason.
+pub fn refuse(reason: &'static str) {
+    with(|trace| trace.refusal = Some(reason));
 }
 
 /// New inputs `name[0]`, `name[1]`, …
@@ -298,17 +304,15 @@ pub fn function(table: Table, parameters: Vec<Traced>) -> usize {
     })
 }
 
-/// The parameters of a function that was kept.
-pub fn parameters(function: usize) -> Vec<Traced> {
-    with(|trace| trace.functions.get(function).map_or_else(Vec::new, |f| f.parameters.clone()))
+/// A function that was kept, and its parameters.
+pub fn kept(function: usize) -> (Table, Vec<Traced>) {
+    let found = with(|trace| trace.functions.get(function).cloned());
+    found.map_or_else(Default::default, |Function { table, parameters }| (table, parameters))
 }
 
 /// Call a function that was kept.
 pub fn call(function: usize, arguments: &[Traced]) -> Vec<Traced> {
-    let Some(Function { table, parameters }) = with(|trace| trace.functions.get(function).cloned())
-    else {
-        return Vec::new();
-    };
+    let (table, parameters) = kept(function);
     inline(&table, &[arguments, &parameters].concat())
 }
 
@@ -351,7 +355,9 @@ fn decide(a: Traced, b: Traced) -> Option<Ordering> {
         if let (Some(a), Some(b)) = (trace.value(a.0), trace.value(b.0)) {
             return a.partial_cmp(&b);
         }
-        trace.undecided |= trace.answer.is_none();
+        if trace.answer.is_none() {
+            trace.refusal = Some(DECIDES);
+        }
         trace.answer
     })
 }

@@ -53,12 +53,18 @@ fn the_example_reads_a_model_steps_it_and_studies_it() {
     assert!(without.iter().zip(&errors).all(|(without, with)| without[1] > 1.2 * with[1]));
 }
 
-/// Order and gain are enough for any law of one chain that is designed by poles; its memory is the row's.
+/// Order and gain are enough for any law of one chain that is designed by poles, and Q and R for one whose gains
+/// come from a covariance; its memory is the row's.
 #[test]
 fn a_file_names_any_law_of_the_list() {
     for law in LAWS.iter().filter(|law| law.gain == Gain::Any) {
-        let saturation = if law.saturated { "saturation = 2.0\n" } else { "" };
-        let text = format!("observer = '{}'\norder = 3\ngain = 2.0\n{saturation}", law.kind);
+        let filters = law.design.is_none();
+        let also = match (law.saturated, filters) {
+            (true, _) => "saturation = 2.0\n",
+            (_, true) => "Q = 5.0\nR = 1e-4\n",
+            _ => "",
+        };
+        let text = format!("observer = '{}'\norder = 3\ngain = 2.0\n{also}", law.kind);
         let config = config(&format!("format = 1\n{text}"));
         let m = law.size.map_or(0, |(_, values)| values[0]);
         let sizes = Sizes { n: 3, m, ..Sizes::default() };
@@ -66,7 +72,45 @@ fn a_file_names_any_law_of_the_list() {
         for list in law.coefficients {
             assert_eq!(numbers(&config, list.name).len(), (list.len)(&sizes), "{text}");
         }
-        assert_eq!(word(&config, "method"), if law.placed { "zoh" } else { "rk4" }, "{text}");
+        let usual = if filters {
+            "sampled"
+        } else if law.placed {
+            "zoh"
+        } else {
+            "rk4"
+        };
+        assert_eq!(word(&config, "method"), usual, "{text}");
+    }
+}
+
+/// Q by its last entry, its diagonal or its triangle; P(0) left out or given; theta.
+#[test]
+fn noises_of_a_filter() {
+    let of = |more: &str| {
+        config(&format!("format = 1\nobserver = 'high-gain-ekf'\norder = 2\nR = 1e-2\n{more}"))
+    };
+    for q in ["Q = 8e-5", "Q = [0.0, 8e-5]", "Q = [0.0, 0.0, 8e-5]"] {
+        let open = of(q);
+        assert_eq!(numbers(&open, "Q"), [0.0, 0.0, 8e-5], "{q}");
+        // (8e-5/1e-2)^(1/3) = 0.2
+        let p0 = numbers(&open, "P0");
+        assert!((p0[0] - 1.0).abs() < 1e-12 && (p0[2] - 0.04).abs() < 1e-12, "{p0:?}");
+    }
+    let given = of("Q = 1.0\ntheta = 3.0\nP0 = [1.0, 2.0]\nmethod = 'rk4'");
+    assert_eq!(numbers(&given, "P0"), [1.0, 0.0, 2.0]);
+    assert_eq!(given.observer().unwrap().n(), 2);
+    for (wrong, why) in [
+        ("Q = [1.0, 2.0, 3.0, 4.0]", "4 numbers given"),
+        ("Q = 0.0", "must have a positive entry"),
+        ("Q = 1.0\nP0 = 1.0", "one number given"),
+        ("Q = [1.0, 2.0, 1.0]", "positive semidefinite"),
+        ("Q = 1.0\nP0 = [1.0, 0.0]", "P0"),
+        ("Q = 1.0\ntheta = 0.5", "at least 1"),
+        ("Q = 1.0\ntiming = 'predictor'", "at its own time"),
+    ] {
+        let text = format!("format = 1\nobserver = 'high-gain-ekf'\norder = 2\nR = 1e-2\n{wrong}");
+        let message = refusal(&text);
+        assert!(message.contains(why), "{wrong}: {message}");
     }
 }
 

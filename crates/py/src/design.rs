@@ -71,6 +71,21 @@ pub fn law_sizes<'py>(
     Ok(out)
 }
 
+/// Q and P(0) of the high-gain EKF: see [`design::covariances`].
+#[pyfunction]
+#[allow(clippy::needless_pass_by_value)]
+pub fn ekf_covariances(
+    n: usize,
+    sampled: bool,
+    q: Vec<f64>,
+    r: f64,
+    p0: Option<Vec<f64>>,
+    theta: f64,
+) -> Result<(Vec<f64>, Vec<f64>)> {
+    let made = design::covariances(n, sampled, &q, r, p0.as_deref(), theta)?;
+    Ok((made.q, made.p0))
+}
+
 /// The lists of coefficients of a law from poles given as (real, imaginary) pairs; the usual ones without.
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value)]

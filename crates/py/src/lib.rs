@@ -21,7 +21,7 @@ use pyo3::prelude::*;
 mod _core {
     #[pymodule_export]
     use crate::design::{
-        coefficients_from_poles, is_hurwitz, law_coefficients, law_sizes, laws,
+        coefficients_from_poles, ekf_covariances, is_hurwitz, law_coefficients, law_sizes, laws,
         low_power_coefficients, low_power_coefficients_from_poles, low_power_polynomial,
     };
     #[pymodule_export]

@@ -30,7 +30,7 @@ from hgo_rs.observers import HighGainObserver, Observer, StochasticApproximation
 from hgo_rs.observers.records import STARTS
 from hgo_rs.read_only import read_only
 
-_RIVALS = (("gain", "epsilon"), ("poles", *keys.LISTS))
+_RIVALS = (("gain", "epsilon", "theta"), ("poles", *keys.LISTS))
 """Keys that stand in place of one another: a change of one drops the others."""
 
 _UNITS = {"gain": "1/s", "epsilon": "s", "dt": "s", "t": "s"}

@@ -49,6 +49,7 @@ from .response import (
     peaking,
     settling,
 )
+from .riccati import SteadyGains, riccati
 from .stochastic_approximation import (
     StationaryError,
     StepCertificate,
@@ -72,6 +73,7 @@ __all__ = [
     "LowPowerCoefficients",
     "LowPowerStability",
     "StationaryError",
+    "SteadyGains",
     "StepCertificate",
     "StepLimit",
     "StepSizes",
@@ -109,6 +111,7 @@ __all__ = [
     "observer_coefficients",
     "peaking",
     "repulsion_gains",
+    "riccati",
     "routh_hurwitz",
     "schur_limit",
     "settling",

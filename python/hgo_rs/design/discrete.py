@@ -148,6 +148,8 @@ def continuous(observer: Mapping[str, Any], *, gain: float | None = None) -> Con
         raise DesignError(explain("kind", kind, allowed, "this one is a recursion: give dt"))
     if not LAWS[kind].single:
         remedy = "analyse one copy: a StandardObserver with the same k"
+        if "P0" in observer:
+            remedy = "its gains move with P; analyse the law that hgo_rs.design.riccati gives"
         raise DesignError(explain("kind", kind, "a law with one chain", remedy))
     ell = _frozen(observer, gain)
     f, g, power = rates(unit(observer))

@@ -94,6 +94,7 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
       sufficient, and asks too much of the printed gain.
       A model of the user's own: no limit is known, its K_T may depend on T at will.
     - reduced-order (Katayama, A5): T < 2 epsilon/max h_bar, exact.
+    - high-gain EKF: none is known before P is; "sampled" has none.
     - chains: the least of the chains' own; ``parts`` are in s there.
     """
     kind = choice(observer, "kind", (*LAWS, "chains"))
@@ -220,6 +221,10 @@ def _sampled_data(observer: Mapping[str, Any]) -> StepLimit:
     return StepLimit("recursion", dt, dt, parts)
 
 
+def _filter(observer: Mapping[str, Any]) -> StepLimit:
+    return StepLimit(str(member(observer, "method")), math.inf, math.inf, {})  # P moves its gains
+
+
 def _chains(observer: Mapping[str, Any]) -> StepLimit:
     limits = [step_limit(chain) for chain in member(observer, "observers")]
     parts = {f"output {i + 1}": limit.dt for i, limit in enumerate(limits)}
@@ -309,5 +314,6 @@ def _van_der_pol_cycle(epsilon: float) -> tuple[Sequence[float], float]:
 _LIMITS: dict[str, Callable[[Mapping[str, Any]], StepLimit]] = {
     "sampled-data": _sampled_data,
     "reduced-order": _reduced_order,
+    "high-gain-ekf": _filter,
     "chains": _chains,
 }

@@ -13,6 +13,7 @@ from hgo_rs.observers.gains import (
     StochasticApproximation,
 )
 from hgo_rs.observers.gaps import gap_bound
+from hgo_rs.observers.high_gain_ekf import HighGainEKF
 from hgo_rs.observers.listed import HighGainObserver
 from hgo_rs.observers.low_power import LowPowerObserver, PeakingFreeObserver
 from hgo_rs.observers.reduced_order import ReducedOrderObserver
@@ -31,6 +32,7 @@ __all__ = [
     "DeadZoneGain",
     "FixedStep",
     "Gap",
+    "HighGainEKF",
     "HighGainObserver",
     "LowPowerObserver",
     "ModifiedObserver",

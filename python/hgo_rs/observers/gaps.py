@@ -106,6 +106,9 @@ class _Record:
     ) -> None:
         self.core, self.u, self.gain = core, u, index
         law = LAWS.get(spec["kind"])
+        chains = spec.get("observers", (spec,))
+        self.linear = core.n if any("P0" in one for one in chains) else None
+        """How many entries of the memory, the first ones, move linearly; None: all but the gain."""
         self.behind = following(spec)[core.n :] if law is not None and law.single else None
         chains = spec.get("observers")  # one for each output, or one chain
         self.orders = [chain["n"] for chain in chains] if chains else [core.n]
@@ -145,20 +148,20 @@ class _Record:
         return self._advance(k, used, y)
 
     def _time_constant(self) -> float:
-        """The slowest of the law, linearised amid the record; the gain is held."""
+        """The slowest of the law, linearised amid the record; gains and covariances are held."""
         k = len(self.t) // 2
         if k < 2:
             return 0.0
         given = np.flatnonzero(~np.isnan(self.y).any(axis=1))
         y = self.y[given[np.argmin(np.abs(given - k))]] if len(given) else self.y[k]
         memory = self._found(k)
-        size = 1e-6 * (1.0 + float(np.max(np.abs(memory))))
+        size = 1e-6 * (1.0 + float(np.max(np.abs(memory[: self.linear]))))
         after = self._step(k, memory, y)
         columns = [
             self._apart(self._step(k, memory + size * unit, y), after) / size
-            for unit in np.eye(len(memory))
+            for unit in np.eye(len(memory))[: self.linear]
         ]
-        states = [i for i in range(len(memory)) if i != self.gain]
+        states = [i for i in range(len(memory))[: self.linear] if i != self.gain]
         matrix = np.array(columns).T[np.ix_(states, states)]
         if not np.all(np.isfinite(matrix)):
             return 0.0

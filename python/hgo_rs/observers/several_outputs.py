@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy.typing as npt
+
 from hgo_rs.errors import check
 from hgo_rs.models import Model
 from hgo_rs.observers import arguments
 from hgo_rs.observers.base import Observer
+from hgo_rs.observers.high_gain_ekf import HighGainEKF, covariance, is_one
 from hgo_rs.observers.listed import HighGainObserver
+from hgo_rs.observers.records import Array
 
 
 class MultiOutputObserver(Observer):
@@ -22,7 +26,7 @@ class MultiOutputObserver(Observer):
 
     Parameters
     ----------
-    observers : sequence of StandardObserver, LowPowerObserver or PeakingFreeObserver
+    observers : sequence of StandardObserver, LowPowerObserver, PeakingFreeObserver or HighGainEKF
         One for each output, made without a model: structure, gain, discretisation, timing. All of
         the same timing and motion; a motion that is left open is chosen by the model.
     model : Model
@@ -31,6 +35,10 @@ class MultiOutputObserver(Observer):
         As in `StandardObserver`.
 
     An output that wraps is said where its observer is made: `StandardObserver(2, 40, wrap=2*pi)`.
+
+    High-gain EKFs by method "sampled", one for each output, are one filter: its covariance is of
+    all states, the other chains' slopes are in it, and a sample of one output corrects all of them.
+    Up to 4 outputs and 8 states; `covariance` gives P.
 
     The memory holds the estimates of all chains, one chain after the other, then the rest of each
     observer's memory. `run` takes y of shape (N, number of chains).
@@ -52,8 +60,9 @@ class MultiOutputObserver(Observer):
         check(given == chains, "orders of the observers", given, f"{chains}", remedy)
         specs = []
         for observer in observers:
-            free = observer.model is None and isinstance(observer, HighGainObserver)
-            remedy = "a StandardObserver, LowPowerObserver or PeakingFreeObserver without a model"
+            fits = isinstance(observer, (HighGainObserver, HighGainEKF))
+            free = observer.model is None and fits
+            remedy = "a StandardObserver, LowPowerObserver, ... without a model"
             check(free, "observers", observer, remedy, "the model of all chains is given once")
             specs.append({k: v for k, v in observer.spec.items() if k != "model"})
         specs = _moving(observers, specs, model)
@@ -62,6 +71,18 @@ class MultiOutputObserver(Observer):
         check(same, "timing of the observers", timings, "the same", "give all the same timing=")
         spec = {"kind": "chains", "observers": specs, "model": model.spec}
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
+
+    def covariance(self, memory: npt.ArrayLike | None = None) -> Array:
+        """P of memories (..., m) of high-gain EKFs, shape (..., n, n); default: where it stands.
+
+        Raises
+        ------
+        HgoError
+            Observers that remember no covariance.
+        """
+        remedy = "HighGainEKF(..., method='sampled') for every output has one"
+        check(is_one(self.spec), "covariance", None, "of high-gain EKFs", remedy)
+        return covariance(self.memory if memory is None else memory, self.n)
 
 
 def _moving(

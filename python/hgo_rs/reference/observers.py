@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import integrate
+from . import covariance, integrate
 from . import motion as moving
 from .error import Array, Spec, choice, fail, integer, known, member, number, vector
 from .gain import AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw, gain_from
@@ -588,6 +588,179 @@ class FilteredObserver(StandardObserver):
         if self.gain.moves:
             rate[-1] = driven(self.gain, memory[-1], e, n)
         return rate
+
+
+SAMPLED = "sampled"
+
+
+def drift(model: Plant, x: Array, u: Array | None, t: float) -> Array:
+    """A x + f_hat, the rate of a chain without a sample."""
+    rate = np.concatenate((above(model, x, u, t), np.zeros_like(x[:1])))
+    f = model.known(x, u, t)
+    return rate if f is None else rate + f
+
+
+def _noises(spec: Spec, n: int) -> tuple[Array, float, Array]:
+    """Q, R and P(0) of a spec."""
+    packed = n * (n + 1) // 2
+    q, p0 = (
+        covariance.square(vector(member(spec, name, "observer"), f"observer.{name}", packed))
+        for name in ("Q", "P0")
+    )
+    (r,) = vector(member(spec, "R", "observer"), "observer.R", 1)
+    q = covariance.checked(q, "Q", definite=False)
+    p0 = covariance.checked(p0, "P0", definite=True)
+    return q, number(r, "observer.R", above=0.0), p0
+
+
+class HighGainEkf(ContinuousLaw):
+    """The high-gain extended Kalman filter, Deza, Busvelle, Gauthier, Rakotopara (1992).
+
+    x_hat' = A x_hat + f_hat + P C' theta/R e, P' = J P + P J' + Q_theta - P C' theta/R C P.
+    Memory: x_hat (n), P as L and D of L D L' (n (n + 1)/2), and r if the gain moves.
+    """
+
+    def __init__(self, spec: Spec, chain: Chain | None = None) -> None:
+        self.n = n = _order(spec)
+        self.q, self.r, self.p0 = _noises(spec, n)
+        self.gain = gain_from(member(spec, "gain", "observer"))
+        self.model = _model(spec, n, chain)
+        self.may_be_undefined, self.n_u = self.model.kind == "own", self.model.n_u
+        self.method = _method(spec)
+        self.rows = n + n * (n + 1) // 2
+        self.memory_len = self.rows + self.gain.moves
+        self.gain_rows = (self.rows,) if self.gain.moves else ()
+
+    def initial(self) -> Array:
+        memory = super().initial()
+        memory[self.n : self.rows] = covariance.held(self.p0[None])[:, 0]
+        return memory
+
+    def _theta(self, memory: Array) -> Array:
+        if isinstance(self.gain, ConstantGain):
+            return np.full(memory.shape[1], self.gain.ell)
+        return memory[self.rows]
+
+    def innovation(self, memory: Array, y: Array) -> Array:
+        """e, and 1 where there is a sample, else 0: (2, runs)."""
+        return np.stack([innovation(y, memory[0]), np.isfinite(y) * np.ones_like(memory[0])])
+
+    def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
+        """(1), (2)."""
+        n = self.n
+        x_hat, theta = memory[:n], self._theta(memory)
+
+        def free(x: Array, s: float) -> Array:
+            return drift(self.model, x, u, s)
+
+        p = covariance.covariance(memory[n : self.rows], n)
+        jp = covariance.slopes(free, x_hat, t) @ p
+        powers = theta[:, None] ** (np.arange(n) + 0.5)
+        moved = jp + np.swapaxes(jp, 1, 2) + powers[:, :, None] * powers[:, None, :] * self.q
+        rate = np.zeros_like(memory)
+        rate[:n] = free(x_hat, t)
+        rate[n : self.rows] = covariance.held_rate(memory[n : self.rows], moved)
+        if self.gain.moves:
+            rate[-1] = self.gain.rate(memory[-1], np.zeros_like(e[0]), n)
+        return rate + self.injection(memory, e)
+
+    def injection(self, memory: Array, e: Array) -> Array:
+        """P C' theta/R e, and -P C' theta/R C P where there is a sample."""
+        n, weight = self.n, self._theta(memory) / self.r
+        p = covariance.covariance(memory[n : self.rows], n)
+        down = -p[:, :, :1] * p[:, :1, :] * (weight * e[1])[:, None, None]
+        rate = np.zeros_like(memory)
+        rate[:n] = p[:, :, 0].T * weight * e[0]
+        rate[n : self.rows] = covariance.held_rate(memory[n : self.rows], down)
+        if self.gain.moves:
+            rate[-1] = driven(self.gain, memory[-1], e[0], n)
+        return rate
+
+    def lift(self, old: Array, new: Array, dt: float) -> None:
+        """x_hat_i uses the new x_hat_{i+1}."""
+        lift_chain(self.model, old, new, dt, 0, self.n)
+
+
+class SampledEkf(Law):
+    """The high-gain EKF of sampled data, of one chain or of all chains of a model.
+
+    Between samples x_hat and P by the model; K = P C'(C P C' + R/theta)^-1.
+    Memory: x_hat (n), P as L and D of L D L' (n (n + 1)/2), the time since the last sample used.
+    """
+
+    is_current = True
+
+    def __init__(self, specs: list[Spec], model: Plant) -> None:
+        orders = [_order(spec) for spec in specs]
+        noises = [_noises(spec, order) for spec, order in zip(specs, orders, strict=True)]
+        gains = [gain_from(member(spec, "gain", "observer")) for spec in specs]
+        theta = [gain.ell for gain in gains if isinstance(gain, ConstantGain)]
+        timings = [spec.get("timing", "predictor") for spec in specs]
+        if len(theta) < len(specs):
+            raise fail("observer.gain", "a moving gain", "constant", "choose another method")
+        if any(timing != "current" for timing in timings):
+            raise fail("observer.timing", timings, "'current'", "choose another method")
+        self.model, self.n, self.n_y = model, sum(orders), len(orders)
+        self.n_u, self.may_be_undefined = model.n_u, model.kind == "own"
+        self.first = np.cumsum([0, *orders[:-1]])
+        self.rows = self.n + self.n * (self.n + 1) // 2
+        self.memory_len = self.rows + 1
+        self.a = covariance.shift(orders)
+        q, self.p0 = np.zeros_like(self.a), np.zeros_like(self.a)
+        for first, order, (one, _, p0) in zip(self.first, orders, noises, strict=True):
+            place = slice(first, first + order)
+            q[place, place], self.p0[place, place] = one, p0
+        self.q = covariance.scaled(q, theta, orders)
+        self.r = np.array([r / g for (_, r, _), g in zip(noises, theta, strict=True)])
+
+    @property
+    def signals(self) -> int:
+        """All but the time."""
+        return self.rows
+
+    def initial(self) -> Array:
+        memory = np.zeros(self.memory_len)
+        memory[self.n : self.rows] = covariance.held(self.p0[None])[:, 0]
+        return memory
+
+    def residual(self, memory: Array, y: Array, u: Array | None, t: float) -> Array:
+        """y_q - x_hat of the first state of chain q."""
+        e = np.reshape(y, (self.n_y, -1)) - memory[self.first]
+        return e if self.n_y > 1 else e[0]
+
+    def correct(self, memory: Array, y: Array, t: float) -> Array:
+        """By the samples that there are; nothing for no time."""
+        new, n = memory.copy(), self.n
+        y = np.reshape(y, (self.n_y, -1))
+        present = np.isfinite(y) & (memory[-1] > 0.0)
+        for given in np.unique(present, axis=1).T:
+            some = np.all(present == given[:, None], axis=0)
+            if given.any():
+                rows = self.first[given]
+                p = covariance.covariance(memory[n : self.rows, some], n)
+                e = y[given][:, some] - memory[rows][:, some]
+                x_hat, p = covariance.corrected(memory[:n, some], p, e, rows, self.r[given])
+                new[:n, some], new[n : self.rows, some] = x_hat, covariance.held(p)
+        new[-1] = np.where(np.isfinite(y).any(axis=0), 0.0, memory[-1])
+        return new
+
+    def predict(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
+        """Without a sample."""
+
+        def free(x: Array, s: float) -> Array:
+            if isinstance(self.model, Own) and self.model.form == "chains":
+                f = self.a @ x
+                f[[*(self.first[1:] - 1), -1]] += self.model.values(x, u, s)
+                return f
+            return drift(self.model, x, u, s)
+
+        a = np.repeat(self.a[None], memory.shape[1], axis=0)
+        if self.n_y == 1 and self.n > 1:
+            a[:, -2, -1] = self.model.slope(memory[: self.n])
+        n = self.n
+        p = covariance.covariance(memory[n : self.rows], n)
+        x_hat, p = covariance.moved(free, a, self.q, memory[:n], p, t, dt)
+        return np.vstack([x_hat, covariance.held(p), memory[-1] + dt])
 
 
 class PeakingFreeObserver(LowPowerObserver):
@@ -1204,13 +1377,14 @@ LAWS: dict[str, type[Law]] = {
     "low-power": LowPowerObserver,
     "peaking-free": PeakingFreeObserver,
     "filtered": FilteredObserver,
+    "high-gain-ekf": HighGainEkf,
     "collection": CollectionObserver,
     "modified": ModifiedObserver,
     "sampled-data": SampledDataObserver,
     "reduced-order": ReducedOrderObserver,
     "chains": ChainsObserver,
 }
-SINGLE = ("standard", "low-power", "peaking-free", "filtered")
+SINGLE = ("standard", "low-power", "peaking-free", "filtered", "high-gain-ekf")
 
 
 _CHAIN = ("n", "gain", "model", "method", "motion", "substeps", "timing", "wrap")
@@ -1219,6 +1393,7 @@ KEYS: dict[str, tuple[str, ...]] = {
     "low-power": ("alpha", "beta", *_CHAIN),
     "peaking-free": ("alpha", "beta", "saturation", "clip", *_CHAIN),
     "filtered": ("c", "k", "filters", *_CHAIN),
+    "high-gain-ekf": ("Q", "R", "P0", *_CHAIN),
     "collection": ("k", "k_bar", "copies", *_CHAIN),
     "modified": ("k", "k_bar", "copies", *_CHAIN),
     "sampled-data": ("model", "gain", "wrap"),
@@ -1234,7 +1409,27 @@ def law_from(spec: Spec) -> Law:
     law: Any = LAWS[kind]
     if kind == "sampled-data" and member(spec, "model", "observer").get("kind") == "own":
         law = OwnSampledDataObserver
+    chains = list(spec.get("observers", ())) if kind == "chains" else [spec]
+    if chains and all(_is_sampled(one) for one in chains):
+        return _filter(spec, chains)
     return _wrapped(_timed(law(spec), spec), spec)
+
+
+def _is_sampled(spec: Spec) -> bool:
+    return spec.get("kind") == "high-gain-ekf" and spec.get("method") == SAMPLED
+
+
+def _filter(spec: Spec, chains: list[Spec]) -> Law:
+    """The EKF of sampled data of one chain, or of all chains of a model."""
+    if spec["kind"] != "chains":
+        return _wrapped(SampledEkf(chains, _model(spec, _order(spec), None)), spec)
+    for one in chains:
+        known(one, "observers", ("kind", "Q", "R", "P0", *_CHAIN[:-1]))
+    model = plant_from(member(spec, "model", "observer"), "model")
+    orders = [_order(one) for one in chains]
+    if not isinstance(model, Own) or model.form != "chains" or model.orders != orders:
+        raise fail("observer.model", model.kind, f"'own' of chains {orders}", "change it")
+    return SampledEkf(chains, model)
 
 
 def _single(spec: Spec, chain: Chain) -> Law:
@@ -1267,7 +1462,7 @@ def _timed(law: Law, spec: Spec) -> Law:
     """The law under its timing."""
     timing = choice(spec.get("timing", "predictor"), "observer.timing", TIMINGS)
     method = spec.get("method")
-    if method in PLACED and isinstance(law, (CollectionObserver, FilteredObserver)):
+    if method in PLACED and isinstance(law, (CollectionObserver, FilteredObserver, HighGainEkf)):
         placed = "a method of step-by-step rates"
         raise fail("observer.method", method, placed, "eigenvalues are placed for single laws")
     if method == "bilinear" and law.n > BILINEAR_LIMIT[spec["kind"]]:

@@ -2,6 +2,7 @@
 //! given by a rate have one builder; a recursion has its own.
 
 mod chains;
+mod ekf;
 mod outputs;
 mod rates;
 mod reduced_order;
@@ -21,6 +22,9 @@ impl Tables {
     /// Of the observer that a spec describes.
     pub fn read(spec: &Spec<'_>, setting: Setting) -> Result<Self> {
         if spec.text("kind")? == "chains" {
+            if ekf::all(&spec.list("observers")?)? {
+                return ekf::joint(spec, setting);
+            }
             return chains::tables(spec, setting);
         }
         of(spec, &Given::read(spec)?, setting)
@@ -35,6 +39,7 @@ fn of(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Result<Tables> {
         spec.unknown("kind", &kind, &known)
     })?;
     let tables = match kind.as_str() {
+        ekf::KIND if ekf::is_sampled(spec)? => ekf::tables(law, spec, given, setting),
         "sampled-data" => sampled::tables(spec, given, setting),
         "reduced-order" => reduced_order::tables(spec, given, setting),
         _ => rates::tables(law, spec, given, setting),

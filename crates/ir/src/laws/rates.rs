@@ -10,6 +10,7 @@ use crate::spec::Spec;
 use crate::tabled::{Gains, LawTables};
 use crate::tables::{PlacedChain, Shape, Tables};
 use crate::trace::{Setting, Traced};
+use hgo_rs::dual::Dual;
 use hgo_rs::gain::{AdaptiveGain, ConstantGain, GainLaw};
 use hgo_rs::laws::{Form, Gain, Law, Sizes};
 use hgo_rs::model::{Model, PhaseVariable, Unknown};
@@ -171,7 +172,7 @@ macro_rules! traced {
                     where
                         T: Scalar,
                         G: GainLaw<T>,
-                        Md: PhaseVariable<T, N, M> + Model<T, N, M>,
+                        Md: PhaseVariable<T, N, M> + Model<T, N, M> + Model<Dual<T, N>, N, M>,
                         S: Saturation<T>,
                     {
                         Ok(<$law>::new(

@@ -1,0 +1,175 @@
+"""The high-gain extended Kalman filter, and the covariance that it remembers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs import _core
+from hgo_rs.design.discrete import CORRECTING, DEFAULT_TIMING, METHODS, TIMINGS
+from hgo_rs.errors import HgoError, check, check_array, check_choice, check_number
+from hgo_rs.laws import LAWS
+from hgo_rs.models import System
+from hgo_rs.observers import arguments
+from hgo_rs.observers.arguments import Gain
+from hgo_rs.observers.base import Observer
+from hgo_rs.observers.records import Array
+from hgo_rs.observers.turns import turn
+
+KIND = "high-gain-ekf"
+SAMPLED = "sampled"
+
+
+class HighGainEKF(Observer):
+    """High-gain extended Kalman filter of order n: the gains come from a covariance P.
+
+    x_hat' = A x_hat + f_hat(x_hat, u, t) + P C' (theta/R) (y - x_hat_1)
+    P' = J P + P J' + Q_theta - P C' (theta/R) C P,   J = A + df_hat/dx(x_hat, u, t)
+
+    with Q_theta = theta D Q D, D = diag(1, theta, ..., theta^(n-1)); theta = 1 is the extended
+    Kalman filter. Deza, Busvelle, Gauthier and Rakotopara (1992). Method "sampled" moves both by
+    the model without a sample, and corrects by K = P C'/(C P C' + R/theta).
+
+    Parameters
+    ----------
+    n : int
+        Order, 1 to 6.
+    gain : float or a gain law, optional
+        theta >= 1, the gain ell of the other laws. Default: 1. A law that moves it needs a method
+        of rates.
+    theta : float, optional
+        The same by its name in the papers.
+    R : float
+        Variance of a sample [unit of y^2]; under a method of rates the intensity of white noise in
+        y, variance times period.
+    Q : float, (n,) or (n, n) array
+        Intensity of white noise in x': in the last state, in each (a diagonal), or a matrix; entry
+        (i, j) in units of x_i x_j/s. n (n + 1)/2 numbers are its lower triangle, row by row.
+    P0 : (n,) or (n, n) array, optional
+        Covariance of the first estimate. Default: 100 R in x_1, and what goes with it in the other
+        states at the rate at which Q and R are of one size, see the page of this law.
+    model : System, optional
+        What is known of the system; its slopes are computed. Default: nothing.
+    method : str
+        "sampled" (default), or a method of rates of `METHODS`: "euler", "rk4", ...
+    timing : "predictor" or "current"
+        As in `StandardObserver`; "sampled" has current timing.
+    wrap : float, optional
+        As in `StandardObserver`.
+    allow_unstable : bool
+        Let a run go on beyond bounds.
+
+    The memory holds x_hat, then P as L and D of P = L D L', L unit lower triangular, row by row
+    with D on the diagonal, so that P stays positive; `covariance` gives P.
+
+    Raises
+    ------
+    HgoError
+        theta < 1; R or P0 that is not positive; Q that is not positive semidefinite; an order or a
+        model out of range; a model of Python functions, which has no slopes.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        gain: Gain | None = None,
+        *,
+        R: float,
+        Q: npt.ArrayLike,
+        P0: npt.ArrayLike | None = None,
+        theta: float | None = None,
+        model: System | None = None,
+        method: str = SAMPLED,
+        timing: str = DEFAULT_TIMING,
+        wrap: float | None = None,
+        allow_unstable: bool = False,
+    ) -> None:
+        law = LAWS[KIND]
+        n = arguments.order(n, least=min(law.orders), most=max(law.orders))
+        remedy = "give theta, or gain"
+        check(gain is None or theta is None, "theta", theta, "given without gain", remedy)
+        if theta is None and gain is None:
+            theta = 1.0
+        if theta is not None:
+            gain = check_number(theta, "theta", least=1.0, remedy="1 is the extended Kalman filter")
+        gain_law = arguments.gain(gain, None)
+        if gain_law["law"] == "constant":
+            remedy = "1 is the extended Kalman filter"
+            check(gain_law["ell"] >= 1.0, "theta", gain_law["ell"], ">= 1", remedy)
+        methods = (SAMPLED, *(name for name in METHODS if name not in CORRECTING))
+        check_choice("method", method, methods)
+        check_choice("timing", timing, TIMINGS)
+        if method == SAMPLED:
+            remedy = "a sample is used at its own time; or choose a method of rates"
+            check(timing == "current", "timing", timing, "'current'", remedy)
+            constant, remedy = gain_law["law"] == "constant", "choose method='rk4'"
+            check(constant, "gain", gain_law["law"], "constant under method 'sampled'", remedy)
+        variance = check_number(_one(R), "R", above=0.0)
+        q = _triangle(Q, "Q", n)
+        p0 = None if P0 is None else _triangle(P0, "P0", n)
+        remedy = "give its diagonal, n numbers: the states have units of their own"
+        check(
+            p0 is None or n == 1 or len(p0) > 1, "P0", P0, f"of shape ({n},) or ({n}, {n})", remedy
+        )
+        theta = float(gain_law["ell"]) if gain_law["law"] == "constant" else 1.0
+        try:
+            q, p0 = _core.ekf_covariances(n, method == SAMPLED, q, variance, p0, theta)
+        except ValueError as error:
+            raise HgoError(str(error)) from None
+        spec = {
+            "kind": KIND,
+            "n": n,
+            "Q": q,
+            "R": [variance],
+            "P0": p0,
+            "gain": gain_law,
+            "model": arguments.model(model, n),
+            "method": method,
+            "timing": timing,
+            **turn(wrap),
+        }
+        super().__init__(spec, model=model, allow_unstable=allow_unstable)
+
+    def covariance(self, memory: npt.ArrayLike | None = None) -> Array:
+        """P of memories (..., m), shape (..., n, n); default: where it stands."""
+        return covariance(self.memory if memory is None else memory, self.n)
+
+
+def covariance(memory: npt.ArrayLike, n: int) -> Array:
+    """P = L D L' of memories (..., m) whose first entries are x_hat (n), then L and D."""
+    values = np.asarray(memory, dtype=float)
+    lower = np.zeros((*values.shape[:-1], n, n))
+    i, j = np.tril_indices(n)
+    lower[..., i, j] = values[..., n : n + n * (n + 1) // 2]
+    d = np.diagonal(lower, axis1=-2, axis2=-1).copy()
+    lower[..., np.arange(n), np.arange(n)] = 1.0
+    return np.asarray((lower * d[..., None, :]) @ np.swapaxes(lower, -1, -2))
+
+
+def is_one(spec: Any) -> bool:
+    """Whether an observer remembers a covariance: of its chain, or of all chains."""
+    chains = spec.get("observers")
+    if chains:
+        return all(one["kind"] == KIND and one["method"] == SAMPLED for one in chains)
+    return bool(spec["kind"] == KIND)
+
+
+def _one(value: Any) -> Any:
+    """The entry of a list of one."""
+    return value[0] if isinstance(value, (list, tuple)) and len(value) == 1 else value
+
+
+def _triangle(given: npt.ArrayLike, name: str, n: int) -> list[float]:
+    """A covariance as the core takes it: one number, a diagonal, or a lower triangle."""
+    values = check_array(given, name)
+    if values.ndim == 2:
+        allowed, remedy = f"of shape ({n}, {n})", "give a matrix, a diagonal, or a number"
+        check(values.shape == (n, n), f"shape of {name}", values.shape, allowed, remedy)
+        even = bool(np.all(np.abs(values - values.T) <= 1e-12 * np.max(np.abs(values))))
+        check(even, name, given, "symmetric", f"give ({name} + {name}.T)/2")
+        values = values[np.tril_indices(n)]
+    finite = bool(np.all(np.isfinite(values)))
+    check(finite, name, given, "finite", "give numbers")
+    return [float(value) for value in np.atleast_1d(values)]
