@@ -68,10 +68,12 @@ if TYPE_CHECKING:
         StudyResult,
         study,
     )
+    from hgo_rs.smoothing import Comparison, Fit, Smoothed, compare, fit, smooth
     from hgo_rs.tuning import TradeOff, Tuning, TuningWarning, tune
 
 __all__ = [
     "AdaptiveGain",
+    "Comparison",
     "Config",
     "ConfigError",
     "ConstantGain",
@@ -79,6 +81,7 @@ __all__ = [
     "Crackle",
     "DeadZoneGain",
     "DesignError",
+    "Fit",
     "FixedStep",
     "Gap",
     "HgoError",
@@ -104,6 +107,7 @@ __all__ = [
     "Ship",
     "SimulationResult",
     "Sines",
+    "Smoothed",
     "StandardObserver",
     "StochasticApproximation",
     "StudyError",
@@ -118,12 +122,15 @@ __all__ = [
     "Unknown",
     "VanDerPol",
     "__version__",
+    "compare",
     "estimate",
     "export",
     "filtered_noise",
+    "fit",
     "gap_bound",
     "load",
     "simulate",
+    "smooth",
     "study",
     "tune",
 ]
@@ -138,6 +145,7 @@ _MODULES = (
     "logs",
     "exports",
     "tuning",
+    "smoothing",
 )
 """Where the names stand, those of lower floors first."""
 
