@@ -49,7 +49,7 @@ crate::error::through_constructor! {
         r: SVector<T, K> = law.r,
         p0: SMatrix<T, N, N> = law.p0,
         theta: SVector<T, K> = law.theta,
-        orders: SVector<usize, K> = law.orders.into(),
+        orders: SVector<usize, K> = SVector::<usize, K>::from(law.orders),
         model: Md = law.driven.model,
     }
     => Self::new(&q, r.into(), &p0, theta.into(), orders.into(), model)
