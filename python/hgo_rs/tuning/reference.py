@@ -14,7 +14,8 @@ and the least distance from x_s is the least error, whatever the law.  All sampl
 1/ell ahead speak for or against an estimate: noise that lasts for some samples, as rounding does,
 is not taken for motion.
 
-The smoother's own gain is the one that it says is the best: a fixed point.
+The smoother's own gain is the one that it says is the best: a fixed point.  Which model it rests on
+is decided by how well both sides together tell a sample that neither has used.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from hgo_rs.design.discretisation import step_limit
 from hgo_rs.errors import HgoError
 from hgo_rs.models import Model, System
 from hgo_rs.observers import StandardObserver
-from hgo_rs.tuning.linear import stationary
+from hgo_rs.tuning.linear import Covariances, along, path, stationary
 from hgo_rs.tuning.record import Record
 from hgo_rs.tuning.result import Array
 from hgo_rs.tuning.reversal import reversed_model, reversed_record, signs
@@ -42,6 +43,7 @@ _LOWER = 1.0, 4.0, 16.0  # the fixed point is looked for from the least innovati
 _CLEAR = 2.0  # a lower one must halve what both sides differ by
 _LOST = 4.0  # of the least innovation: what is left of y beside a smoothed state that is of use
 _FOLLOWS = 0.5  # of a rounding that lasts: less left of y, and the state follows the rounding
+_STEPS, _WORK = (60, 600), 1200  # of the variational equation: a stretch's, and of all together
 _SHIFT = 1.07  # of the gain, for a derivative by differences
 
 
@@ -118,7 +120,10 @@ structures that are judged."""
 def find(
     record: Record, sources: Iterable[Source], index: int, note: Callable[[str], None]
 ) -> Reference | None:
-    """The reference of which both sides differ least in state `index`; None where there is none."""
+    """The reference that tells samples best which it has not used; None where there is none.
+
+    Beside a step of y that lasts for samples: the one of which both sides differ least in `index`.
+    """
     if np.sum(record.two_sided) < _LEAST:
         note("too few samples that others stand around on both sides: nothing to smooth")
         return None
@@ -136,8 +141,14 @@ def find(
     least = min((float(np.min(search.innovation)) for search in searches), default=math.nan)
     step = record.coarse_step()
     limits = _FOLLOWS * step / math.sqrt(12.0), max(_LOST * math.sqrt(least), step)
-    found = [best for search in searches if (best := search.best(*limits)) is not None]
-    return min(found, key=lambda one: float(one.difference[index]), default=None)
+    found = []
+    for search in searches:
+        best = search.best(*limits)
+        if best is not None:
+            # beside a step that lasts the neighbours are wrong by the same
+            cost = float(best.difference[index]) if step else search.missed(best.ell)
+            found.append((cost, best))
+    return min(found, key=lambda one: one[0])[1] if found else None
 
 
 class _Search:
@@ -227,6 +238,53 @@ class _Search:
             self.tried[k] = made
         return self.tried[k]
 
+    def missed(self, ell: float) -> float:
+        """RMS of what both sides together miss each sample by, which neither of them has used.
+
+        Their covariances have the model's slopes along the path, where these are known.
+        """
+        record, turn = self.record, signs((self.n,))
+        forward, backward = self.forward(ell), self.backward(ell)
+        x_p = record.run(forward.with_timing("predictor"), spare=True).x_hat
+        x_b = self.back_record.run(backward, spare=True).x_hat
+        past = self._covariances(forward, self.model, record, x_p)
+        future = self._covariances(backward, self.back_model, self.back_record, x_b)
+        ratio = _ratio(past.shown, self.index) or 0.0
+        p_p, p_b = (one.before[0, 1] + ratio * one.before[1, 1] for one in (past, future))
+        w = _weight(p_p, p_b * np.outer(turn, turn))
+        both = x_b[::-1] * turn
+        both = both + (x_p - both) @ w.T
+        some = record.two_sided
+        return float(np.sqrt(np.mean((record.y[some] - both[some, 0]) ** 2)))
+
+    def _covariances(
+        self, law: StandardObserver, model: System | None, record: Record, x: Array
+    ) -> Covariances:
+        """At the law's gain, the middle one, and a little beside it."""
+        ell, dt = float(law.spec["gain"]["ell"]), record.dt
+        specs = [
+            {**law.spec, "gain": {"law": "constant", "ell": ell * part}}
+            for part in (1.0 / _SHIFT, 1.0, _SHIFT)
+        ]
+        chain = isinstance(model, Model) and model.form in ("phase", "triangular")
+        if isinstance(model, Model) and chain and not model.unknown:
+            steps = math.ceil(np.clip(8.0 / (ell * dt), *_STEPS))
+            return along(specs, dt, path(record, model, x, max(_WORK // steps, 2), steps))
+        each = [stationary(spec, dt) for spec in specs]
+        before, shown = (np.array([getattr(c, side) for c in each]) for side in ("before", "shown"))
+        return Covariances(before.swapaxes(0, 1), shown.swapaxes(0, 1))
+
+
+def _ratio(shown: Array, index: int) -> float | None:
+    """Q/R for which the middle one of gains (2, G, n, n) is the best for a state; None: none is."""
+    rise, fall = (shown[:, -1] - shown[:, 0])[:, index, index]
+    return float(-rise / fall) if rise > 0.0 > fall else None
+
+
+def _weight(p_f: Array, p_b: Array) -> Array:
+    """W of the state from both sides, x_b + W (x_f - x_b)."""
+    return np.asarray(np.linalg.solve((p_f + p_b).T, p_b.T).T)
+
 
 def _slopes(model: System | None, x: Array) -> Array:
     """What turns states x (N, n) into those of a chain: of an unknown its slope."""
@@ -259,16 +317,15 @@ def _smoothed(
 ) -> Reference | None:
     """Both sides together, with the covariances of the noises for which `ell` is the best gain."""
     near = [stationary(build(g).spec, record.dt).shown for g in (ell / _SHIFT, ell * _SHIFT)]
-    rise, fall = (near[1] - near[0])[:, index, index]
-    if not (rise > 0.0 and fall < 0.0):
+    ratio = _ratio(np.stack(near, axis=1), index)
+    if ratio is None:
         return None
-    ratio = -rise / fall  # Q/R
     here = stationary(build(ell).spec, record.dt)
     weight = np.array([1.0, ratio])[:, None, None]
     p_f, p_b = np.sum(weight * here.shown, axis=0), np.sum(weight * here.before, axis=0)
     turn = signs((len(p_b),))
     p_b = p_b * np.outer(turn, turn)
-    w = np.linalg.solve((p_f + p_b).T, p_b.T).T
+    w = _weight(p_f, p_b)
     p_s = w @ p_f
     x = x_b + (x_f - x_b) @ w.T
     some = record.two_sided
