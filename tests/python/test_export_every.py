@@ -218,12 +218,14 @@ def python(observer: Observer, moves: Observer | None) -> tuple[list[Any], list[
         if refused:
             assert moves is not None
             memory, start = observer.memory.copy(), np.zeros(moves.memory.size)
-            for (own, _, _), (other, _, _) in zip(places(observer), places(moves), strict=True):
-                start[other] = before[own]
+            pairs = list(zip(places(observer), places(moves), strict=True))
+            for (own, _, low), (other, elapsed, _) in pairs:
+                start[other], start[elapsed] = before[own], 0.0 if low else dt
             moves.reset(memory0=start, t=times[-1])
-            moves.predict(u, dt)
-            for (own, _, low), (other, _, _) in zip(places(observer), places(moves), strict=True):
-                memory[own] = moves.memory[other] if low else memory[own]
+            moves.correct(y)  # the other chains
+            moves.predict(u, dt)  # all together
+            for (own, _, _), (other, _, _) in pairs:
+                memory[own] = moves.memory[other]
             observer.memory = memory
         shows(3 if refused else 0 if told else 1)
     return rows, times

@@ -260,7 +260,8 @@ def _law(law: Observer) -> str:
         words += [f"order {part['n']}"] if "n" in part else []
         words += [f"gain {ell:g} 1/s"] if ell is not None else []
         words += [f"method {part['method']}"] if "method" in part else []
-        words += [f"motion {part['motion']}"] if "motion" in part else []
+        moves = law.model is not None and "motion" in part
+        words += [f"motion {part['motion']}"] if moves else []
         words += [f"wrap {part['wrap']}"] if "wrap" in part else []
         told.append(", ".join(words))
     return f"{'; '.join(told)}; timing {law.timing}"
