@@ -18,6 +18,7 @@ from hgo_rs.smoothing.forward import forward
 from hgo_rs.smoothing.likelihood import likeliest
 from hgo_rs.smoothing.motion import Motion, start
 from hgo_rs.smoothing.samples import Samples
+from hgo_rs.smoothing.smoother import left_out
 
 PENDULUM = Model(states=["q", "v"], phi="-25*sin(q) - 0.1*v")
 LINEAR = Model(states=["q", "v"], inputs=["u"], phi="-9*q - 0.4*v + 2*u")
@@ -191,6 +192,28 @@ def test_noise_that_lasts_is_not_taken_for_motion():
     assert error < 2.0 * np.sqrt(np.mean(run.deviation[:, 1] ** 2))
 
 
+def test_a_model_that_errs_gives_way_to_samples_that_tell_more():
+    """Fast samples with hardly any noise, and a spring of half the stiffness in the model."""
+    t = 0.01 * np.arange(1500)
+    rng = np.random.default_rng(0)
+    q, v = np.sin(6.0 * t), 6.0 * np.cos(6.0 * t)
+    y = q + 1e-5 * rng.standard_normal(1500)
+    half = Model(states=["q", "v"], phi="-18*q + 40*cos(40*t)")
+    free, bound = smooth(half, (t, y)), smooth(half, (t, y), structure="model")
+    error, of_model = (rms((x - v)[20:-20]) for x in (free.state("v"), bound.state("v")))
+    assert error < 0.5 * of_model
+    assert free.states == ("q", "v") and "the chain is taken" in free.remarks[-1]
+    assert left_out(free) < left_out(bound)
+    # left out in truth: the sample is missing
+    hole = y.copy()
+    hole[700] = np.nan
+    without = smooth(half, (t, hole), R=bound.R, Q=bound.Q)
+    share = bound.covariance[700, 0, 0] / bound.R[0]
+    assert (y[700] - bound.x[700, 0]) / (1.0 - share) == pytest.approx(
+        y[700] - without.x[700, 0], rel=1e-2, abs=1e-8
+    )
+
+
 def test_missing_samples_widen_the_band():
     x, y = swing(2000, 0.01, 0.04, 3e-3, 5)
     y[1000:1080] = np.nan
@@ -327,7 +350,36 @@ def test_pendulum_moved_by_hand():
     assert rms(run.state("v")[late] - zero_phase(t, v, 30.0, 0)[late]) < 0.8 * 0.0354
 
 
-@pytest.mark.parametrize(("noise", "best"), [(0.0, (0.0395, 0.0438)), (1.0, (0.3535, 0.4396))])
+@pytest.mark.parametrize(
+    ("mean", "noise", "best"), [(False, 0.0, 1.223), (True, 0.0, 0.4165), (True, 5e-3, 1.434)]
+)
+def test_duffing_circuit(mean, noise, best):
+    u, y, *_ = table("silverbox.csv")
+    u, period = u - u.mean(), 2**14 / 1e7
+    f = np.fft.rfftfreq(len(y), period)
+    jw, low = 2j * np.pi * f, f < 230.0
+
+    def derivative(values, order):
+        return np.fft.irfft(np.fft.rfft(values) * low * jw**order, len(values))
+
+    ys, v, a, us = derivative(y, 0), derivative(y, 1), derivative(y, 2), derivative(u, 0)
+    some, part = slice(1000, 39000), slice(60000, 80000)
+    k, *_ = np.linalg.lstsq(np.c_[us, v, ys, ys**3][some], a[some], rcond=None)
+    parameters = {f"k{i}": value for i, value in enumerate(k.tolist())}
+    model = Model(
+        states=["q", "v"],
+        inputs=["u"],
+        parameters=parameters,
+        phi="k0*u + k1*v + k2*q + k3*q**3",
+    )
+    u = np.append(0.5 * (u[1:] + u[:-1]), u[-1]) if mean else u
+    samples = y[part] + noise * np.random.default_rng(0).standard_normal(20000)
+    run = smooth(model, (period, samples, u[part]))
+    late = run.t >= 1.0
+    assert rms((run.state("v") - v[part])[late]) < 0.95 * best
+
+
+@pytest.mark.parametrize(("noise", "best"), [(0.0, (0.0374, 0.0387)), (1.0, (0.3516, 0.4379))])
 def test_car(noise, best):
     d = table("gnss_drive.csv").T
     d = d[int(0.4 * len(d)) :]

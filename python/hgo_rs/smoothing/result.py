@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,7 +41,8 @@ class Smoothed:
     R : (n_y,)
         Variance of the noise of a sample.
     Q : (n, n)
-        Intensity of white noise in x'.
+        Intensity of white noise in x'; (order, order) of a chain that is taken in place of the
+        model.
     log_likelihood : float
         ln of the density of the record, under R, Q and the model.
     whiteness, normality : float
@@ -65,6 +66,18 @@ class Smoothed:
     whiteness: float
     normality: float
     remarks: tuple[str, ...] = ()
+
+    def of_states(self, names: tuple[str, ...], told: str) -> Smoothed:
+        """The first states alone, under these names, and a remark."""
+        n = len(names)
+        return replace(
+            self,
+            x=self.x[:, :n],
+            covariance=self.covariance[:, :n, :n],
+            filtered=self.filtered[:, :n],
+            states=names,
+            remarks=(*self.remarks, told),
+        )
 
     @property
     def deviation(self) -> Array:
@@ -130,7 +143,7 @@ class Smoothed:
         lines = [f"{len(self.t)} samples smoothed, ln likelihood {self.log_likelihood:.6g}"]
         for i, spread in zip(self.outputs, self.R.tolist(), strict=True):
             lines.append(f"  sqrt(R) of {self.states[i]:6s} {np.sqrt(spread):.4g}")
-        for name, intensity in zip(self.states, np.diag(self.Q).tolist(), strict=True):
+        for name, intensity in zip(self.states, np.diag(self.Q).tolist(), strict=False):
             if intensity > 0.0:
                 lines.append(f"  sqrt(Q) of {name + chr(39):6s} {np.sqrt(intensity):.4g}")
         usual = np.sqrt(np.mean(self.deviation**2, axis=0)).tolist()
