@@ -71,7 +71,7 @@ def test_two_outputs_are_near_the_best_gains_together() -> None:
     np.testing.assert_allclose(result.noise, [1e-2, 2e-3], rtol=0.4)
     assert list(result.state) == [2, 2] and len(result.ell) == 2
     told = result.report()
-    for text in ("va ", "Butterworth", "the model", str(result)[:20]):
+    for text in ("va ", "Butterworth", "high-gain EKF", "the model", str(result)[:20]):
         assert text in told, text
     again = result.run((t, y, u)).x_hat
     np.testing.assert_array_equal(
@@ -123,7 +123,7 @@ def test_refusals(call: Any, match: str) -> None:
 @pytest.mark.filterwarnings("ignore::hgo_rs.TuningWarning")
 def test_a_car_by_its_fixes() -> None:
     """Doppler velocity, another observable, judges; the extended Kalman filter on the same model,
-    its ratios by maximum likelihood, errs 0.0396 and 0.0432 m/s.
+    its ratios by maximum likelihood, errs 0.0396 and 0.0432 m/s; with 1 m 0.3516 and 0.4404.
     """
     data = np.genfromtxt(RECORD, delimiter=",", skip_header=1)
     data = data[int(0.4 * len(data)) :]
@@ -131,6 +131,8 @@ def test_a_car_by_its_fixes() -> None:
     speed = "sqrt(ve**2 + vn**2 + 0.25)"
     phi = [f"a*ve/{speed} - w*vn", f"a*vn/{speed} + w*ve"]
     model = hgo.Model(states=["e", "ve", "n", "vn"], inputs=["a", "w"], orders=[2, 2], phi=phi)
-    x_hat = tune(model, (t, y, u)).run((t, y, u)).x_hat
-    rms = np.sqrt(np.mean((x_hat[:, [1, 3]] - doppler)[t >= 20.0] ** 2, axis=0))
-    assert rms[0] < 0.0396 and rms[1] < 0.0432
+    coarse = y + np.random.default_rng(0).standard_normal(y.shape)  # fixes to 1 m
+    for fixes, bounds in ((y, (0.0396, 0.0432)), (coarse, (1.02 * 0.3516, 1.02 * 0.4404))):
+        x_hat = tune(model, (t, fixes, u)).run((t, fixes, u)).x_hat
+        rms = np.sqrt(np.mean((x_hat[:, [1, 3]] - doppler)[t >= 20.0] ** 2, axis=0))
+        assert rms[0] < bounds[0] and rms[1] < bounds[1]

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from hgo_rs.errors import HgoError, check, check_array, check_integer
 from hgo_rs.logs import Log
 from hgo_rs.models import Model
-from hgo_rs.observers import MultiOutputObserver, Observer, StandardObserver
+from hgo_rs.observers import HighGainEKF, MultiOutputObserver, Observer, StandardObserver
 from hgo_rs.tuning.offers import damped_half, with_load
 from hgo_rs.tuning.record import Record, busiest
 from hgo_rs.tuning.reference import Reference, Source, butterworth, find
@@ -76,6 +76,8 @@ def tune_chains(
     wanted = _wanted(states, orders)
     remarks: list[str] = []
     judge = _Judge(records, wanted, _smoothed(records, model, wanted, remarks), orders)
+    if free:
+        structures["high-gain EKF"] = _filter(model, records, judge.references)
     found: dict[str, tuple[Array, float]] = {}
     for done, (name, make) in enumerate(structures.items()):
         try:
@@ -136,6 +138,24 @@ def offered_chains(model: Model) -> dict[str, ChainsBuild]:
     add("damping 1/2", lambda n: damped_half(n) if n > 1 else [-1.0])
     add("real poles", lambda n: None)
     return out
+
+
+def _filter(
+    model: Model, records: Sequence[Record], references: Sequence[Reference]
+) -> ChainsBuild:
+    """Kalman filters with one covariance: R of each output as it was found, and Q for which a chain
+    alone has the gain asked for, Q = R dt ell^(2n).
+    """
+
+    def build(ells: Array) -> MultiOutputObserver:
+        chains = []
+        each = zip(model.orders, ells.tolist(), records, references, strict=True)
+        for n, ell, record, of in each:
+            noise = of.noise**2
+            chains.append(HighGainEKF(n, R=noise, Q=noise * record.dt * ell ** (2 * n)))
+        return MultiOutputObserver(chains, model=model)
+
+    return build
 
 
 def _records(log: Log | Sequence[npt.ArrayLike], skip: float | None) -> list[Record]:

@@ -167,8 +167,8 @@ class Tuning:
         for begin, column in zip(begins.tolist(), columns, strict=False):
             start[begin] = column[np.argmax(np.isfinite(column))]
         record = (t, y, u if self.observer.n_u else None)
-        if math.isfinite(self.noise) and math.isfinite(self.model_error) and self.noise > 0.0:
-            noise, model_error = self.noise, self.model_error
+        noise, model_error = self.noise, self.model_error  # of several outputs one each
+        if np.isfinite(noise).all() and np.isfinite(model_error).all() and np.all(noise > 0.0):
             with contextlib.suppress(HgoError):  # of a law or a model without deviations
                 return self.observer.run(
                     *record, x_hat0=start, noise=noise, model_error=model_error
