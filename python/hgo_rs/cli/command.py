@@ -19,6 +19,7 @@ from hgo_rs.cli.export import export_command
 from hgo_rs.cli.scenarios import list_command, reproduce_command, run_command
 from hgo_rs.cli.terminal import INTERRUPTED, TERMINATED, USAGE, complain, unknown
 from hgo_rs.cli.tune import tune_command
+from hgo_rs.cli.whole import compare_command, fit_command, smooth_command
 from hgo_rs.errors import HgoError
 
 
@@ -74,6 +75,9 @@ for _command in (
     reproduce_command,
     estimate_command,
     tune_command,
+    smooth_command,
+    fit_command,
+    compare_command,
     export_command,
 ):
     command.add_command(_command)

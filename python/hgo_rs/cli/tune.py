@@ -10,32 +10,18 @@ from typing import Any
 import click
 
 from hgo_rs import plots
-from hgo_rs.cli.places import can_draw, check_places
-from hgo_rs.cli.reproduce import OutputError
+from hgo_rs.cli.places import can_draw
+from hgo_rs.cli.recorded import Asked, of_log, written
 from hgo_rs.cli.terminal import say
-from hgo_rs.config import Config, load
-from hgo_rs.errors import HgoError, printable
-from hgo_rs.files import together
-from hgo_rs.logs import Log, read_log
-from hgo_rs.logs.times import UNITS
+from hgo_rs.config import Config
+from hgo_rs.errors import printable
+from hgo_rs.logs import Log
 from hgo_rs.models import System
 from hgo_rs.tuning import Tuning, TuningWarning, tune
 
-_COLUMNS = ("time", "unit", "output", "input")
-
 
 @click.command("tune", short_help="Choose an observer and its gain by a recorded log.")
-@click.argument("log", type=click.Path(path_type=Path))
-@click.option(
-    "--config",
-    type=click.Path(path_type=Path),
-    help="observer.toml whose [model] and [log] are taken; its observer and gain are not needed.",
-)
-@click.option("--time", metavar="COL", multiple=True, help="Time column.")
-@click.option("--unit", type=click.Choice(list(UNITS)), multiple=True, help="Its unit.")
-@click.option("--output", metavar="COL", multiple=True, help="Measured output; again for several.")
-@click.option("--input", metavar="COL", multiple=True, help="Known input; again for several.")
-@click.option("--dt", type=float, help="Sampling period, s: for a log without a time column.")
+@of_log
 @click.option(
     "--state",
     type=int,
@@ -78,49 +64,27 @@ def tune_command(
     out = out if out is not None else Path(f"{log.stem}.observer.toml")
     draw = can_draw(figure)
     figure = figure if figure is not None else out.with_suffix(".png")
-    told = None if config is None else load(config)
-    arguments = dict(told.data.get("log", {})) if told is not None else {}
-    arguments |= {key: _one(columns[key]) for key in _COLUMNS if columns[key]}
-    arguments |= {} if dt is None else {"dt": dt}
-    if "output" not in arguments:
-        raise HgoError("--output is needed: the column that was measured; or a --config with [log]")
+    asked = Asked.of(log, config, dt, columns)
     results = {"--out": out}
     results |= {} if table is None else {"--table": table}
     results |= {"--figure": figure} if draw else {}
-    check_places(results, {"the log itself": log, "the file of --config": config})
-    recorded = read_log(log, **{"time": None, **arguments})
-    say(f"{printable(str(log))}: {recorded.describe()}")
-    result = _tuned(recorded, None if told is None else _model(told), state, skip)
+    recorded = asked.read(results)
+    result = _tuned(recorded, asked.model, state, skip)
     drawn = draw and bool(result.curves)  # gains of several outputs are not on one curve
     if not drawn:
         results.pop("--figure", None)
-    try:
-        with together(list(results.values())) as opened:
-            files = dict(zip(results, opened, strict=True))
-            saved = Config.of(result.observer, **arguments).to_toml()
-            files["--out"].write(saved.encode())
-            if drawn:
-                plots.save(result.plot(), figure, files["--figure"])
-            if table is not None:
-                files["--table"].write(_table(result).encode())
-    except OSError as error:
-        named = error.filename or ", ".join(map(str, results.values()))
-        raise OutputError(f"cannot write {named}: {error.strerror or error}") from error
+    with written(results) as files:
+        saved = Config.of(result.observer, **asked.arguments).to_toml()
+        files["--out"].write(saved.encode())
+        if drawn:
+            plots.save(result.plot(), figure, files["--figure"])
+        if table is not None:
+            files["--table"].write(_table(result).encode())
     say(result.report())
     if not draw:
         click.echo("no figure: pip install 'hgo_rs[plot]'", err=True)
     say(f"written: {', '.join(printable(str(path)) for path in results.values())}")
     return 0
-
-
-def _one(given: tuple[str, ...]) -> Any:
-    return given[0] if len(given) == 1 else list(given)
-
-
-def _model(told: Config) -> System | None:
-    """The model of a file, whose gain may be left out: it is what is looked for."""
-    gained = any(key in told.data for key in ("gain", "epsilon", "observers"))
-    return (told if gained else told.replace(gain=1.0)).observer().model
 
 
 def _tuned(

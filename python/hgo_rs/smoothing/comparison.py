@@ -76,6 +76,15 @@ class Comparison:
         out: dict[str, Any] = {"method": list(self.methods), "tuned": list(self.rules)}
         return out | dict(zip(self.states, self.error.T, strict=True))
 
+    def to_csv(self) -> str:
+        """`columns` as CSV."""
+        columns = self.columns()
+        rows = [",".join(columns)]
+        for method, rule, *errors in zip(*columns.values(), strict=True):
+            named = ",".join('"' + text.replace('"', '""') + '"' for text in (method, rule))
+            rows.append(",".join([named, *(repr(float(error)) for error in errors)]))
+        return "\n".join(rows) + "\n"
+
     def to_dataframe(self) -> Any:
         """A pandas DataFrame of `columns`, indexed by method. Needs the extra `data`."""
         pd = need("pandas", "a table needs pandas", "data")

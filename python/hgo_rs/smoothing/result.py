@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -114,11 +114,14 @@ class Smoothed:
 
     def to_csv(self, path: str | Path) -> None:
         """Write `columns` as a CSV file, whole or not at all."""
-        columns = self.columns()
         with replacing(path) as file:
-            file.write((",".join(columns) + "\n").encode())
-            rows = np.column_stack(list(columns.values()))
-            np.savetxt(file, rows, fmt="%.12g", delimiter=",")
+            self.write_csv(file)
+
+    def write_csv(self, file: IO[bytes]) -> None:
+        """Write `columns` as CSV to an open file."""
+        columns = self.columns()
+        file.write((",".join(columns) + "\n").encode())
+        np.savetxt(file, np.column_stack(list(columns.values())), fmt="%.12g", delimiter=",")
 
     def plot(self, figure: Figure | None = None, *, level: float = 0.95) -> Figure:
         """Draw the states with their bands, and the filter's innovation. Needs the extra

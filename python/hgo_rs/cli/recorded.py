@@ -1,0 +1,123 @@
+"""What commands that look at a whole log share: its columns, its model, and what they write."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, TypeVar
+
+import click
+
+from hgo_rs.cli.places import check_places
+from hgo_rs.cli.reproduce import OutputError
+from hgo_rs.cli.terminal import say
+from hgo_rs.config import Config, load
+from hgo_rs.errors import HgoError, printable
+from hgo_rs.files import together
+from hgo_rs.logs import Log, read_log
+from hgo_rs.logs.times import UNITS
+from hgo_rs.models import System
+
+_COLUMNS = ("time", "unit", "output", "input")
+_OPTIONS = (
+    click.argument("log", type=click.Path(path_type=Path)),
+    click.option(
+        "--config",
+        type=click.Path(path_type=Path),
+        help="observer.toml whose [model] and [log] are taken; its observer and gain are not "
+        "needed.",
+    ),
+    click.option("--time", metavar="COL", multiple=True, help="Time column."),
+    click.option("--unit", type=click.Choice(list(UNITS)), multiple=True, help="Its unit."),
+    click.option(
+        "--output", metavar="COL", multiple=True, help="Measured output; again for several."
+    ),
+    click.option("--input", metavar="COL", multiple=True, help="Known input; again for several."),
+    click.option("--dt", type=float, help="Sampling period, s: for a log without a time column."),
+)
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+
+def of_log(command: _Command) -> _Command:
+    """The argument LOG and the options that say how it is read."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A log that is still to be read: how, and what is known of the system."""
+
+    path: Path
+    config: Path | None
+    told: Config | None
+    arguments: dict[str, Any]
+
+    @classmethod
+    def of(
+        cls, log: Path, config: Path | None, dt: float | None, columns: Mapping[str, Any]
+    ) -> Asked:
+        """From a command's options.
+
+        Raises
+        ------
+        HgoError
+            No output, neither by an option nor by a file.
+        """
+        told = None if config is None else load(config)
+        arguments = dict(told.data.get("log", {})) if told is not None else {}
+        arguments |= {key: _one(columns[key]) for key in _COLUMNS if columns[key]}
+        arguments |= {} if dt is None else {"dt": dt}
+        if "output" not in arguments:
+            told_so = "--output is needed: the column that was measured; or a --config with [log]"
+            raise HgoError(told_so)
+        return cls(log, config, told, arguments)
+
+    @property
+    def model(self) -> System | None:
+        """The model of the file, whose gain may be left out: it is not what is taken."""
+        if self.told is None:
+            return None
+        gained = any(key in self.told.data for key in ("gain", "epsilon", "observers"))
+        return (self.told if gained else self.told.replace(gain=1.0)).observer().model
+
+    def read(self, results: Mapping[str, Path]) -> Log:
+        """The log, told of, once it is sure that results can be written."""
+        check_places(results, {"the log itself": self.path, "the file of --config": self.config})
+        recorded = read_log(self.path, **{"time": None, **self.arguments})
+        say(f"{printable(str(self.path))}: {recorded.describe()}")
+        return recorded
+
+
+def _one(given: tuple[str, ...]) -> Any:
+    return given[0] if len(given) == 1 else list(given)
+
+
+@contextmanager
+def written(results: Mapping[str, Path]) -> Iterator[dict[str, IO[bytes]]]:
+    """Open files by their options, all written or none; what was written is told."""
+    try:
+        with together(list(results.values())) as opened:
+            yield dict(zip(results, opened, strict=True))
+    except OSError as error:
+        named = error.filename or ", ".join(map(str, results.values()))
+        raise OutputError(f"cannot write {named}: {error.strerror or error}") from error
+
+
+@contextmanager
+def counted(label: str) -> Iterator[Callable[[int], None] | None]:
+    """A count of filters on a terminal; nothing elsewhere."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+
+    def count(done: int) -> None:
+        click.echo(f"\r{label}: {done} filters", nl=False, err=True)
+
+    yield count
+    click.echo("\r" + " " * (len(label) + 24) + "\r", nl=False, err=True)

@@ -1,0 +1,169 @@
+"""`hgo smooth`, `hgo fit` and `hgo compare`: a whole record at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from hgo_rs import plots
+from hgo_rs.cli.places import can_draw
+from hgo_rs.cli.recorded import Asked, counted, of_log, written
+from hgo_rs.cli.terminal import say
+from hgo_rs.config import load
+from hgo_rs.errors import HgoError, printable
+from hgo_rs.models import Model
+from hgo_rs.smoothing import compare, fit, smooth
+
+_PATH = click.Path(path_type=Path)
+
+
+def _told(text: str, results: dict[str, Path], draw: bool) -> int:
+    """The end of a command: its table, and what it wrote."""
+    say(text)
+    if not draw:
+        click.echo("no figure: pip install 'hgo_rs[plot]'", err=True)
+    if results:
+        say(f"written: {', '.join(printable(str(path)) for path in results.values())}")
+    return 0
+
+
+@click.command("smooth", short_help="States of a recorded log by all of its samples.")
+@of_log
+@click.option("--order", type=int, help="Of the chain, without a model; default 3.")
+@click.option("--out", type=_PATH, help="States, .csv; by default LOG.smooth.csv in this folder.")
+@click.option("--figure", type=_PATH, help="Figure, .png, .svg or .pdf; by default beside it.")
+def smooth_command(
+    log: Path,
+    config: Path | None,
+    dt: float | None,
+    order: int | None,
+    out: Path | None,
+    figure: Path | None,
+    **columns: tuple[str, ...],
+) -> int:
+    """Smooth the recorded LOG: its states by the samples before and after, with deviations.
+
+    The model is that of --config; without one the samples are a chain of --order.
+
+    \b
+    Example: velocity and acceleration of a measured position, no model
+      hgo smooth axis.csv --time t --output q
+    """
+    out = out if out is not None else Path(f"{log.stem}.smooth.csv")
+    draw = can_draw(figure)
+    figure = figure if figure is not None else out.with_suffix(".png")
+    asked = Asked.of(log, config, dt, columns)
+    results = {"--out": out} | ({"--figure": figure} if draw else {})
+    recorded = asked.read(results)
+    with counted("smoothing") as count:
+        found = smooth(asked.model, recorded, order=order, progress=count)
+    with written(results) as files:
+        found.write_csv(files["--out"])
+        if draw:
+            plots.save(found.plot(), figure, files["--figure"])
+    return _told(str(found), results, draw)
+
+
+@click.command("fit", short_help="Parameters of a model from a recorded log.")
+@of_log
+@click.option("--parameter", multiple=True, help="To be found; again for several. Default: all.")
+@click.option("--out", type=_PATH, help="observer.toml with the values found; needs --config.")
+def fit_command(
+    log: Path,
+    config: Path | None,
+    dt: float | None,
+    parameter: tuple[str, ...],
+    out: Path | None,
+    **columns: tuple[str, ...],
+) -> int:
+    """Find parameters of the model of --config in the recorded LOG, with standard errors.
+
+    The search starts at the values of the file.
+
+    \b
+    Example: inertia and friction of a drive
+      hgo fit drive.csv --config drive.toml --parameter J --parameter b --out fitted.toml
+    """
+    asked = Asked.of(log, config, dt, columns)
+    model = asked.model
+    if asked.told is None or not isinstance(model, Model):
+        raise HgoError("--config is needed: an observer.toml whose [model] has parameters")
+    results = {} if out is None else {"--out": out}
+    recorded = asked.read(results)
+    with counted("fitting") as count:
+        found = fit(model, recorded, list(parameter) or None, progress=count)
+    if out is not None:
+        values = {**asked.told.data["model"], "parameters": dict(found.model.parameters)}
+        with written(results) as files:
+            files["--out"].write(asked.told.replace(model=values).to_toml().encode())
+    return _told(str(found), results, True)
+
+
+@click.command("compare", short_help="Observers and other filters on a recorded log.")
+@of_log
+@click.option(
+    "--observer",
+    "observers",
+    type=_PATH,
+    multiple=True,
+    help="observer.toml to compare; again for several.",
+)
+@click.option("--truth", metavar="STATE=COL", multiple=True, help="Column of a better sensor.")
+@click.option("--skip", type=float, help="Time at the start that is not judged, s.")
+@click.option("--out", type=_PATH, help="The table, .csv.")
+@click.option("--figure", type=_PATH, help="Figure, .png, .svg or .pdf.")
+def compare_command(
+    log: Path,
+    config: Path | None,
+    dt: float | None,
+    observers: tuple[Path, ...],
+    truth: tuple[str, ...],
+    skip: float | None,
+    out: Path | None,
+    figure: Path | None,
+    **columns: tuple[str, ...],
+) -> int:
+    """Compare observers and other filters on the recorded LOG.
+
+    Each --observer is run as its file says, beside a filtered difference, Savitzky-Golay,
+    alpha-beta-gamma and Kalman filters, tuned by the log alone. They are judged by the smoothed
+    state, or by the columns of --truth.
+
+    \b
+    Example: what `hgo tune` chose, beside other filters
+      hgo compare axis.csv --time t --output q --observer axis.observer.toml
+    """
+    draw = figure is not None and can_draw(figure)
+    config = config if config is not None or not observers else observers[0]
+    asked = Asked.of(log, config, dt, columns)
+    results: dict[str, Path] = {} if out is None else {"--out": out}
+    results |= {} if figure is None else {"--figure": figure}
+    recorded = asked.read(results)
+    given = {path.stem: load(path).observer() for path in observers}
+    found = compare(recorded, given, model=asked.model, truth=_truth(asked, truth), skip=skip)
+    if results:
+        with written(results) as files:
+            if out is not None:
+                files["--out"].write(found.to_csv().encode())
+            if draw and figure is not None:
+                plots.save(found.plot(), figure, files["--figure"])
+    return _told(str(found), results, True)
+
+
+def _truth(asked: Asked, pairs: tuple[str, ...]) -> Any:
+    """Columns of the log by the states that they show."""
+    if not pairs:
+        return None
+    from hgo_rs.logs import read_log
+
+    found = {}
+    for pair in pairs:
+        state, _, column = pair.partition("=")
+        if not state or not column:
+            raise HgoError(f"--truth {pair}: must be STATE=COL; write for example v=velocity")
+        arguments = {**asked.arguments, "output": column}
+        arguments.pop("input", None)
+        found[state] = read_log(asked.path, **{"time": None, **arguments}).y
+    return found
