@@ -88,7 +88,8 @@ fn main() {
 
 def observer() -> Observer:
     model = Model(states=["q", "w"], inputs=["u"], phi="u - 0.5*w - 9.81*sin(q)")
-    made = StandardObserver(2, ELL, model=model, method="zoh", timing="current")
+    law: dict[str, Any] = {"method": "zoh", "motion": "held", "timing": "current"}  # as by_hand
+    made = StandardObserver(2, ELL, model=model, **law)
     made.reset([0.3, 0.0])
     return made
 
