@@ -1,10 +1,12 @@
 //! Floor 1. Gain laws: how the high gain ℓ (written r where it moves) is chosen and adapted.
 //!
-//! A gain law is a choice of its own: any structure of [`crate::observers`] takes any of them.
+//! A gain law is a choice of its own: any structure of [`crate::observers`] takes any of them. [`Shaped`]
+//! puts a [`Shape`] between the innovation and the injection of any of them.
 
 use crate::Scalar;
 use crate::error::{DesignError, positive, require};
 use crate::memory::Memory;
+use crate::shape::Shape;
 
 /// The gain of an observer: a part that is fixed before the run, times a part that a law moves.
 ///
@@ -13,12 +15,42 @@ use crate::memory::Memory;
 pub trait GainLaw<T: Scalar>: Copy {
     /// What the law remembers: nothing, or r.
     type Memory: Memory<T>;
+    /// Whether the gain is the same at every sample.
+    const STILL: bool = <Self::Memory as Memory<T>>::LEN == 0;
+    /// Whether [`Self::rows`] writes one value, the same for every row.
+    const ALIKE: bool = true;
     /// The memory to start from: r(0) = 1.
     fn initial(&self) -> Self::Memory;
     /// The part of the gain that is fixed: ℓ, or 1.
     fn fixed(&self) -> T;
-    /// The part of the gain that moves: 1, or r.
-    fn moving(&self, memory: &Self::Memory) -> T;
+    /// The part of the gain that moves, under the innovation `e`: 1, or r.
+    fn moving(&self, memory: &Self::Memory, e: T) -> T;
+    /// By how much the gain has shortened the stability limit of a step: r, or 1.
+    #[inline(always)]
+    fn speed(&self, memory: &Self::Memory) -> T {
+        self.moving(memory, T::ZERO)
+    }
+    /// What the rows of the injection take in the place of the innovation `e`: see [`Shape`].
+    #[inline(always)]
+    fn rows(&self, _: &Self::Memory, e: T, rows: &mut [T]) {
+        rows.fill(e);
+    }
+    /// Refuse a structure that the law is not defined for: one with a row for each state of a chain, of
+    /// these coefficients, or one whose rows all take the same value (`None`).
+    ///
+    /// # Errors
+    /// An order or a structure that the law was not made for; coefficients for which it may not converge.
+    #[inline(always)]
+    fn fits(&self, _: Option<&[T]>) -> Result<(), DesignError> {
+        Ok(())
+    }
+    /// Refuse a correction whose eigenvalues are [placed](crate::injection).
+    ///
+    /// # Errors
+    /// Rows of an injection that are not alike, which no eigenvalues describe.
+    fn placed(&self) -> Result<(), DesignError> {
+        Ok(())
+    }
     /// Time derivative of the memory under the innovation `e` = y − ŷ of an observer of order N.
     fn rate<const N: usize>(&self, memory: &Self::Memory, e: T) -> Self::Memory;
     /// The memory brought back into the set that the law lives in (r ≥ 1).
@@ -64,7 +96,7 @@ impl<T: Scalar> GainLaw<T> for ConstantGain<T> {
         self.ell
     }
     #[inline(always)]
-    fn moving(&self, (): &()) -> T {
+    fn moving(&self, (): &(), _: T) -> T {
         T::ONE
     }
     #[inline(always)]
@@ -89,7 +121,7 @@ macro_rules! moves_in_one_to_infinity {
             T::ONE
         }
         #[inline(always)]
-        fn moving(&self, r: &T) -> T {
+        fn moving(&self, r: &T, _: T) -> T {
             *r
         }
         #[inline(always)]
@@ -197,5 +229,58 @@ impl<T: Scalar> GainLaw<T> for DeadZoneGain<T> {
     fn rate<const N: usize>(&self, r: &T, e: T) -> T {
         let Adaptation { p1, p2, .. } = self.law;
         p1 * (e * e - p2).max(T::ZERO) * self.law.growth(*r) // (4)
+    }
+}
+
+/// A gain law with a [`Shape`] between innovation and injection: a gain law itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Shaped<G, S> {
+    /// The gain law, which sees the innovation itself.
+    pub gain: G,
+    /// The shape.
+    pub shape: S,
+}
+
+impl<T: Scalar, G: GainLaw<T>, S: Shape<T>> GainLaw<T> for Shaped<G, S> {
+    type Memory = (G::Memory, S::Memory);
+    const STILL: bool = G::STILL;
+    const ALIKE: bool = S::ALIKE;
+    #[inline(always)]
+    fn initial(&self) -> Self::Memory {
+        (self.gain.initial(), self.shape.initial())
+    }
+    #[inline(always)]
+    fn fixed(&self) -> T {
+        self.gain.fixed()
+    }
+    #[inline(always)]
+    fn moving(&self, (r, _): &Self::Memory, e: T) -> T {
+        self.gain.moving(r, e)
+    }
+    #[inline(always)]
+    fn speed(&self, (r, _): &Self::Memory) -> T {
+        self.gain.speed(r)
+    }
+    #[inline(always)]
+    fn rows(&self, (_, sigma): &Self::Memory, e: T, rows: &mut [T]) {
+        self.shape.rows(sigma, e, rows);
+    }
+    fn fits(&self, k: Option<&[T]>) -> Result<(), DesignError> {
+        self.gain.fits(k)?;
+        self.shape.fits(k)
+    }
+    fn placed(&self) -> Result<(), DesignError> {
+        self.gain.placed()?;
+        self.shape.placed()
+    }
+    #[inline(always)]
+    fn rate<const N: usize>(&self, (r, sigma): &Self::Memory, e: T) -> Self::Memory {
+        (self.gain.rate::<N>(r, e), self.shape.rate(sigma, e))
+    }
+    #[inline(always)]
+    fn admissible(&self, (r, sigma): Self::Memory) -> Self::Memory {
+        (self.gain.admissible(r), self.shape.admissible(sigma))
     }
 }

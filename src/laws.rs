@@ -55,6 +55,8 @@ pub struct Sizes {
     pub m: usize,
     /// Whether the gain moves, and r is a part of the memory.
     pub moves: bool,
+    /// Whether the gain wears a shape that remembers a threshold, and σ is a part of the memory.
+    pub threshold: bool,
     /// Measured outputs.
     pub outputs: usize,
     /// Known inputs.
@@ -155,6 +157,9 @@ macro_rules! count {
     };
     (moves) => {
         |sizes| usize::from(sizes.moves)
+    };
+    (threshold) => {
+        |sizes| usize::from(sizes.threshold)
     };
     (outputs) => {
         |sizes| sizes.outputs

@@ -18,7 +18,7 @@
 //! # Floors
 //!
 //! A file uses lower floors only, or what is named before it on its own: `elementary`,
-//! `scalar`, `error`, `memory`, `measurement`, `wide`, `polynomial` (0); `dual`, `factor`, `gain`, `schedule`, `saturation`, `model`, `laws`,
+//! `scalar`, `error`, `memory`, `measurement`, `wide`, `polynomial` (0); `dual`, `factor`, `shape`, `gain`, `schedule`, `saturation`, `model`, `laws`,
 //! `integrate`, `observer`, `motion`, `injection`, `noise`, `metrics`, `program` (1); `models`,
 //! `observers` (2); `simulate`, `covariance`, `estimator`, `turn` (3). Nothing names `std`, `alloc` or
 //! Python, nothing allocates and nothing panics.
@@ -51,6 +51,7 @@ pub mod program;
 pub mod saturation;
 pub mod scalar;
 pub mod schedule;
+pub mod shape;
 pub mod simulate;
 pub mod turn;
 mod wide;
@@ -74,7 +75,7 @@ pub use scalar::Scalar;
 pub mod prelude {
     pub use crate::error::DesignError;
     pub use crate::estimator::Estimator;
-    pub use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain};
+    pub use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, Shaped};
     pub use crate::injection::{Placed, Placement};
     pub use crate::integrate::{Integrator, PlantScheme};
     pub use crate::memory::Memory;

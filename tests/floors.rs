@@ -20,6 +20,7 @@ const SAME_FLOOR: &[(&str, &str, &str)] = &[
     ("polynomial", "scalar", "coefficients are scalars"),
     ("polynomial", "wide", "coefficients of high orders are computed in twice the digits"),
     ("wide", "scalar", "a wide number is two scalars"),
+    ("gain", "shape", "a gain law may have a shape"),
     ("integrate", "model", "stochastic schemes take a plant's drift and diffusion"),
     ("factor", "dual", "what is known to be 0 takes no operation"),
     ("observer", "integrate", "a Runge-Kutta observer takes an integrator"),

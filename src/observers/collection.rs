@@ -217,7 +217,7 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
         let (observer, CopyState { x_hat, r }) = (&self.collection.copy, &z.main);
         let nominal = self.collection.nominal_gain(&z.copies);
         let main = CopyState {
-            x_hat: observer.rate_under(t, x_hat, *r * nominal, *e, u), // (25)
+            x_hat: observer.rate_under(t, x_hat, *r * nominal, &SVector::from_element(*e), u), // (25)
             r: observer.gain().rate::<N>(r, *e),
         };
         ModifiedState { main, copies: self.collection.rate(t, &z.copies, errors, u) }
@@ -228,7 +228,7 @@ impl<T: Scalar, Md: Model<T, N, M>, const N: usize, const C: usize, const M: usi
         let (observer, r) = (&self.collection.copy, z.main.r);
         let nominal = self.collection.nominal_gain(&z.copies);
         let main = CopyState {
-            x_hat: observer.injected(&z.main.x_hat, r * nominal, *e),
+            x_hat: observer.injected(&z.main.x_hat, r * nominal, &SVector::from_element(*e)),
             r: driven::<T, _, N>(observer.gain(), &r, *e),
         };
         ModifiedState { main, copies: self.collection.injection(&z.copies, errors) }

@@ -13,7 +13,7 @@
 //! (2019); Astolfi, Zaccarian and Jungers, Systems & Control Letters 148 (2021) 104856. In their coordinates
 //! w₁ = −η₁/(cₘℓᵐ) is the first state of a companion form, from which (1), (2) come by scaling.
 
-use super::{StandardObserver, checked, driven, folded};
+use super::{StandardObserver, checked, driven, folded, one_row};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
@@ -97,6 +97,7 @@ where
             *slot = entry;
         }
         crate::polynomial::require_hurwitz(polynomial.get(..N + K).unwrap_or(&[]))?;
+        gain.fits(None)?;
         let ell = gain.fixed();
         let c = folded(&c, ell, |_| 1)?;
         Ok(Self { c, chain: StandardObserver { k: folded(&k, ell, |i| i + 1)?, gain, model } })
@@ -128,17 +129,18 @@ where
     #[inline(always)]
     fn rate(&self, t: T, z: &Self::State, e: &T, u: &Self::Input) -> Self::State {
         let FilteredState { x_hat, eta, r: m } = z;
-        let r = self.chain.gain.moving(m);
+        let r = self.chain.gain.moving(m, *e);
+        let v = one_row(&self.chain.gain, m, *e);
         let speed = self.chain.gain.fixed() * r;
         let eta_rate = SVector::from_fn(|i, _| {
             if i + 1 < K {
                 speed * eta[i + 1] - self.c[i] * r * eta[0] // (1)
             } else {
-                self.c[i] * r * (*e - eta[0])
+                self.c[i] * r * (v - eta[0])
             }
         });
         FilteredState {
-            x_hat: self.chain.rate_under(t, x_hat, r, eta[0], u), // (2)
+            x_hat: self.chain.rate_under(t, x_hat, r, &SVector::from_element(eta[0]), u), // (2)
             eta: eta_rate,
             r: self.chain.gain.rate::<N>(m, *e),
         }
@@ -146,10 +148,11 @@ where
 
     #[inline(always)]
     fn injection(&self, z: &Self::State, e: &T) -> Self::State {
-        let r = self.chain.gain.moving(&z.r);
+        let r = self.chain.gain.moving(&z.r, *e);
+        let v = one_row(&self.chain.gain, &z.r, *e);
         FilteredState {
             x_hat: SVector::zero(),
-            eta: SVector::from_fn(|i, _| if i + 1 < K { T::ZERO } else { self.c[i] * r * *e }),
+            eta: SVector::from_fn(|i, _| if i + 1 < K { T::ZERO } else { self.c[i] * r * v }),
             r: driven::<T, G, N>(&self.chain.gain, &z.r, *e),
         }
     }
@@ -167,7 +170,7 @@ where
 
     #[inline(always)]
     fn speed(&self, z: &Self::State) -> T {
-        self.chain.gain.moving(&z.r)
+        self.chain.gain.speed(&z.r)
     }
 
     #[inline(always)]

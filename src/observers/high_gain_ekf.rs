@@ -16,7 +16,7 @@
 //!
 //! Boizot, Busvelle and Gauthier, Automatica 46 (2010) 1483, have the law in these terms.
 
-use super::driven;
+use super::{driven, one_row};
 use crate::Scalar;
 use crate::dual::{Dual, is_nothing, times};
 use crate::error::{DesignError, positive, require};
@@ -337,6 +337,7 @@ where
         let order = T::from_f64(N as f64);
         require("n", order, (1..=6).contains(&N), "the order must be 1 to 6")?;
         positive("R", r)?;
+        gain.fits(None)?;
         let theta = gain.fixed();
         let (start, noise) = (started(p0)?, of_gain(q, |_| theta, &[0; N])?);
         let driven = Driven::new(noise, model, [0; N]);
@@ -375,7 +376,7 @@ where
     #[inline(always)]
     fn rate(&self, t: T, z: &Self::State, (e, taken): &(T, T), u: &Self::Input) -> Self::State {
         let HighGainEkfState { x_hat, p, r } = z;
-        let g = self.gain.moving(r);
+        let (g, v) = (self.gain.moving(r, *e), one_row(&self.gain, r, *e));
         let (x, jl) = self.driven.rate(t, x_hat, &p.columns(), u);
         let f: [SVector<T, N>; N] = core::array::from_fn(|k| p.solve(&jl[k])); // F, by its columns
         let mut m = SMatrix::<T, N, N>::from_fn(|i, j| f[j][i] * p.d(j) + p.d(i) * f[i][j]);
@@ -400,7 +401,7 @@ where
             }
             sum / p.d(j).or(T::ONE)
         });
-        let by = p.d(0) * *e / self.variance(g);
+        let by = p.d(0) * v / self.variance(g);
         HighGainEkfState {
             x_hat: SVector::from_fn(|i, _| x[i] + l[0][i] * by), // (1)
             p: p_rate,
@@ -411,8 +412,8 @@ where
     #[inline(always)]
     fn injection(&self, z: &Self::State, (e, taken): &(T, T)) -> Self::State {
         let HighGainEkfState { p, r, .. } = z;
-        let (d, variance) = (p.d(0), self.variance(self.gain.moving(r)));
-        let by = d * *e / variance;
+        let (d, variance) = (p.d(0), self.variance(self.gain.moving(r, *e)));
+        let by = d * one_row(&self.gain, r, *e) / variance;
         let down = -(d * d * (*taken / variance));
         HighGainEkfState {
             x_hat: SVector::from_fn(|i, _| p.l(i, 0) * by),
@@ -439,7 +440,7 @@ where
 
     #[inline(always)]
     fn speed(&self, z: &Self::State) -> T {
-        self.gain.moving(&z.r)
+        self.gain.speed(&z.r)
     }
 
     #[inline(always)]

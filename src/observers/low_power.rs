@@ -10,7 +10,7 @@
 //! Here `sat` is the identity; with a saturation it is the peaking-free observer (11) of
 //! [`super::PeakingFreeObserver`].
 
-use super::{chain, checked, driven, folded};
+use super::{chain, checked, driven, folded, one_row};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
@@ -91,6 +91,7 @@ where
     ) -> Result<Self, DesignError> {
         let (alpha, beta) = (checked("alpha", alpha)?, checked("beta", beta)?);
         crate::polynomial::require_low_power_hurwitz(alpha.as_slice(), beta.as_slice())?;
+        gain.fits(None)?;
         let ell = gain.fixed();
         let (alpha, beta) = (folded(&alpha, ell, |_| 1)?, folded(&beta, ell, |_| 2)?);
         Ok(Self { alpha, beta, gain, model, saturation })
@@ -143,7 +144,8 @@ where
     #[inline(always)]
     fn rate(&self, t: T, z: &Self::State, e1: &T, u: &Self::Input) -> Self::State {
         let LowPowerState { x_hat, eta, r: m } = z;
-        let r = self.gain.moving(m);
+        let r = self.gain.moving(m, *e1);
+        let v = one_row(&self.gain, m, *e1);
         let r2 = r * r;
         let phi = self.model.phi(t, x_hat, u);
         // sat(ηᵢ) at slot i estimates x of index i + 2 in the paper's count
@@ -154,7 +156,7 @@ where
                 },
             );
         let e: SVector<T, N> =
-            SVector::from_fn(|i, _| if i == 0 { *e1 } else { eta_s[i - 1] - x_hat[i] }); // (11b)
+            SVector::from_fn(|i, _| if i == 0 { v } else { eta_s[i - 1] - x_hat[i] }); // (11b)
         let x_rate = SVector::from_fn(|i, _| {
             let above = if i + 1 < N { self.above(t, x_hat, (i, eta[i]), u) } else { phi };
             above + self.alpha[i] * r * e[i]
@@ -174,13 +176,14 @@ where
 
     #[inline(always)]
     fn injection(&self, z: &Self::State, e1: &T) -> Self::State {
-        let r = self.gain.moving(&z.r);
+        let r = self.gain.moving(&z.r, *e1);
+        let v = one_row(&self.gain, &z.r, *e1);
         let first = |i: usize, injected: T| if i == 0 { injected } else { T::ZERO };
         let eta: SVector<T, N> =
-            SVector::from_fn(|i, _| first(i + usize::from(N < 2), self.beta[0] * (r * r) * *e1));
+            SVector::from_fn(|i, _| first(i + usize::from(N < 2), self.beta[0] * (r * r) * v));
         let eta = self.in_unit(&z.x_hat, eta);
         LowPowerState {
-            x_hat: SVector::from_fn(|i, _| first(i, self.alpha[0] * r * *e1)),
+            x_hat: SVector::from_fn(|i, _| first(i, self.alpha[0] * r * v)),
             eta: eta.into(),
             r: driven::<T, G, N>(&self.gain, &z.r, *e1),
         }
@@ -205,7 +208,7 @@ where
 
     #[inline(always)]
     fn speed(&self, z: &Self::State) -> T {
-        self.gain.moving(&z.r)
+        self.gain.speed(&z.r)
     }
 
     #[inline(always)]
@@ -372,11 +375,12 @@ where
     type Poles = [[Poles<T, N>; 2]; 2];
     /// a and b; a′ and b′.
     type Gains = [BlockGains<T, N>; 2];
-    const CONSTANT: bool = G::Memory::LEN == 0;
+    const CONSTANT: bool = G::STILL;
     const TRACEABLE: bool = false;
 
     /// The roots of Pₙ₋₁; the last one of each half is not used.
     fn poles(&self, at: Placement) -> Result<Self::Poles, DesignError> {
+        self.gain.placed()?;
         at.hold::<N>(4)?;
         let alpha: [f64; N] = core::array::from_fn(|i| self.alpha[i].to_f64());
         let beta: [f64; N] = core::array::from_fn(|i| self.beta[i].to_f64());
@@ -427,11 +431,12 @@ where
     #[inline(always)]
     fn inject(&self, z: &Self::State, e1: &T, k: &Self::Gains, dt: T) -> Self::State {
         let ([placed, alone], mut new) = (k, *z);
+        let v = one_row(&self.gain, &z.r, *e1);
         let (placed_b, alone_b) =
             (self.in_unit(&z.x_hat, placed.b), self.in_unit(&z.x_hat, alone.b));
         for i in 0..N {
             let e =
-                if i == 0 { *e1 } else { self.saturation.apply(i - 1, z.eta[i - 1]) - z.x_hat[i] };
+                if i == 0 { v } else { self.saturation.apply(i - 1, z.eta[i - 1]) - z.x_hat[i] };
             if i + 1 == N {
                 new.x_hat[i] += placed.a[i] * e;
                 continue;

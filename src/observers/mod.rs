@@ -67,7 +67,7 @@ macro_rules! for_each_law {
                 orders: [1 2 3 4 5 6 7 8 9 10 11 12], size: [],
                 design: [(n) $crate::observers::chain_from_poles, $crate::observers::equidistant],
                 form: Triangular, placed: true,
-                memory: [x_hat(n) r(moves)],
+                memory: [x_hat(n) r(moves) sigma(threshold)],
                 source: "Sanfelice and Praly (5)-(7); Astolfi et al. (2); Lee, Choi and Khalil (39)",
             }
             rates {
@@ -80,7 +80,7 @@ macro_rules! for_each_law {
                     $crate::observers::equidistant_blocks
                 ],
                 form: Phase, placed: true,
-                memory: [x_hat(n) eta(n - 1) r(moves)],
+                memory: [x_hat(n) eta(n - 1) r(moves) sigma(threshold)],
                 source: "Astolfi, Marconi, Praly and Teel (5)",
             }
             rates {
@@ -93,7 +93,7 @@ macro_rules! for_each_law {
                     $crate::observers::equidistant_blocks
                 ],
                 form: Phase, placed: true,
-                memory: [x_hat(n) eta(n - 1) r(moves)],
+                memory: [x_hat(n) eta(n - 1) r(moves) sigma(threshold)],
                 source: "Astolfi, Marconi, Praly and Teel (11)",
             }
             rates {
@@ -103,7 +103,7 @@ macro_rules! for_each_law {
                 orders: [1 2 3 4 5 6], size: [filters 1 2 3],
                 design: [(n + m) $crate::observers::filter_from_poles, $crate::observers::equidistant],
                 form: Triangular, placed: false,
-                memory: [x_hat(n) eta(m) r(moves)],
+                memory: [x_hat(n) eta(m) r(moves) sigma(threshold)],
                 source: "Treangle, Farza and M'Saad (2019); Astolfi, Zaccarian and Jungers (2021)",
             }
             rates {
@@ -343,4 +343,12 @@ fn driven<T: Scalar, G: GainLaw<T>, const N: usize>(
 fn chain<T: Scalar, const N: usize>(x: &SVector<T, N>, carries: bool) -> SVector<T, N> {
     let linked = |i: usize| i + 1 < N && !(carries && i + 2 == N);
     SVector::from_fn(|i, _| if linked(i) { x[i + 1] } else { T::NEG_ZERO })
+}
+
+/// What a structure that passes one value takes in the place of the innovation e.
+#[inline(always)]
+fn one_row<T: Scalar, G: GainLaw<T>>(gain: &G, memory: &G::Memory, e: T) -> T {
+    let mut row = e;
+    gain.rows(memory, e, core::slice::from_mut(&mut row));
+    row
 }

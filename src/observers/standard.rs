@@ -65,20 +65,30 @@ where
     pub fn new(k: [T; N], gain: G, model: Md) -> Result<Self, DesignError> {
         let k = checked("k", k)?;
         crate::polynomial::require_hurwitz(k.as_slice())?;
+        gain.fits(Some(k.as_slice()))?;
         Ok(Self { k: folded(&k, gain.fixed(), |i| i + 1)?, gain, model })
     }
 
-    /// Rate of x̂ under the moving gain r and the innovation e.
+    /// Rate of x̂ under the moving gain r and what its rows take in the place of the innovation.
     #[inline(always)]
     pub(super) fn rate_under(
         &self,
         t: T,
         x_hat: &SVector<T, N>,
         r: T,
-        e: T,
+        rows: &SVector<T, N>,
         u: &SVector<T, M>,
     ) -> SVector<T, N> {
-        chain(x_hat, self.model.carries()) + self.known(t, x_hat, u) + self.injected(x_hat, r, e) // (5)
+        let known = self.known(t, x_hat, u);
+        chain(x_hat, self.model.carries()) + known + self.injected(x_hat, r, rows) // (5)
+    }
+
+    /// What the rows take in the place of the innovation e.
+    #[inline(always)]
+    fn rows(&self, m: &G::Memory, e: T) -> SVector<T, N> {
+        let mut rows: SVector<T, N> = SVector::from_element(e);
+        self.gain.rows(m, e, rows.as_mut_slice());
+        rows
     }
 
     /// f̂, with what an unknown [enters](Model::enters).
@@ -101,15 +111,25 @@ where
         SVector::from_fn(|i, _| if i + 1 == N { of_chain[i] / slope } else { of_chain[i] })
     }
 
-    /// Λ(r) K e at x̂.
+    /// Λ(r) K v at x̂, v = e for all rows or one for each.
     #[inline(always)]
-    pub(super) fn injected(&self, x_hat: &SVector<T, N>, r: T, e: T) -> SVector<T, N> {
-        let mut injection = e;
-        let of_chain = SVector::from_fn(|i, _| {
-            injection *= r; // rⁱ e
-            self.k[i] * injection
-        });
-        self.in_unit(x_hat, of_chain)
+    pub(super) fn injected(
+        &self,
+        x_hat: &SVector<T, N>,
+        r: T,
+        rows: &SVector<T, N>,
+    ) -> SVector<T, N> {
+        let mut injection = *rows;
+        for i in 0..N {
+            if G::ALIKE && i > 0 {
+                injection[i] = injection[i - 1] * r; // rⁱ e
+            } else {
+                for _ in 0..=i {
+                    injection[i] *= r;
+                }
+            }
+        }
+        self.in_unit(x_hat, SVector::from_fn(|i, _| self.k[i] * injection[i]))
     }
 
     /// Staggered sweep of the chain: xᵢ⁺ += dt·(xᵢ₊₁⁺ − xᵢ₊₁), from the bottom up, of the last state times
@@ -159,7 +179,13 @@ where
     #[inline(always)]
     fn rate(&self, t: T, z: &Self::State, e: &T, u: &Self::Input) -> Self::State {
         StandardState {
-            x_hat: self.rate_under(t, &z.x_hat, self.gain.moving(&z.r), *e, u),
+            x_hat: self.rate_under(
+                t,
+                &z.x_hat,
+                self.gain.moving(&z.r, *e),
+                &self.rows(&z.r, *e),
+                u,
+            ),
             r: self.gain.rate::<N>(&z.r, *e),
         }
     }
@@ -167,7 +193,7 @@ where
     #[inline(always)]
     fn injection(&self, z: &Self::State, e: &T) -> Self::State {
         StandardState {
-            x_hat: self.injected(&z.x_hat, self.gain.moving(&z.r), *e),
+            x_hat: self.injected(&z.x_hat, self.gain.moving(&z.r, *e), &self.rows(&z.r, *e)),
             r: driven::<T, G, N>(&self.gain, &z.r, *e),
         }
     }
@@ -184,7 +210,7 @@ where
 
     #[inline(always)]
     fn speed(&self, z: &Self::State) -> T {
-        self.gain.moving(&z.r)
+        self.gain.speed(&z.r)
     }
 
     #[inline(always)]
@@ -201,9 +227,10 @@ where
 {
     type Poles = Poles<T, N>;
     type Gains = SVector<T, N>;
-    const CONSTANT: bool = G::Memory::LEN == 0;
+    const CONSTANT: bool = G::STILL;
 
     fn poles(&self, at: Placement) -> Result<Poles<T, N>, DesignError> {
+        self.gain.placed()?;
         at.hold::<N>(6)?;
         Ok(Poles::of(&self.k))
     }
@@ -215,8 +242,9 @@ where
 
     #[inline(always)]
     fn inject(&self, z: &Self::State, e: &T, k: &SVector<T, N>, dt: T) -> Self::State {
+        let rows = self.rows(&z.r, *e);
         StandardState {
-            x_hat: z.x_hat + self.in_unit(&z.x_hat, SVector::from_fn(|i, _| k[i] * *e)),
+            x_hat: z.x_hat + self.in_unit(&z.x_hat, SVector::from_fn(|i, _| k[i] * rows[i])),
             r: z.r.plus(dt, &driven::<T, G, N>(&self.gain, &z.r, *e)),
         }
     }

@@ -3,94 +3,211 @@
 use crate::error::{Error, Result, refused};
 use crate::spec::Spec;
 use hgo_rs::Scalar;
+use hgo_rs::error::DesignError;
 use hgo_rs::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
 use hgo_rs::injection::Placement;
 use hgo_rs::memory::Memory;
 use hgo_rs::motion::{Flow, Held, ImplicitMotion, Motion, Rk4Motion, SUBSTEPS};
 use hgo_rs::observer::{BogackiShampine, Discretisation, Rk4, Rk4InnovationHeld, Timing};
 use hgo_rs::observers::{HardClip, LAWS, NoSaturation, Saturation, SmoothSaturation};
+use hgo_rs::shape::{DeadZone, Fal, PiecewiseLinear, Shape, Stubborn};
+use nalgebra::SVector;
 
-/// The adaptive and the dead-zone law behind one memory r.
-#[derive(Clone, Copy)]
-pub enum MovingGain<T = f64> {
-    /// Sanfelice and Praly (6).
-    Adaptive(AdaptiveGain<T>),
-    /// With a dead zone, Sanfelice and Praly (4).
-    DeadZone(DeadZoneGain<T>),
+/// A choice among laws by their names in specs: an enum of them, how one is read, and `$of!(choice, law =>
+/// answer)`, which asks the law that was chosen.
+macro_rules! choice {
+    (
+        $d:tt $(#[$doc:meta])* $any:ident[$($generics:tt)*]<$($argument:ident),*>, $of:ident;
+        $($(#[$law_doc:meta])* $word:literal $variant:ident($law:ty)
+            [$($key:literal),*] |$spec:ident| $new:expr;)+
+    ) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy)]
+        pub enum $any<$($generics)*> {
+            $($(#[$law_doc])* $variant($law),)+
+        }
+
+        /// The answer of the law that was chosen.
+        macro_rules! $of {
+            ($d choice:expr, $d one:ident => $d answer:expr) => {
+                match $d choice { $($any::$variant($d one) => $d answer,)+ }
+            };
+        }
+
+        impl<$($generics)*> $any<$($argument),*>
+        where
+            T: Scalar,
+        {
+            /// The one that a spec names.
+            pub fn read(spec: &Spec<'_>) -> Result<Self> {
+                let word = spec.text("law")?;
+                match word.as_str() {
+                    $($word => {
+                        spec.only(&["law", $($key),*])?;
+                        let $spec = spec;
+                        Ok(Self::$variant($new?))
+                    })+
+                    other => Err(spec.unknown("law", other, &[$($word),+])),
+                }
+            }
+        }
+    };
 }
 
-impl<T: Scalar> GainLaw<T> for MovingGain<T> {
-    hgo_rs::moves_in_one_to_infinity!();
-    #[inline(always)]
-    fn rate<const N: usize>(&self, r: &T, e: T) -> T {
-        match self {
-            Self::Adaptive(law) => law.rate::<N>(r, e),
-            Self::DeadZone(law) => law.rate::<N>(r, e),
+choice! {
+    $
+    /// A gain law by its name.
+    AnyGain[T]<T>, of_gain;
+    /// ℓ.
+    "constant" Constant(ConstantGain<T>) ["ell"] |of| ConstantGain::new(number(of, "ell")?);
+    /// Sanfelice and Praly (6).
+    "adaptive" Adaptive(AdaptiveGain<T>) ["p1", "p2", "b"] |of|
+        AdaptiveGain::new(number(of, "p1")?, number(of, "p2")?, number(of, "b")?);
+    /// With a dead zone, Sanfelice and Praly (4).
+    "dead-zone" DeadZone(DeadZoneGain<T>) ["p1", "p2", "b"] |of|
+        DeadZoneGain::new(number(of, "p1")?, number(of, "p2")?, number(of, "b")?);
+}
+
+choice! {
+    $
+    /// A shape by its name.
+    AnyShape[T, const N: usize]<T, N>, of_shape;
+    /// A threshold on what is injected.
+    "stubborn" Stubborn(Stubborn<T>) ["decay", "growth", "sigma0"] |of|
+        Stubborn::new(number(of, "decay")?, number(of, "growth")?, number_or_0(of, "sigma0")?);
+    /// A threshold on what is not.
+    "dead-zone" DeadZone(DeadZone<T>) ["decay", "growth", "sigma0"] |of|
+        DeadZone::new(number(of, "decay")?, number(of, "growth")?, number_or_0(of, "sigma0")?);
+    /// Two gains.
+    "piecewise-linear" PiecewiseLinear(PiecewiseLinear<T>) ["ratio", "zone"] |of|
+        PiecewiseLinear::new(number(of, "ratio")?, number(of, "zone")?);
+    /// Powers of the innovation.
+    "fal" Fal(Fal<T, N>) ["alpha", "delta"] |of|
+        Fal::new(of.vector::<N>("alpha", N)?.map(T::from_f64), number(of, "delta")?);
+}
+
+fn number<T: Scalar>(spec: &Spec<'_>, key: &str) -> Result<T> {
+    spec.f64(key).map(T::from_f64)
+}
+
+fn number_or_0<T: Scalar>(spec: &Spec<'_>, key: &str) -> Result<T> {
+    spec.f64_or(key, 0.0).map(T::from_f64)
+}
+
+/// The gain law of a spec, under its shape if it has one, with E entries of memory: the gain's, then the
+/// shape's.
+#[derive(Clone, Copy)]
+pub struct Chosen<T, const N: usize, const E: usize> {
+    /// The gain law.
+    pub gain: AnyGain<T>,
+    shape: Option<AnyShape<T, N>>,
+}
+
+fn len_of<T: Scalar, M: Memory<T>>(_: &M) -> usize {
+    M::LEN
+}
+
+#[allow(clippy::unit_arg, clippy::let_unit_value)] // some laws have no memory
+impl<T: Scalar, const N: usize, const E: usize> Chosen<T, N, E> {
+    /// As an observer's spec has them.
+    pub fn read(spec: &Spec<'_>) -> Result<Self> {
+        let shape = if spec.has("shape") { Some(spec.sub("shape")?) } else { None };
+        let shape = shape.as_ref().map(AnyShape::read).transpose()?;
+        Ok(Self { gain: AnyGain::read(&spec.sub("gain")?)?, shape })
+    }
+
+    /// Entries of memory that it needs.
+    pub fn entries(&self) -> usize {
+        let of_shape = self
+            .shape
+            .as_ref()
+            .map_or(0, |shape| of_shape!(shape, law => len_of::<T, _>(&law.initial())));
+        self.of_gain() + of_shape
+    }
+
+    /// Whether its gain is the same at every sample.
+    pub fn is_still(&self) -> bool {
+        fn still<T: Scalar, G: GainLaw<T>>(_: &G) -> bool {
+            G::STILL
         }
+        of_gain!(&self.gain, law => still(law))
+    }
+
+    /// Entries that are the gain's.
+    fn of_gain(&self) -> usize {
+        of_gain!(&self.gain, law => len_of::<T, _>(&law.initial()))
+    }
+
+    /// A memory of both, from what each makes of its own part.
+    fn both(
+        &self,
+        memory: &SVector<T, E>,
+        gain: impl FnOnce(&AnyGain<T>, &[T], &mut [T]),
+        shape: impl FnOnce(&AnyShape<T, N>, &[T], &mut [T]),
+    ) -> SVector<T, E> {
+        let mut made = *memory;
+        let at = self.of_gain().min(E);
+        let (of_gain, of_shape) = memory.as_slice().split_at(at);
+        let (to_gain, to_shape) = made.as_mut_slice().split_at_mut(at);
+        gain(&self.gain, of_gain, to_gain);
+        if let Some(law) = &self.shape {
+            shape(law, of_shape, to_shape);
+        }
+        made
     }
 }
 
-/// A gain law by its name.
-#[derive(Clone, Copy)]
-pub enum AnyGain<T = f64> {
-    /// ℓ.
-    Constant(ConstantGain<T>),
-    /// r, which moves.
-    Moving(MovingGain<T>),
-}
-
-/// With one memory r for all of them: that of a constant gain is 1 and stays.
-impl<T: Scalar> GainLaw<T> for AnyGain<T> {
-    type Memory = T;
-    fn initial(&self) -> T {
-        T::ONE
+#[allow(clippy::unit_arg, clippy::let_unit_value)] // some laws have no memory
+impl<T: Scalar, const N: usize, const E: usize> GainLaw<T> for Chosen<T, N, E> {
+    type Memory = SVector<T, E>;
+    const STILL: bool = false;
+    const ALIKE: bool = false;
+    fn initial(&self) -> Self::Memory {
+        self.both(
+            &SVector::zero(),
+            |gain, _, out| of_gain!(gain, law => law.initial().write(out)),
+            |shape, _, out| of_shape!(shape, law => law.initial().write(out)),
+        )
     }
     fn fixed(&self) -> T {
-        match self {
-            Self::Constant(law) => law.fixed(),
-            Self::Moving(law) => law.fixed(),
-        }
+        of_gain!(&self.gain, law => law.fixed())
     }
-    fn moving(&self, r: &T) -> T {
-        *r
+    fn moving(&self, memory: &Self::Memory, e: T) -> T {
+        of_gain!(&self.gain, law => law.moving(&Memory::read(memory.as_slice()), e))
     }
-    fn rate<const N: usize>(&self, r: &T, e: T) -> T {
-        match self {
-            Self::Constant(_) => T::ZERO,
-            Self::Moving(law) => law.rate::<N>(r, e),
-        }
+    fn speed(&self, memory: &Self::Memory) -> T {
+        of_gain!(&self.gain, law => law.speed(&Memory::read(memory.as_slice())))
     }
-    fn admissible(&self, r: T) -> T {
-        match self {
-            Self::Constant(_) => r,
-            Self::Moving(law) => law.admissible(r),
-        }
-    }
-}
-
-impl<T: Scalar> AnyGain<T> {
-    /// The gain law that a spec names.
-    pub fn read(spec: &Spec<'_>) -> Result<Self> {
-        let law = spec.text("law")?;
-        if law == "constant" {
-            spec.only(&["law", "ell"])?;
-            return Ok(Self::Constant(ConstantGain::new(T::from_f64(spec.f64("ell")?))?));
-        }
-        let moving = ["law", "p1", "p2", "b"];
-        let of = |key| spec.f64(key).map(T::from_f64);
-        match law.as_str() {
-            "adaptive" => {
-                spec.only(&moving)?;
-                let law = AdaptiveGain::new(of("p1")?, of("p2")?, of("b")?)?;
-                Ok(Self::Moving(MovingGain::Adaptive(law)))
+    fn rows(&self, memory: &Self::Memory, e: T, rows: &mut [T]) {
+        match &self.shape {
+            None => rows.fill(e),
+            Some(shape) => {
+                let own = memory.as_slice().get(self.of_gain()..).unwrap_or(&[]);
+                of_shape!(shape, law => law.rows(&Memory::read(own), e, rows));
             }
-            "dead-zone" => {
-                spec.only(&moving)?;
-                let law = DeadZoneGain::new(of("p1")?, of("p2")?, of("b")?)?;
-                Ok(Self::Moving(MovingGain::DeadZone(law)))
-            }
-            other => Err(spec.unknown("law", other, &["constant", "adaptive", "dead-zone"])),
         }
+    }
+    fn fits(&self, k: Option<&[T]>) -> std::result::Result<(), DesignError> {
+        of_gain!(&self.gain, law => law.fits(k))?;
+        self.shape.as_ref().map_or(Ok(()), |shape| of_shape!(shape, law => law.fits(k)))
+    }
+    fn placed(&self) -> std::result::Result<(), DesignError> {
+        of_gain!(&self.gain, law => law.placed())?;
+        self.shape.as_ref().map_or(Ok(()), |shape| of_shape!(shape, law => law.placed()))
+    }
+    fn rate<const ORDER: usize>(&self, memory: &Self::Memory, e: T) -> Self::Memory {
+        self.both(
+            memory,
+            |gain, of, out| of_gain!(gain, law => law.rate::<ORDER>(&Memory::read(of), e).write(out)),
+            |shape, of, out| of_shape!(shape, law => law.rate(&Memory::read(of), e).write(out)),
+        )
+    }
+    fn admissible(&self, memory: Self::Memory) -> Self::Memory {
+        self.both(
+            &memory,
+            |gain, of, out| of_gain!(gain, law => law.admissible(Memory::read(of)).write(out)),
+            |shape, of, out| of_shape!(shape, law => law.admissible(Memory::read(of)).write(out)),
+        )
     }
 }
 

@@ -49,7 +49,7 @@ fn keys(kind: &str) -> Option<Vec<&'static str>> {
         keys.push("order");
     }
     if law.gain == Gain::Any {
-        keys.push(if filters(law) { "theta" } else { "epsilon" });
+        keys.extend(if filters(law) { ["theta"].as_slice() } else { &["epsilon", "shape"] });
     }
     if law.design.is_some() {
         keys.push("poles");
@@ -311,7 +311,7 @@ fn rates(
     }
     let gain = gain(spec)?;
     let moves = Spec::new(&gain, "gain")?.text("law")? != "constant";
-    let placed = law.placed && !(moves && law.form == Form::Phase);
+    let placed = law.placed && !(moves && law.form == Form::Phase) && !of_rows(spec)?;
     let filters = filters(law);
     let method = if filters {
         SAMPLED
@@ -326,6 +326,7 @@ fn rates(
     for (list, values) in law.coefficients.iter().zip(lists) {
         made.put(list.name, numbers(values));
     }
+    made.put_given(spec, "shape");
     manner(made, spec, method, known)?;
     if law.saturated {
         let levels = spec.numbers("saturation")?.values.clone();
@@ -334,6 +335,12 @@ fn rates(
         made.put_given(spec, "clip");
     }
     Ok(())
+}
+
+/// Whether a shape gives each row of the injection a value of its own.
+fn of_rows(spec: &Spec<'_>) -> Result<bool> {
+    Ok(spec.has("shape")
+        && !matches!(spec.sub("shape")?.text("law")?.as_str(), "stubborn" | "dead-zone"))
 }
 
 /// The lists of a law: given, or from poles.

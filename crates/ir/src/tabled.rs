@@ -313,11 +313,11 @@ impl LawTables {
         }
     }
 
-    /// Of any other.
+    /// Of any other; `still`: its gain is the same at every sample.
     pub fn any<L>(
         setting: Setting,
         manner: Manner,
-        n_u: usize,
+        (n_u, still): (usize, bool),
         build: impl Fn() -> Result<L>,
         gains: impl FnOnce(Placement) -> Result<Arc<Gains>>,
     ) -> Result<Self>
@@ -334,8 +334,8 @@ impl LawTables {
         let placed = match manner.method {
             AnyMethod::Known(_) => None,
             AnyMethod::Placed(at) => {
-                let known = L::CONSTANT && matches!(setting.gains, PlacedGains::For(_));
-                let given = L::CONSTANT
+                let known = still && matches!(setting.gains, PlacedGains::For(_));
+                let given = still
                     && match setting.gains {
                         PlacedGains::Given => true,
                         PlacedGains::Held => !L::TRACEABLE,

@@ -152,7 +152,9 @@ class Config:
         if "observers" in given:
             given["observers"] = [inner.observer() for inner in self._inner()]
         if isinstance(given.get("gain"), dict):
-            given["gain"] = self._gain(given["gain"])
+            given["gain"] = self._law("gain", given["gain"], keys.GAINS)
+        if "shape" in given:
+            given["shape"] = self._law("shape", given["shape"], keys.SHAPES)
         if "poles" in given:
             given["poles"] = [complex(*p) if isinstance(p, list) else p for p in given["poles"]]
         if "model" in self.data:
@@ -220,9 +222,9 @@ class Config:
         data = {name: value for name, value in self.data.items() if name != key}
         return Config(plain(data), self.source, self._lines)
 
-    def _gain(self, told: dict[str, Any]) -> Any:
-        name, _ = keys.GAINS[told["law"]]
-        return self._built(("gain",), getattr(observers, name), _without(told, "law"))
+    def _law(self, key: str, told: dict[str, Any], known: Mapping[str, Any]) -> Any:
+        name, _ = known[told["law"]]
+        return self._built((key,), getattr(observers, name), _without(told, "law"))
 
     def _model(self) -> Any:
         told = self.data["model"]
@@ -293,10 +295,11 @@ class Config:
             choice = ", ".join(OBSERVERS)
             raise self._error(("observer",), "is missing", f"name one of {choice}")
         self._check_choice(("observer",), self.data["observer"], OBSERVERS)
-        gain = self.data.get("gain")
-        if isinstance(gain, dict):
-            kind = self._check_kind(("gain",), gain, "law", keys.GAINS)
-            self._check_table(("gain",), gain, {"law": TEXT, **keys.GAINS[kind][1]}, needs=True)
+        for key, laws in (("gain", keys.GAINS), ("shape", keys.SHAPES)):
+            told = self.data.get(key)
+            if isinstance(told, dict):
+                kind = self._check_kind((key,), told, "law", laws)
+                self._check_table((key,), told, {"law": TEXT, **laws[kind][1]}, needs=True)
         self._check_use()
         model = self.data.get("model")
         if model is not None:
@@ -351,13 +354,13 @@ class Config:
         known: Mapping[str, Kind],
         needs: bool = False,
     ) -> None:
-        """Every key is known and of its type; with `needs`, all known keys are there."""
+        """Every key is known and of its type; with `needs`, all but the optional ones are there."""
         for key, value in table.items():
             if key not in known:
                 raise self._unknown((*path, key), known)
             self._check_type((*path, key), value, known[key])
         for key in known if needs else ():
-            if key not in table:
+            if key not in table and key not in keys.OPTIONAL:
                 raise self._error((*path, key), "is missing", f"add {key} = ...")
 
     def _check_type(self, path: tuple[str, ...], value: Any, kind: Kind) -> None:

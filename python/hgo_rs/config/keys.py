@@ -97,6 +97,7 @@ TOP: dict[str, Kind] = {
     "gain": GAIN,
     "epsilon": NUMBER,
     "theta": NUMBER,
+    "shape": TABLE,
     "poles": POLES,
     **{law.size[0]: INTEGER for law in LAWS.values() if law.size},
     **dict.fromkeys(LISTS, NUMBERS),
@@ -125,6 +126,18 @@ GAINS: dict[str, tuple[str, dict[str, Kind]]] = {
     "dead-zone": ("DeadZoneGain", {"p1": NUMBER, "p2": NUMBER, "b": NUMBER}),
 }
 """`gain = { law = ... }`: the class behind each law, and its keys."""
+
+_THRESHOLD = {"decay": NUMBER, "growth": NUMBER, "sigma0": NUMBER}
+SHAPES: dict[str, tuple[str, dict[str, Kind]]] = {
+    "stubborn": ("Stubborn", _THRESHOLD),
+    "dead-zone": ("DeadZone", _THRESHOLD),
+    "piecewise-linear": ("PiecewiseLinear", {"ratio": NUMBER, "zone": NUMBER}),
+    "fal": ("Fal", {"alpha": NUMBERS, "delta": NUMBER}),
+}
+"""`shape = { law = ... }`, the same."""
+
+OPTIONAL = ("sigma0",)
+"""Keys of a law that may be left out."""
 
 MODELS: dict[str, tuple[str, dict[str, Kind]]] = {
     "unknown": ("Unknown", {}),

@@ -37,6 +37,8 @@ def observer_table(spec: Mapping[str, Any]) -> dict[str, Any]:
     for key, value in spec.items():
         if key == "gain" and isinstance(value, dict):
             data["gain"] = value["ell"] if value["law"] == "constant" else dict(value)
+        elif key == "shape":
+            data["shape"] = plain(value)
         elif key == "observers":
             data["observers"] = [observer_table(inner) for inner in value]
         elif key == "wrap" and isinstance(value, (list, tuple)):

@@ -205,16 +205,37 @@ _AT_REST = 1e150
 """A level that no memory of a linear law reaches."""
 
 
-def unit(observer: Mapping[str, Any]) -> Unit:
-    """What of a continuous law's spec its steps at gain 1 depend on."""
+def unit(observer: Mapping[str, Any], *, steepest: bool = False) -> Unit:
+    """What of a continuous law's spec its steps at gain 1 depend on, under a shape at small
+    innovations, or where it is steepest.
+    """
     law = LAWS[observer["kind"]]
     n, m = sizes(observer)
     entries: list[tuple[str, Any]] = [("kind", law.kind), ("n", n)]
     if law.size:
         entries.append((law.size[0], m))
     for name, count in law.counts(n, m).items():
-        entries.append((name, tuple(_checks.vector(member(observer, name), name, count).tolist())))
+        values = _checks.vector(member(observer, name), name, count)
+        if name == "k":
+            values = values * slopes(observer, count, steepest)
+        entries.append((name, tuple(values.tolist())))
     return tuple(entries)
+
+
+def slopes(observer: Mapping[str, Any], n: int, steepest: bool) -> Array:
+    """The slope of each row of a shape at small innovations, or where it is steepest.
+
+    `fal`: delta^(alpha_i - 1), both.  `piecewise-linear`: ratio^i within its zone, 1 outside.
+    Thresholds: 1 below that of the stubborn, beyond that of the dead zone; flat elsewhere.
+    """
+    shape = observer.get("shape")
+    if shape is not None and shape["law"] == "fal":
+        exponents = _checks.vector(member(shape, "alpha"), "shape.alpha", n) - 1.0
+        return np.asarray(_checks.positive(member(shape, "delta"), "shape.delta") ** exponents)
+    if shape is not None and shape["law"] == "piecewise-linear" and not steepest:
+        ratio = _checks.positive(member(shape, "ratio"), "shape.ratio")
+        return np.asarray(ratio ** np.arange(1, n + 1))
+    return np.ones(n)
 
 
 def sizes(observer: Mapping[str, Any]) -> tuple[int, int]:

@@ -85,6 +85,8 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
       saturations are active.  For a complex pair of E_1 forward Euler's limit is alpha_1/beta_1.
     - collection, modified: copies that are alike, and their differences (if these decay in
       continuous time: else no step is to blame).
+    - a shape: at its steepest slope; a threshold sigma must not fall below 0 in one step,
+      dt < 1/decay.
     - zoh: none.  bilinear: |lambda| dt < 200, where rounding takes over.  peaking-free: bounded at
       any step; ``c`` is up to where it was seen to converge from anywhere, default coefficients.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with
@@ -109,7 +111,7 @@ def _continuous(observer: Mapping[str, Any]) -> StepLimit:
     remedy = f"choose another: eigenvalues are not placed for the {law.title}"
     holds = law.placed or rule not in CORRECTING
     check(holds, "method", rule, "a method of rates", remedy, DesignError)
-    of = unit(observer)
+    of = unit(observer, steepest=True)
     parts = {"linear": _critical(of, rule, now)}
     if law.saturated:
         parts |= _saturated(dict(of), rule, now)
@@ -141,6 +143,9 @@ def _limit(observer: Mapping[str, Any], rule: str, parts: dict[str, float]) -> S
     gain = member(observer, "gain")
     law = choice(gain, "law", ("constant", "adaptive", "dead-zone"))
     ell = _checks.positive(member(gain, "ell"), "gain.ell") if law == "constant" else 1.0
+    shape = observer.get("shape")
+    if shape is not None and "decay" in shape:
+        parts = {**parts, "threshold": ell / _checks.positive(shape["decay"], "shape.decay")}
     c = min(parts.values())
     current = timing(observer) == "current" and rule not in CORRECTING
     return StepLimit(rule + ", current timing" * current, c / ell, c, parts)

@@ -129,7 +129,10 @@ def _rest_of(spec: Mapping[str, Any], states: Sequence[str], count: int) -> list
     gain = spec.get("gain")
     if isinstance(gain, Mapping) and gain["law"] != "constant":
         words.append(("r", "gain"))
+    threshold = [("sigma", "squared threshold of the shape")]
+    threshold *= "decay" in (spec.get("shape") or ())
     last = [("elapsed", ELAPSED)] if spec.get("timing") == "current" else []
+    last = threshold + last
     rest = range(len(words), count - len(last))
     return words + [(f"z{len(states) + i + 1}", "auxiliary state") for i in rest] + last
 

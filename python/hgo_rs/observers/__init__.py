@@ -20,6 +20,7 @@ from hgo_rs.observers.reduced_order import ReducedOrderObserver
 from hgo_rs.observers.result import Gap, RunResult
 from hgo_rs.observers.sampled_data import SampledDataObserver
 from hgo_rs.observers.several_outputs import MultiOutputObserver
+from hgo_rs.observers.shapes import DeadZone, Fal, PiecewiseLinear, Shape, Stubborn
 from hgo_rs.observers.standard import StandardObserver
 from hgo_rs.observers.turns import TurnWarning
 
@@ -29,7 +30,9 @@ __all__ = [
     "AdaptiveGain",
     "ConstantGain",
     "CopiesMetWarning",
+    "DeadZone",
     "DeadZoneGain",
+    "Fal",
     "FixedStep",
     "Gap",
     "HighGainEKF",
@@ -39,12 +42,15 @@ __all__ = [
     "MultiOutputObserver",
     "Observer",
     "PeakingFreeObserver",
+    "PiecewiseLinear",
     "ReducedOrderObserver",
     "RepelledCollection",
     "RunResult",
     "SampledDataObserver",
+    "Shape",
     "StandardObserver",
     "StochasticApproximation",
+    "Stubborn",
     "TurnWarning",
     "gap_bound",
 ]

@@ -23,6 +23,7 @@ from hgo_rs.laws import Law
 from hgo_rs.models import Ship, System, Unknown
 from hgo_rs.observers.gains import AdaptiveGain, ConstantGain, DeadZoneGain
 from hgo_rs.observers.records import vector
+from hgo_rs.observers.shapes import Fal, Shape
 
 Gain = float | ConstantGain | AdaptiveGain | DeadZoneGain
 Poles = Sequence[complex] | npt.ArrayLike
@@ -100,10 +101,34 @@ def pairs(poles: Poles, count: int, law: str) -> list[tuple[float, float]]:
     return [(float(p.real), float(p.imag)) for p in values]
 
 
-def usual_method(law: Law, gain: dict[str, Any]) -> str:
+def usual_method(law: Law, gain: dict[str, Any], shape: Shape | None) -> str:
     """The method where it is left open."""
     placed = law.placed and (gain["law"] == "constant" or law.form != "phase")
-    return DEFAULT_METHOD if placed else "rk4"
+    return DEFAULT_METHOD if placed and getattr(shape, "alike", True) else "rk4"
+
+
+def shape_spec(shape: Any, law: Law, n: int, method: str) -> dict[str, Any]:
+    """The entry of a shape, if there is one."""
+    if shape is None:
+        return {}
+    check(
+        isinstance(shape, Shape),
+        "shape",
+        shape,
+        "a Stubborn or another Shape",
+        "see docs/shapes.md",
+    )
+    if not shape.alike:
+        remedy = "the rows of this shape differ: choose StandardObserver, Stubborn or DeadZone"
+        check(law.kind == "standard", "shape", shape, f"left out of the {law.title}", remedy)
+        remedy = "the rows of this shape differ, so that no eigenvalues can be placed"
+        check(
+            method not in CORRECTING, "method", method, "a method of rates, such as 'rk4'", remedy
+        )
+    if isinstance(shape, Fal):
+        remedy = "one exponent for each state"
+        check(len(shape.alpha) == n, "alpha", shape.alpha, f"{n} numbers", remedy)
+    return {"shape": shape.spec}
 
 
 def of_law(

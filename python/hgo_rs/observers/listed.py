@@ -15,6 +15,7 @@ from hgo_rs.observers import arguments
 from hgo_rs.observers.arguments import Gain, Poles
 from hgo_rs.observers.base import Observer
 from hgo_rs.observers.records import vector
+from hgo_rs.observers.shapes import Shape
 from hgo_rs.observers.turns import turn
 
 
@@ -30,7 +31,7 @@ class HighGainObserver(Observer):
         A law by its word in `hgo_rs.laws.LAWS`, such as "standard".
     n : int
         Order, one of the law's.
-    gain, epsilon, model, method, motion, substeps, timing, wrap, allow_unstable
+    gain, epsilon, shape, model, method, motion, substeps, timing, wrap, allow_unstable
         As in `StandardObserver`. Default of `method`: "zoh" where the law can be placed.
     poles : numbers, optional
         As many as make the law's coefficients, before scaling by ell. Default: the usual ones.
@@ -55,6 +56,7 @@ class HighGainObserver(Observer):
         *,
         epsilon: float | None = None,
         poles: Poles | None = None,
+        shape: Shape | None = None,
         model: System | None = None,
         method: str | None = None,
         motion: str | None = None,
@@ -74,13 +76,14 @@ class HighGainObserver(Observer):
         gain_law = arguments.gain(gain, epsilon)
         coefficients = arguments.of_law(law, n, poles, entries)
         if method is None:
-            method = arguments.usual_method(law, gain_law)
+            method = arguments.usual_method(law, gain_law, shape)
         manner = arguments.manner(method, timing)
         spec = {
             "kind": kind,
             "n": n,
             **coefficients,
             "gain": gain_law,
+            **arguments.shape_spec(shape, law, n, method),
             "model": arguments.model(model, n),
             **manner,
             **arguments.motion(method, motion, substeps, model, gain_law),

@@ -8,6 +8,7 @@ from hgo_rs.design.discrete import DEFAULT_TIMING
 from hgo_rs.models import System
 from hgo_rs.observers.arguments import Gain, Poles
 from hgo_rs.observers.listed import HighGainObserver
+from hgo_rs.observers.shapes import Shape
 
 
 class LowPowerObserver(HighGainObserver):
@@ -17,8 +18,9 @@ class LowPowerObserver(HighGainObserver):
     ----------
     n : int
         Order, 2 to 12.
-    gain, epsilon, model, method, motion, substeps, timing, wrap, allow_unstable
-        As in `StandardObserver`. The model must be of phase-variable form.
+    gain, epsilon, shape, model, method, motion, substeps, timing, wrap, allow_unstable
+        As in `StandardObserver`. The model must be of phase-variable form; the rows of the shape
+        must be alike (`Stubborn`, `DeadZone`).
     poles : 2 n - 1 numbers, optional
         Eigenvalues of M_n. Default: 2 n - 2 equidistant ones in [-2, -1], and -2; for n = 5 the
         paper's coefficients.
@@ -35,6 +37,7 @@ class LowPowerObserver(HighGainObserver):
         poles: Poles | None = None,
         alpha: npt.ArrayLike | None = None,
         beta: npt.ArrayLike | None = None,
+        shape: Shape | None = None,
         model: System | None = None,
         method: str | None = None,
         motion: str | None = None,
@@ -49,6 +52,7 @@ class LowPowerObserver(HighGainObserver):
             gain,
             epsilon=epsilon,
             poles=poles,
+            shape=shape,
             model=model,
             method=method,
             motion=motion,
@@ -66,7 +70,7 @@ class PeakingFreeObserver(HighGainObserver):
 
     Parameters
     ----------
-    n, gain, epsilon, poles, alpha, beta, model, method, motion, substeps, timing, wrap,
+    n, gain, epsilon, poles, alpha, beta, shape, model, method, motion, substeps, timing, wrap,
     allow_unstable
         As in `LowPowerObserver`.
     saturation : float or n - 1 numbers
@@ -92,6 +96,7 @@ class PeakingFreeObserver(HighGainObserver):
         poles: Poles | None = None,
         alpha: npt.ArrayLike | None = None,
         beta: npt.ArrayLike | None = None,
+        shape: Shape | None = None,
         model: System | None = None,
         method: str | None = None,
         motion: str | None = None,
@@ -106,6 +111,7 @@ class PeakingFreeObserver(HighGainObserver):
             gain,
             epsilon=epsilon,
             poles=poles,
+            shape=shape,
             model=model,
             method=method,
             motion=motion,

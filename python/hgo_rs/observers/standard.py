@@ -8,6 +8,7 @@ from hgo_rs.design.discrete import DEFAULT_TIMING
 from hgo_rs.models import System
 from hgo_rs.observers.arguments import Gain, Poles
 from hgo_rs.observers.listed import HighGainObserver
+from hgo_rs.observers.shapes import Shape
 
 
 class StandardObserver(HighGainObserver):
@@ -31,11 +32,15 @@ class StandardObserver(HighGainObserver):
         [-2, -1].
     k : n numbers, optional
         The coefficients themselves, in place of `poles`.
+    shape : Shape, optional
+        What is injected in the place of the innovation: `Stubborn`, `DeadZone`, `PiecewiseLinear`,
+        `Fal`. Default: the innovation itself.
     model : System, optional
         What is known of the system. Default: nothing, phi = 0.
     method : str, optional
         Discretisation, one of `METHODS`; the papers' recursions are "euler". Default: "zoh", or
-        "rk4" for a low-power or peaking-free law with a gain that moves.
+        "rk4" for a low-power or peaking-free law with a gain that moves, and for a shape whose rows
+        differ (`PiecewiseLinear`, `Fal`).
     motion : "held", "rk4" or "implicit", optional
         How the model moves over a period under "zoh" and "bilinear": held at the period's
         beginning; by RK4; implicit (backward Euler) where a known term is stiff in the state that
@@ -68,6 +73,7 @@ class StandardObserver(HighGainObserver):
         epsilon: float | None = None,
         poles: Poles | None = None,
         k: npt.ArrayLike | None = None,
+        shape: Shape | None = None,
         model: System | None = None,
         method: str | None = None,
         motion: str | None = None,
@@ -82,6 +88,7 @@ class StandardObserver(HighGainObserver):
             gain,
             epsilon=epsilon,
             poles=poles,
+            shape=shape,
             model=model,
             method=method,
             motion=motion,

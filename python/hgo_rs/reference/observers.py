@@ -20,6 +20,7 @@ from .gain import AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw, gain_from
 from .models import Chain, Own, Plant, Ship, VanDerPol, plant_from
 from .placement import BILINEAR_LIMIT, PLACED, ahead, chain_gains, low_power_gains
 from .polynomial import is_hurwitz, low_power_polynomial
+from .shape import Shape, shape_from
 
 METHODS = (
     "euler",
@@ -104,6 +105,8 @@ class ContinuousLaw(Law):
     model: Plant
     motion = ("held", 1)  # how the model moves between placed corrections, steps a period
     gain_rows: tuple[int, ...] = ()  # where in the memory gains r >= 1 stand
+    shape: Shape | None = None
+    shape_row: int | None = None  # where its threshold sigma >= 0 stands
 
     def innovation(self, memory: Array, y: Array) -> Array:
         """e = y - x_hat_1, shape (runs,)."""
@@ -125,12 +128,46 @@ class ContinuousLaw(Law):
         """x_hat = 0, and r = 1 where the gain moves."""
         memory = np.zeros(self.memory_len)
         memory[list(self.gain_rows)] = 1.0
+        if self.shape and self.shape_row is not None:
+            memory[self.shape_row] = self.shape.sigma0
         return memory
 
     def clamp(self, memory: Array) -> None:
-        """r >= 1, in place, after a step."""
+        """r >= 1 and sigma >= 0, in place, after a step."""
         for row in self.gain_rows:
             np.maximum(memory[row], 1.0, out=memory[row])
+        if self.shape_row is not None:
+            np.maximum(memory[self.shape_row], 0.0, out=memory[self.shape_row])
+
+    def wear(self, spec: Spec, *, rows: bool = False) -> None:
+        """The shape of the spec, its threshold the last entry of the memory; `rows`: whether the
+        rows of the injection may differ.
+        """
+        self.shape = shape_from(spec, self.n)
+        if self.shape is None:
+            return
+        if not self.shape.alike and not rows:
+            raise fail("observer.shape", spec["shape"], "stubborn or dead-zone", "or kind standard")
+        if not self.shape.alike and self.method in PLACED:
+            raise fail("observer.method", self.method, "a method of rates", "take rk4 or euler")
+        if self.shape.remembers:
+            self.shape_row = self.memory_len
+            self.memory_len += 1
+
+    def shaped(self, memory: Array, e: Array) -> Array:
+        """What is injected in the place of e: (runs,), or (n, runs) where rows differ."""
+        if self.shape is None:
+            return e
+        sigma = memory[0] if self.shape_row is None else memory[self.shape_row]
+        return np.asarray(self.shape.rows(sigma, e))
+
+    def threshold(self, memory: Array, e: Array) -> Array:
+        """d(sigma)/dt, (runs,)."""
+        return np.asarray(self.shape.rate(memory[self.shape_row], e))  # type: ignore[union-attr]
+
+    def threshold_driven(self, memory: Array, e: Array) -> Array:
+        """What of it is due to e."""
+        return self.threshold(memory, e) - self.threshold(memory, np.zeros_like(e))
 
     def step(self, memory: Array, y: Array, u: Array | None, t: float, dt: float) -> Array:
         """One step of the scheme with y held; of a placed method, correct over dt, then predict."""
@@ -279,21 +316,22 @@ class StandardObserver(ContinuousLaw):
         if isinstance(self.gain, ConstantGain):
             powers = self.gain.ell ** np.arange(1, self.n + 1)
             self._injection = (self.k * powers)[:, None]  # k_i ell^i
+        self.wear(spec, rows=True)
 
-    def injected(self, e: Array, g: Array | None) -> Array:
-        """k_i g^i e, (n, runs)."""
+    def injected(self, v: Array, g: Array | None) -> Array:
+        """k_i g^i v, (n, runs); ``v`` is e, or what a shape makes of it."""
         if g is None:
-            return np.asarray(self._injection * e)
-        rate = np.empty((self.n, *e.shape))
+            return np.asarray(self._injection * v)
+        rate = np.array(np.broadcast_to(v, (self.n, v.shape[-1])))
         power = g
         for i in range(self.n):
-            rate[i] = self.k[i] * power * e
+            rate[i] = self.k[i] * power * rate[i]
             power = power * g
         return rate
 
-    def driven(self, x_hat: Array, e: Array, g: Array | None, u: Array | None, t: float) -> Array:
-        """x_hat_i' = x_hat_{i+1} + f_i(x_hat) + k_i g^i e."""
-        rate = in_unit(self.model, x_hat, self.injected(e, g))
+    def driven(self, x_hat: Array, v: Array, g: Array | None, u: Array | None, t: float) -> Array:
+        """x_hat_i' = x_hat_{i+1} + f_i(x_hat) + k_i g^i v."""
+        rate = in_unit(self.model, x_hat, self.injected(v, g))
         rate[:-1] += above(self.model, x_hat, u, t)
         f = self.model.known(x_hat, u, t)
         if f is not None:
@@ -302,23 +340,25 @@ class StandardObserver(ContinuousLaw):
 
     def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
         """Astolfi (2); Sanfelice, Praly (5), (6)."""
-        if not self.gain.moves:
-            return self.driven(memory, e, None, u, t)
-        n = self.n
-        r = memory[n]
+        n, v = self.n, self.shaped(memory, e)
         rate = np.empty_like(memory)
-        rate[:n] = self.driven(memory[:n], e, r, u, t)
-        rate[n] = self.gain.rate(r, e, n)
+        rate[:n] = self.driven(memory[:n], v, memory[n] if self.gain.moves else None, u, t)
+        if self.gain.moves:
+            rate[n] = self.gain.rate(memory[n], e, n)
+        if self.shape_row is not None:
+            rate[self.shape_row] = self.threshold(memory, e)
         return rate
 
     def injection(self, memory: Array, e: Array) -> Array:
-        """Of x_hat k_i g^i e; of r what (6) has of e."""
-        x_hat = memory[: self.n]
-        if not self.gain.moves:
-            return in_unit(self.model, x_hat, self.injected(e, None))
-        r = memory[self.n]
-        injected = in_unit(self.model, x_hat, self.injected(e, r))
-        return np.vstack([injected, driven(self.gain, r, e, self.n)])
+        """Of x_hat k_i g^i v; of r and sigma what their rates have of e."""
+        n, v, rate = self.n, self.shaped(memory, e), np.empty_like(memory)
+        x_hat, r = memory[:n], memory[n] if self.gain.moves else None
+        rate[:n] = in_unit(self.model, x_hat, self.injected(v, r))
+        if r is not None:
+            rate[n] = driven(self.gain, r, e, n)
+        if self.shape_row is not None:
+            rate[self.shape_row] = self.threshold_driven(memory, e)
+        return rate
 
     def terms(self, memory: Array, u: Array | None, t: float) -> Array:
         """f_hat of the estimate, with what an unknown enters."""
@@ -334,6 +374,8 @@ class StandardObserver(ContinuousLaw):
         new[:n] += ahead(self.chain(memory[:n]) + f, dt)
         if self.gain.moves:
             new[n] += dt * self.gain.rate(memory[n], np.zeros_like(memory[n]), n)
+        if self.shape_row is not None:
+            new[self.shape_row] += dt * self.threshold(memory, np.zeros_like(memory[0]))
         return new
 
     def shifted(self, memory: Array, delta: Array) -> Array:
@@ -341,15 +383,17 @@ class StandardObserver(ContinuousLaw):
         return np.vstack([memory[: self.n] + delta, memory[self.n :]])
 
     def place(self, memory: Array, e: Array, dt: float) -> Array:
-        """x_hat + K e."""
-        n, new = self.n, memory.copy()
+        """x_hat + K v."""
+        n, new, v = self.n, memory.copy(), self.shaped(memory, e)
         powers = np.arange(1, n + 1)
+        if self.shape_row is not None:
+            new[self.shape_row] += dt * self.threshold_driven(memory, e)
         if isinstance(self.gain, ConstantGain):
             k = chain_gains(self.k * self.gain.ell**powers, dt, self.method)
-            new[:n] += in_unit(self.model, memory[:n], k[:, None] * e)
+            new[:n] += in_unit(self.model, memory[:n], k[:, None] * v)
             return new
         gains = [chain_gains(self.k * r**powers, dt, self.method) for r in memory[n]]
-        new[:n] += in_unit(self.model, memory[:n], np.array(gains).T * e)
+        new[:n] += in_unit(self.model, memory[:n], np.array(gains).T * v)
         new[n] += dt * driven(self.gain, memory[n], e, n)
         return new
 
@@ -403,6 +447,7 @@ class LowPowerObserver(ContinuousLaw):
         self._injections: tuple[Array, Array] | None = None
         if isinstance(self.gain, ConstantGain):
             self._injections = self._scaled(self.gain.ell)
+        self.wear(spec)
 
     def _scaled(self, g: float | Array) -> tuple[Array, Array]:
         """alpha_i ell and beta_i ell^2, as columns."""
@@ -424,7 +469,7 @@ class LowPowerObserver(ContinuousLaw):
         passed = self.limit(eta)
         alpha_ell, beta_ell2 = self._injections or self._scaled(memory[2 * n - 1])
         e_all = np.empty_like(x_hat)
-        e_all[0] = e  # e_1 = y - x_hat_1
+        e_all[0] = self.shaped(memory, e)  # e_1 = y - x_hat_1
         np.subtract(passed, x_hat[1:], out=e_all[1:])  # e_i = eta_{i-1} - x_hat_i
         rate = np.empty_like(memory)
         x_rate, eta_rate = rate[:n], rate[n : 2 * n - 1]
@@ -440,18 +485,23 @@ class LowPowerObserver(ContinuousLaw):
         if self.gain.moves:
             r = memory[2 * n - 1]
             rate[2 * n - 1] = self.gain.rate(r, e, n)
+        if self.shape_row is not None:
+            rate[self.shape_row] = self.threshold(memory, e)
         return rate
 
     def injection(self, memory: Array, e: Array) -> Array:
         """The first block's alpha_1 ell e and beta_1 ell^2 e; of r what its law has of e."""
         n, rate = self.n, np.zeros_like(memory)
         alpha_ell, beta_ell2 = self._injections or self._scaled(memory[2 * n - 1])
-        rate[0] = alpha_ell[0] * e
+        v = self.shaped(memory, e)
+        rate[0] = alpha_ell[0] * v
         first = np.zeros_like(memory[n : 2 * n - 1])
-        first[0] = beta_ell2[0] * e
+        first[0] = beta_ell2[0] * v
         rate[n : 2 * n - 1] = in_unit(self.model, memory[:n], first)
         if self.gain.moves:
             rate[2 * n - 1] = driven(self.gain, memory[2 * n - 1], e, n)
+        if self.shape_row is not None:
+            rate[self.shape_row] = self.threshold_driven(memory, e)
         return rate
 
     @property
@@ -496,13 +546,16 @@ class LowPowerObserver(ContinuousLaw):
         if self.gain.moves:
             r = memory[2 * n - 1]
             new[2 * n - 1] += dt * self.gain.rate(r, np.zeros_like(r), n)
+        if self.shape_row is not None:
+            new[self.shape_row] += dt * self.threshold(memory, np.zeros_like(memory[0]))
         return new
 
     def place(self, memory: Array, e: Array, dt: float) -> Array:
         """Block i by a_i e_i and b_i e_i; what asks for more than its level by a'_i and b'_i."""
         n, new = self.n, memory.copy()
         x_hat, eta = memory[:n], memory[n : 2 * n - 1]
-        e_all = np.vstack([np.asarray(e)[None], self.limit(eta) - x_hat[1:]])
+        v = self.shaped(memory, e)
+        e_all = np.vstack([np.asarray(v)[None], self.limit(eta) - x_hat[1:]])
         if isinstance(self.gain, ConstantGain):
             r = np.array([self.gain.ell])
         else:
@@ -520,6 +573,8 @@ class LowPowerObserver(ContinuousLaw):
         new[n : 2 * n - 1] += b * within + b_alone * beyond
         if self.gain.moves:
             new[2 * n - 1] += dt * driven(self.gain, memory[2 * n - 1], e, n)
+        if self.shape_row is not None:
+            new[self.shape_row] += dt * self.threshold_driven(memory, e)
         return new
 
     def lift(self, old: Array, new: Array, dt: float) -> None:
@@ -563,10 +618,12 @@ class FilteredObserver(StandardObserver):
         self.gain_rows = (n + m,) if self.gain.moves else ()
         if isinstance(self.gain, ConstantGain):
             self._injection = (k * self.gain.ell ** np.arange(1, n + 1))[:, None]
+        self.wear(spec)
 
     def _gain(self, memory: Array) -> Any:
         """ell or r."""
-        return self.gain.ell if isinstance(self.gain, ConstantGain) else memory[-1]
+        at = self.n + len(self.c)
+        return self.gain.ell if isinstance(self.gain, ConstantGain) else memory[at]
 
     def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
         """eta_i' = g (eta_(i+1) - c_i eta_1), eta_m' = c_m g (e - eta_1); x_hat by eta_1 for e."""
@@ -576,17 +633,21 @@ class FilteredObserver(StandardObserver):
         rate[:n] = self.driven(memory[:n], eta[0], moved, u, t)
         rate[n : n + m] = -self.c[:, None] * g * eta[0]
         rate[n : n + m - 1] += g * eta[1:]
-        rate[n + m - 1] += self.c[-1] * g * e
+        rate[n + m - 1] += self.c[-1] * g * self.shaped(memory, e)
         if self.gain.moves:
-            rate[-1] = self.gain.rate(g, e, n)
+            rate[n + m] = self.gain.rate(g, e, n)
+        if self.shape_row is not None:
+            rate[self.shape_row] = self.threshold(memory, e)
         return rate
 
     def injection(self, memory: Array, e: Array) -> Array:
         """c_m g e into the filter; of r what its law has of e."""
         n, m, rate = self.n, len(self.c), np.zeros_like(memory)
-        rate[n + m - 1] = self.c[-1] * self._gain(memory) * e
+        rate[n + m - 1] = self.c[-1] * self._gain(memory) * self.shaped(memory, e)
         if self.gain.moves:
-            rate[-1] = driven(self.gain, memory[-1], e, n)
+            rate[n + m] = driven(self.gain, memory[n + m], e, n)
+        if self.shape_row is not None:
+            rate[self.shape_row] = self.threshold_driven(memory, e)
         return rate
 
 
@@ -1389,10 +1450,10 @@ SINGLE = ("standard", "low-power", "peaking-free", "filtered", "high-gain-ekf")
 
 _CHAIN = ("n", "gain", "model", "method", "motion", "substeps", "timing", "wrap")
 KEYS: dict[str, tuple[str, ...]] = {
-    "standard": ("k", *_CHAIN),
-    "low-power": ("alpha", "beta", *_CHAIN),
-    "peaking-free": ("alpha", "beta", "saturation", "clip", *_CHAIN),
-    "filtered": ("c", "k", "filters", *_CHAIN),
+    "standard": ("k", "shape", *_CHAIN),
+    "low-power": ("alpha", "beta", "shape", *_CHAIN),
+    "peaking-free": ("alpha", "beta", "saturation", "clip", "shape", *_CHAIN),
+    "filtered": ("c", "k", "filters", "shape", *_CHAIN),
     "high-gain-ekf": ("Q", "R", "P0", *_CHAIN),
     "collection": ("k", "k_bar", "copies", *_CHAIN),
     "modified": ("k", "k_bar", "copies", *_CHAIN),

@@ -565,7 +565,7 @@ class _Joint:
                 break
             value = held[j]
             state = scheme(rate, times[j], state, steps[j])
-            if law.gain_rows:
+            if law.gain_rows or law.shape_row is not None:
                 law.clamp(state[nx:end])
         if loop is not None:
             loop.c = state[end:]

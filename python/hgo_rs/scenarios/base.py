@@ -80,6 +80,12 @@ PAPERS: dict[str, Paper] = {
             "SIAM, 2017; with A. N. Atassi, IEEE Trans. Automatic Control 44 (1999) 1672; "
             "with L. B. Freidovich, the same 53 (2008) 2324",
         ),
+        Paper(
+            "families",
+            "various",
+            "Families of high-gain observers",
+            "each row names its own source",
+        ),
     )
 }
 """The papers by id, in the order in which the scenarios run."""

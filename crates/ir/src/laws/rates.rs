@@ -2,7 +2,7 @@
 //! choices are the row's.
 #![allow(clippy::extra_unused_type_parameters)] // every row of the list has the same ones
 
-use crate::choices::{AnyGain, AnyMethod, AnyMotion, AnySaturation, Manner, MovingGain};
+use crate::choices::{AnyGain, AnyMethod, AnyMotion, AnySaturation, Chosen, Manner};
 use crate::error::{Result, refused};
 use crate::model::{Given, Known};
 use crate::order::MAX_INPUTS;
@@ -11,7 +11,7 @@ use crate::tabled::{Gains, LawTables};
 use crate::tables::{PlacedChain, Shape, Tables};
 use crate::trace::{Setting, Traced};
 use hgo_rs::dual::Dual;
-use hgo_rs::gain::{AdaptiveGain, ConstantGain, GainLaw};
+use hgo_rs::gain::{AdaptiveGain, GainLaw};
 use hgo_rs::laws::{Form, Gain, Law, Sizes};
 use hgo_rs::model::{Model, PhaseVariable, Unknown};
 use hgo_rs::observer::Timing;
@@ -26,7 +26,6 @@ struct Described<'a> {
     setting: Setting,
     sizes: Sizes,
     lists: Vec<Vec<f64>>,
-    gain: Spec<'a>,
     manner: Manner,
 }
 
@@ -59,6 +58,9 @@ impl<'a> Described<'a> {
         if law.saturated {
             known.extend(["saturation", "clip"]);
         }
+        if law.gain == Gain::Any && law.design.is_some() {
+            known.push("shape");
+        }
         spec.only(&known)?;
         let n = among("n", spec.count("n")?, law.orders, law)?;
         let m = match law.size {
@@ -67,8 +69,8 @@ impl<'a> Described<'a> {
         };
         let sizes = Sizes { n, m, ..Sizes::default() };
         let lists = law.coefficients.iter().map(|list| spec.list_of(list.name, (list.len)(&sizes)));
-        let (lists, manner, gain) =
-            (lists.collect::<Result<_>>()?, Manner::read(spec)?, spec.sub("gain")?);
+        let (lists, manner) = (lists.collect::<Result<_>>()?, Manner::read(spec)?);
+        let gain = spec.sub("gain")?;
         let triangular = match given {
             Given::Own(own) if own.form == "triangular" => Some("a triangular model".to_owned()),
             Given::Paper(Some(model)) if model.text("kind")? == "sanfelice-praly" => {
@@ -91,7 +93,7 @@ impl<'a> Described<'a> {
                 law.source
             )));
         }
-        Ok(Self { law, spec, given, setting, sizes, lists, gain, manner })
+        Ok(Self { law, spec, given, setting, sizes, lists, manner })
     }
 
     /// A list of coefficients, with zeros behind it.
@@ -106,25 +108,29 @@ impl<'a> Described<'a> {
     }
 
     /// What the law is made of over traced numbers, within a trace.
-    fn traced<G, const N: usize>(
+    fn traced<const N: usize, const E: usize>(
         &self,
-        gain: impl FnOnce(AnyGain<Traced>) -> Option<G>,
-    ) -> Result<Taken<Traced, G, Known, AnySaturation<N, Traced>>> {
+    ) -> Result<Taken<Traced, Chosen<Traced, N, E>, Known, AnySaturation<N, Traced>>> {
         let (model, saturation) = (self.given.install(N)?, self.saturation()?);
-        let any = AnyGain::read(&self.gain)?;
-        let adaptive = match any {
-            AnyGain::Moving(MovingGain::Adaptive(law)) => Some(law),
+        let chosen = Chosen::<Traced, N, E>::read(self.spec)?;
+        let adaptive = match chosen.gain {
+            AnyGain::Adaptive(law) => Some(law),
             _ => None,
         };
-        let gain = gain(any).ok_or_else(|| refused("another gain law"))?;
-        Ok(Taken { adaptive, ..Taken::new(gain, model, saturation) })
+        Ok(Taken { adaptive, ..Taken::new(chosen, model, saturation) })
     }
 
     /// What it is made of where its model does not matter.
-    fn numbers<T: Scalar, const N: usize>(
+    fn numbers<T: Scalar, const N: usize, const E: usize>(
         &self,
-    ) -> Result<Taken<T, AnyGain<T>, Unknown, AnySaturation<N, T>>> {
-        Ok(Taken::new(AnyGain::read(&self.gain)?, Unknown, self.saturation()?))
+    ) -> Result<Taken<T, Chosen<T, N, E>, Unknown, AnySaturation<N, T>>> {
+        Ok(Taken::new(Chosen::read(self.spec)?, Unknown, self.saturation()?))
+    }
+
+    /// Entries of the gain's and the shape's memory, and whether the gain is the same at every sample.
+    fn chosen<const N: usize>(&self) -> Result<(usize, bool)> {
+        let chosen = Chosen::<f64, N, 0>::read(self.spec)?;
+        Ok((chosen.entries(), chosen.is_still()))
     }
 }
 
@@ -137,14 +143,6 @@ fn among(name: &str, value: usize, built: &[usize], law: &Law) -> Result<usize> 
     let most = built.iter().max().copied().unwrap_or_default();
     let allowed = if least == most { least.to_string() } else { format!("{least} to {most}") };
     Err(refused(format!("{name} = {value} is not allowed: the {} takes {allowed}", law.title)))
-}
-
-fn constant<T: Scalar>(gain: AnyGain<T>) -> Option<ConstantGain<T>> {
-    if let AnyGain::Constant(law) = gain { Some(law) } else { None }
-}
-
-fn moving<T: Scalar>(gain: AnyGain<T>) -> Option<MovingGain<T>> {
-    if let AnyGain::Moving(law) = gain { Some(law) } else { None }
 }
 
 /// A function that traces each law of the list, by its kind.
@@ -200,33 +198,34 @@ macro_rules! traced {
         $taken.adaptive.ok_or_else(|| refused("another gain law"))?
     };
     (@gains gain $placed:ident $of:ident) => {
-        if $of.gain.text("law")? == "constant" {
-            traced!(@placed $placed $of constant)
-        } else {
-            traced!(@placed $placed $of moving)
+        match $of.chosen::<N>()? {
+            (0, still) => traced!(@placed $placed $of 0 still),
+            (1, still) => traced!(@placed $placed $of 1 still),
+            (_, still) => traced!(@placed $placed $of 2 still),
         }
     };
     (@gains adaptive $placed:ident $of:ident) => {
-        traced!(@placed $placed $of moving)
+        traced!(@placed $placed $of 1 false)
     };
-    (@placed true $of:ident $gain:ident) => {
+    (@placed true $of:ident $entries:literal $still:ident) => {
         LawTables::any(
             $of.setting,
             $of.manner,
-            $of.given.n_u()?,
-            || new::<Traced, _, _, _, N, K, MAX_INPUTS>($of, $of.traced::<_, N>($gain)?),
+            ($of.given.n_u()?, $still),
+            || new::<Traced, _, _, _, N, K, MAX_INPUTS>($of, $of.traced::<N, $entries>()?),
             |at| {
-                let double = || new::<f64, _, _, _, N, K, 0>($of, $of.numbers::<_, N>()?);
-                let single = || new::<f32, _, _, _, N, K, 0>($of, $of.numbers::<_, N>()?);
+                let double = || new::<f64, _, _, _, N, K, 0>($of, $of.numbers::<_, N, $entries>()?);
+                let single = || new::<f32, _, _, _, N, K, 0>($of, $of.numbers::<_, N, $entries>()?);
                 Gains::of($of.setting, at, double, single)
             },
         )
     };
-    (@placed false $of:ident $gain:ident) => {
+    (@placed false $of:ident $entries:literal $still:tt) => {{
+        let _ = $still;
         LawTables::known($of.setting, $of.manner, $of.given.n_u()?, || {
-            new::<Traced, _, _, _, N, K, MAX_INPUTS>($of, $of.traced::<_, N>($gain)?)
+            new::<Traced, _, _, _, N, K, MAX_INPUTS>($of, $of.traced::<N, $entries>()?)
         })
-    };
+    }};
     (@sizes [] $orders:tt $of:ident) => {
         traced!(@orders $orders 0 $of)
     };

@@ -1,0 +1,151 @@
+"""Families of high-gain observers beyond the papers, against numbers of independent programs.
+
+A record y_k = sin t_k, with a step or an outlier, of an observer by Euler with predictor timing:
+the memory before sample k. The numbers were computed twice, by programs that share nothing with
+this package.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hgo_rs.models import Plant
+from hgo_rs.observers import Fal, Observer, PiecewiseLinear, StandardObserver, Stubborn
+from hgo_rs.plots.style import COLOURS
+from hgo_rs.scenarios.base import Context, Outcome, Row, row, scenario
+from hgo_rs.simulation import RecordedNoise
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+DT = 1e-3
+REL = 1e-9
+EULER: Mapping[str, Any] = {"method": "euler", "timing": "predictor"}
+PRASOV = "Prasov, Khalil, IEEE TAC 58 (2013) 569"
+STUBBORN = "Alessandri, Zaccarian, Automatica 88 (2018); with Astolfi, IEEE TAC 66 (2021) 667"
+HAN = "Han, IEEE TIE 56 (2009) 900"
+
+
+def record(ctx: Context, observer: Observer, x_hat0: Any, added: Array, dt: float = DT) -> Array:
+    """Memories before each sample of sin t + `added`, (len(added), m)."""
+    plant = Plant(states=["s"], drift=["0"], output="sin(t)")
+    start = observer.initial_memory(x_hat0)
+    run = ctx.run(
+        plant,
+        observer,
+        x0=[0.0],
+        memory0=start,
+        dt=dt,
+        steps=len(added) - 1,
+        noise=RecordedNoise(values=added),
+        every=1,
+        errors=False,
+    )
+    assert run.memory is not None
+    return np.asarray(run.memory[0])
+
+
+def rows_of(
+    memory: Array, numbers: Mapping[int, tuple[float, ...]], what: str, source: str
+) -> list[Row]:
+    """Rows for entries of memories; the source once."""
+    rows: list[Row] = []
+    for k, values in numbers.items():
+        for i, value in enumerate(values):
+            note = "" if rows else source
+            found = row(
+                f"{what}, x̂{i + 1} before {k}", memory[k, i], expected=value, rel=REL, note=note
+            )
+            rows.append(found)
+    return rows
+
+
+def step_at(k: int, height: float, samples: int) -> Array:
+    """A step of the output."""
+    return np.asarray(height * (np.arange(samples) >= k))
+
+
+@scenario("families-shapes", title="Shapes of the injection", paper="families")
+def shapes(ctx: Context) -> Outcome:
+    """Two gains in one law, a threshold against an outlier, and the gains of ADRC."""
+    zone = StandardObserver(
+        2, 100.0, k=(2.0, 1.0), shape=PiecewiseLinear(ratio=0.2, zone=0.02), **EULER
+    )
+    two = record(ctx, zone, (1.0, 0.0), step_at(1000, 0.5, 2001))
+    numbers: dict[int, tuple[float, ...]] = {
+        50: (0.006184220464, -2.651456251371),
+        200: (0.192839079278, 0.835897873439),
+        1050: (1.399295498571, 2.702757493190),
+        2000: (1.411656524858, -0.323047522846),
+    }
+    rows = rows_of(two, numbers, "piecewise-linear", PRASOV)
+
+    outlier = np.zeros(3001)
+    outlier[1500] = 10.0
+    shape = Stubborn(decay=5.0, growth=20.0, sigma0=0.01)
+    bare = StandardObserver(2, 30.0, k=(2.0, 1.0), **EULER)
+    worn = StandardObserver(2, 30.0, k=(2.0, 1.0), shape=shape, **EULER)
+    standard, stubborn = (record(ctx, law, (0.0, 1.0), outlier) for law in (bare, worn))
+    numbers = {1600: (1.000676197964, 0.036507776583), 3000: (0.141348379218, -0.977446902526)}
+    rows += rows_of(stubborn, numbers, "stubborn", STUBBORN)
+    t = DT * np.arange(3001)
+    x = np.column_stack([np.sin(t), np.cos(t)])
+    for name, memory, worst in (
+        ("stubborn", stubborn, (1.352674e-3, 6.942940e-2)),
+        ("standard", standard, (0.601099750, 9.065635540)),
+    ):
+        largest = np.abs(memory[1501:, :2] - x[1501:]).max(axis=0)
+        for i, value in enumerate(worst):
+            what = f"{name}, largest |x̂{i + 1} − x{i + 1}| after the outlier"
+            rows.append(row(what, largest[i], expected=value, rel=1e-6))
+    same = np.array_equal(stubborn[:1501, :2], standard[:1501])
+    rows.append(row("stubborn and standard before it, bit for bit", same, expected=True))
+
+    nothing = np.zeros(2001)
+    for alpha, beta, values in (
+        ((1.0, 0.5, 0.25), (100, 300, 1000), (0.909287018284, -0.417672082303, -0.943077165982)),
+        ((1.0, 1.0, 1.0), (60, 1200, 8000), (0.909262910231, -0.418792057642, -0.957444791873)),
+    ):
+        law = StandardObserver(3, 1.0, k=beta, shape=Fal(alpha, 0.01), **EULER)
+        what = "fal" if alpha[1] < 1.0 else "fal with α = 1 (LESO)"
+        rows += rows_of(record(ctx, law, None, nothing), {2000: values}, what, HAN)
+
+    def draw(fig: Figure) -> None:
+        fig.set_size_inches(10.0, 4.0)
+        left, right = fig.subplots(1, 2)
+        at = slice(1450, 1800)
+        for memory, name, colour in (
+            (standard, "standard", "vermillion"),
+            (stubborn, "stubborn", "blue"),
+        ):
+            left.plot(t[at], memory[at, 1], color=COLOURS[colour], label=name)
+        left.plot(t[at], x[at, 1], color=COLOURS["black"], linestyle="--", label=r"$\cos t$")
+        left.set_title(r"$\hat x_2$ around an outlier of 10 in $y$")
+        left.set_xlabel("time (s)")
+        left.legend()
+        fast, slow = (
+            record(
+                ctx,
+                StandardObserver(2, ell, k=(2.0, 1.0), **EULER),
+                (1.0, 0.0),
+                step_at(1000, 0.5, 2001),
+            )
+            for ell in (100.0, 20.0)
+        )
+        at = slice(980, 1300)
+        for memory, name, colour in (
+            (fast, r"$\ell = 100$", "vermillion"),
+            (slow, r"$\ell = 20$", "grey"),
+            (two, "both, zone 0.02", "blue"),
+        ):
+            right.plot(t[at], memory[at, 0], color=COLOURS[colour], label=name)
+        right.set_title(r"$\hat x_1$ after a step of $y$")
+        right.set_xlabel("time (s)")
+        right.legend()
+
+    return Outcome(rows, draw)
