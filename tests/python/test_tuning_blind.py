@@ -251,7 +251,7 @@ def test_a_long_record_is_judged_by_its_busiest_stretch() -> None:
         size=t.size
     )
     record = Record.of((t, y), None)
-    assert len(record.t) == 16_384 and record.t[0] > 18.0 and record.whole == 40_000
+    assert len(record.t) == 12_288 and record.t[0] > 18.0 and record.whole == 40_000
 
 
 def test_a_load_is_judged_by_what_it_means() -> None:

@@ -20,7 +20,7 @@ from hgo_rs.logs import Log
 from hgo_rs.models import Model
 from hgo_rs.observers import HighGainEKF, MultiOutputObserver, Observer, StandardObserver
 from hgo_rs.tuning.offers import damped_half, with_load
-from hgo_rs.tuning.record import Record, busiest
+from hgo_rs.tuning.record import MOST, Record, busiest
 from hgo_rs.tuning.reference import Reference, Source, butterworth, find
 from hgo_rs.tuning.result import Array, Tuning
 
@@ -31,7 +31,6 @@ _ROUNDS = 2  # of smoothing with the other chains' states
 _STEPS = (1.6, 1.6, 1.25, 1.1)  # of a gain, sweep by sweep
 _REACH = 24  # steps of one gain in a sweep, at most
 _SPAN = 1e-3, 5.0  # of ell dt
-_MOST = 16_384  # samples of a long record
 
 
 def outputs(log: Any) -> int:
@@ -166,7 +165,7 @@ def _records(log: Log | Sequence[npt.ArrayLike], skip: float | None) -> list[Rec
     clock, y = check_array(log[0], "t"), check_array(log[1], "y")
     t = clock if clock.ndim else float(clock) * np.arange(len(y), dtype=np.float64)
     check(t.shape == (len(y),), "shape of t", t.shape, f"({len(y)},)", "give a time a sample")
-    rows = busiest(y, 0, _MOST)
+    rows = busiest(y, 0, MOST)
     some = [t[rows], *(check_array(u, "u")[rows] for u in log[2:])]
     made = [Record.of((some[0], column, *some[1:]), skip) for column in y[rows].T]
     return [replace(record, whole=len(y)) for record in made]

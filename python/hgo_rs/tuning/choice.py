@@ -68,7 +68,7 @@ def tune(
         For several outputs a model of chains, or gains (p,) -> `MultiOutputObserver`.
     log_or_noise : Log, (t, y), (t, y, u), or float
         A record (t: (N,) times or a period [s]; y: (N,) or (N, p); u: (N, n_u)), or the standard
-        deviation of the measurement noise, white from sample to sample. Of a record of over 16384
+        deviation of the measurement noise, white from sample to sample. Of a record of over 12288
         samples the stretch is looked at in which y moves most.
     dt : float, optional
         Sampling period [s]; of a log the median time between samples of y, and found in it.

@@ -17,7 +17,8 @@ Given = float | Log | Sequence[npt.ArrayLike]
 """A log, (t, y) or (t, y, u), or a noise level."""
 
 _LEAST = 50  # samples
-_MOST = 16_384  # samples of a long record
+MOST = 12_288
+"""Samples of a long record that are looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +96,7 @@ class Record:
             u = u[:, None] if u.ndim == 1 else u
             fits = u.ndim == 2 and len(u) == len(y)
             check(fits, "shape of u", u.shape, f"({len(y)}, n_u)", "give a row a sample")
-        some = busiest(y, int(np.searchsorted(t, t[0] + start)), _MOST)
+        some = busiest(y, int(np.searchsorted(t, t[0] + start)), MOST)
         whole = len(y)
         if some != slice(0, whole):
             t, y, u = t[some], y[some], None if u is None else u[some]
