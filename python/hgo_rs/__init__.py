@@ -179,6 +179,7 @@ def _later(module: str, name: str) -> Callable[..., Any]:
 upward.register("export", _later("exports", "export"))
 upward.register("save", _later("config", "save"))
 upward.register("deviation", _later("smoothing.deviation", "deviation"))
+upward.register("gated", _later("smoothing.deviation", "gated"))
 upward.register("to_control", _later("exports.control", "to_control"))
 
 

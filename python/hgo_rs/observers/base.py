@@ -75,6 +75,7 @@ class Observer(OnlineObserver):
         engine: str = "auto",
         noise: npt.ArrayLike | None = None,
         model_error: npt.ArrayLike | None = None,
+        gate: float | None = None,
     ) -> RunResult:
         """Run over a record of N samples.
 
@@ -115,6 +116,10 @@ class Observer(OnlineObserver):
             Standard deviation of the samples' noise, sqrt(R), and the square root of the intensity
             Q of white noise in the last state of each chain, as `tune` finds them: for `deviation`
             of the result.
+        gate : float, optional
+            With noise and model error: a sample whose innovation is more than this number of its
+            standard deviations is an outlier; it is predicted over and marked in `gated`. It takes
+            some 50 us a sample.
 
         Raises
         ------
@@ -132,6 +137,7 @@ class Observer(OnlineObserver):
                 "allow_unstable": allow_unstable,
                 "noise": noise,
                 "model_error": model_error,
+                "gate": gate,
                 "engine": engine,
             }
             return self.with_timing(timing).run(t_or_dt, y, u, **given)
@@ -156,6 +162,14 @@ class Observer(OnlineObserver):
             begin = self._start(x_hat0, r0, memory0)
         if memory0 is None:
             self._check_start(begin, told=False)
+        outliers = None
+        if gate is not None:
+            records.check_samples(samples, self.n_y)
+            records.check_times(clock)
+            records.check_inputs(told)
+            known = (noise, model_error, gate)
+            outliers = upward.call("gated", self, clock, samples, applied, begin, *known)
+            samples = np.where(outliers, np.nan, samples)
         # elsewhere the innovation is y - x_hat_1, which is computed when it is asked for
         own_sampled = self.spec["kind"] == "sampled-data" and self.spec["model"]["kind"] == "own"
         tells = self._core.is_current or self.spec["kind"] == "chains" or own_sampled
@@ -226,6 +240,8 @@ class Observer(OnlineObserver):
         result.__dict__["slowdown"] = slowdown
         result.__dict__["labels"] = Labels.of(self.spec, self.n)
         result.__dict__["next_memory"] = None if until is None else frozen(track["next"])
+        if outliers is not None:
+            result.__dict__["gated"] = frozen(outliers)
         if noise is not None or model_error is not None:
             both = noise is not None and model_error is not None
             remedy = "hgo_rs.tune finds both in a log"

@@ -64,6 +64,8 @@ class RunResult:
     deviation : (N, n) or None
         Standard deviations of the estimates, where the run was given noise and model error: the
         covariance of the observer's own error, linearised along the estimates.
+    gated : (N, n_y) bool or None
+        Outliers, where the run was given a gate: `y` is NaN there, and they count as missing.
     labels : Labels
         Names and units of the estimates, where the model has some.
     """
@@ -97,6 +99,7 @@ class RunResult:
     slowdown = 1.0
     next_memory: ClassVar[Array | None] = None
     deviation: ClassVar[Array | None] = None
+    gated: ClassVar[npt.NDArray[np.bool_] | None] = None
     labels: ClassVar[Labels] = Labels()
 
     if not TYPE_CHECKING:
@@ -121,8 +124,10 @@ class RunResult:
         for name in fields:
             values = getattr(self, name)
             part.__dict__[name] = None if values is None else values[rows]
-        if self.deviation is not None:
-            part.__dict__["deviation"] = self.deviation[rows]
+        for name in ("deviation", "gated"):
+            values = getattr(self, name)
+            if values is not None:
+                part.__dict__[name] = values[rows]
         if "_run_of" in self.__dict__:
             observer, u = self.__dict__["_run_of"]
             part.__dict__["_run_of"] = (observer, u[rows])
@@ -252,6 +257,8 @@ class RunResult:
         if self.gain is not None:
             out["gain"] = self.gain
         out["missing"] = self.missing.astype(float)
+        if self.gated is not None:
+            out["gated"] = self.gated.any(axis=1).astype(float)
         return out
 
     def to_dataframe(self) -> Any:

@@ -12,6 +12,7 @@ is 0: y stands for the first entry of z.  A `HighGainEKF` corrects by K_k = P_k 
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.linalg import matrix_power
 
 from hgo_rs.design.discrete import discrete, following
-from hgo_rs.errors import HgoError, check, check_array
+from hgo_rs.errors import HgoError, check, check_array, check_number
 from hgo_rs.observers import Observer, RunResult
 from hgo_rs.smoothing.motion import Motion, start
 from hgo_rs.smoothing.samples import Array, Samples
@@ -27,39 +28,113 @@ from hgo_rs.smoothing.samples import Array, Samples
 _CLOSE = 3  # decimals of a step over the usual one, that laws are computed for
 
 
-def deviation(observer: Observer, run: RunResult, u: Array, noise: Any, model_error: Any) -> Array:
-    """Standard deviations (N, n) of the estimates of a run.
+class Assumed:
+    """What is assumed of an observer's record: its chains, their noise and the model error.
 
     noise : float or (n_y,)
         Standard deviation of the samples' noise, sqrt(R).
     model_error : float or (n_y,)
         sqrt(Q), Q the intensity of white noise in the last state of each chain.
     """
-    specs = [dict(part) for part in observer.spec.get("observers", [observer.spec])]
-    unknown = getattr(observer.model, "unknown", ())
-    remedy = "leave noise and model_error out"
-    check(not unknown, "unknown of the model", unknown, "none for deviations", remedy)
-    order = observer.n if observer.model is None else None
-    motion = Motion(observer.model, order)
-    fits = [int(spec["n"]) for spec in specs] == list(motion.orders)
-    told = "of one chain an output, as the model's"
-    check(fits, "observer", type(observer).__name__, told, "leave noise and model_error out")
-    spread = check_array(noise, "noise")
-    check(bool(np.all(spread > 0.0)), "noise", noise, "> 0", "give the standard deviation of y")
-    lack = check_array(model_error, "model_error")
-    sound = bool(np.all(lack >= 0.0))
-    check(sound, "model_error", model_error, ">= 0", "give the square root of an intensity")
-    r, q = motion.variances(spread**2), motion.intensity(lack**2)
+
+    def __init__(self, observer: Observer, noise: Any, model_error: Any) -> None:
+        self.observer = observer
+        self.specs = [dict(part) for part in observer.spec.get("observers", [observer.spec])]
+        unknown = getattr(observer.model, "unknown", ())
+        remedy = "leave noise and model_error out"
+        check(not unknown, "unknown of the model", unknown, "none for deviations", remedy)
+        shapes = [spec["shape"] for spec in self.specs if spec.get("shape")]
+        check(not shapes, "shape of the observer", shapes, "none for deviations", remedy)
+        order = observer.n if observer.model is None else None
+        self.motion = Motion(observer.model, order)
+        fits = [int(spec["n"]) for spec in self.specs] == list(self.motion.orders)
+        told = "of one chain an output, as the model's"
+        check(fits, "observer", type(observer).__name__, told, remedy)
+        spread = check_array(noise, "noise")
+        give = "give the standard deviation of y"
+        check(bool(np.all(spread > 0.0)), "noise", noise, "> 0", give)
+        lack = check_array(model_error, "model_error")
+        give = "give the square root of an intensity"
+        check(bool(np.all(lack >= 0.0)), "model_error", model_error, ">= 0", give)
+        self.r = self.motion.variances(spread**2)
+        self.q = self.motion.intensity(lack**2)
+
+    @property
+    def filters(self) -> bool:
+        """Whether the gains are those of a covariance."""
+        return hasattr(self.observer, "covariance") and self.specs[0]["kind"] == "high-gain-ekf"
+
+
+def deviation(observer: Observer, run: RunResult, u: Array, noise: Any, model_error: Any) -> Array:
+    """Standard deviations (N, n) of the estimates of a run; noise and model error as `Assumed`."""
+    assumed = Assumed(observer, noise, model_error)
+    motion, specs = assumed.motion, assumed.specs
     samples = Samples(np.array(run.time), np.array(run.y), np.asarray(u, dtype=np.float64))
-    f, noise_of = _moves(motion, samples, np.asarray(run.x_hat), q)
-    p0 = np.diag(start(motion, samples)[1] ** 2)
-    if hasattr(observer, "covariance") and specs[0]["kind"] == "high-gain-ekf":
-        covariance = observer.covariance(run.memory)
+    f, w = _moves(motion, samples, np.asarray(run.x_hat), assumed.q)
+    if assumed.filters:
+        covariance = observer.covariance(run.memory)  # type: ignore[attr-defined]
         own = np.array([float(np.ravel(spec["R"])[0]) for spec in specs])
         theta = np.array([float(spec["gain"]["ell"]) for spec in specs])
         gain = covariance[:, :, list(motion.first)] / (own / theta)
-        return _of_filter(motion, samples, gain, f, noise_of, p0, r)
-    return _of_law(motion, samples, specs, f, noise_of, p0, r)
+        p0 = np.diag(start(motion, samples)[1] ** 2)
+        return _of_filter(motion, samples, gain, f, w, p0, assumed.r)
+    recursion = Recursion(assumed, samples, f, w)
+    present = np.isfinite(samples.y)
+    return np.sqrt([recursion.step(k, present[k]) for k in range(len(present))])
+
+
+def gated(
+    observer: Observer,
+    clock: float | Array,
+    y: Array,
+    u: Array,
+    begin: Array,
+    noise: Any,
+    model_error: Any,
+    gate: Any,
+) -> Any:
+    """Samples (N, n_y) whose innovation is more than `gate` of its standard deviations; each is
+    left out before the next one is judged.
+
+    The slopes are those along the estimate with all samples.
+    """
+    gate = check_number(gate, "gate", above=0.0)
+    both = noise is not None and model_error is not None
+    remedy = "hgo_rs.tune finds both in a log"
+    check(both, "gate", gate, "given with noise and model_error", remedy)
+    assumed = Assumed(observer, noise, model_error)
+    motion, core = assumed.motion, observer._core
+    t = np.arange(len(y), dtype=np.float64) * clock if isinstance(clock, float) else clock
+    samples = Samples(np.asarray(t, dtype=np.float64), y, u)
+    track = core.run(clock, y, u, begin)
+    recursion = None
+    if not assumed.filters:
+        f, w = _moves(motion, samples, track["memory"][:, : observer.n], assumed.q)
+        recursion = Recursion(assumed, samples, f, w)
+    first, turns = list(motion.first), observer.wrap
+    memory, out = np.array(begin), np.zeros(y.shape, dtype=bool)
+    current = observer.timing == "current"
+    dt = samples.dt
+    for k in range(len(y)):
+        e = y[k] - memory[first]
+        for channel, turn in enumerate(turns):
+            if turn is not None:
+                e[channel] -= turn * np.round(e[channel] / turn)
+        if recursion is not None:
+            variance = recursion.before()
+        else:
+            p = observer.covariance(memory)  # type: ignore[attr-defined]
+            variance = np.diagonal(p)[first] + assumed.r
+        # the first sample of a filter is where its estimate starts
+        out[k] = (np.abs(e) > gate * np.sqrt(variance)) & (k > 0)
+        used = np.where(out[k], np.nan, y[k])
+        if recursion is not None:
+            recursion.step(k, np.isfinite(used))
+        if current:
+            memory = core.correct(memory, used, float(t[k]))[0]
+        if k < len(dt):
+            memory = core.advance(memory, used, u[k], float(t[k]), float(dt[k]))[0]
+    return out
 
 
 def _moves(motion: Motion, samples: Samples, x: Array, q: Array) -> tuple[Array, Array]:
@@ -93,59 +168,51 @@ def _of_filter(
     return np.sqrt(out)
 
 
-def _of_law(
-    motion: Motion,
-    samples: Samples,
-    specs: list[dict[str, Any]],
-    f: Array,
-    w: Array,
-    p: Array,
-    r: Array,
-) -> Array:
-    """Of laws with constant gains, one for each chain, (N, n)."""
-    usual = float(np.median(samples.dt))
-    parts = np.round(samples.dt / usual, _CLOSE)
-    lift = _diagonal([following(spec) for spec in specs])
-    n, size = motion.n, len(lift)
-    begins = np.cumsum([0, *(len(following(spec)) for spec in specs[:-1])])
+class Recursion:
+    """The covariance of an observer's error, of laws with constant gains, from sample to sample."""
 
-    @lru_cache(maxsize=4096)
-    def law(part: float, there: tuple[bool, ...]) -> tuple[Array, ...]:
+    def __init__(self, assumed: Assumed, samples: Samples, f: Array, w: Array) -> None:
+        self._motion, self._specs, self._r = assumed.motion, assumed.specs, assumed.r
+        self._f, self._w = f, w
+        self._usual = float(np.median(samples.dt))
+        parts = np.round(samples.dt / self._usual, _CLOSE)
+        self._parts = np.append(parts, parts[-1:])
+        lifts = [following(spec) for spec in self._specs]
+        self._lift = _diagonal(lifts)
+        self._begins = np.cumsum([0, *(len(lift) for lift in lifts[:-1])])
+        p0 = np.diag(start(self._motion, samples)[1] ** 2)
+        self._z = self._lift @ p0 @ self._lift.T
+        self._law = lru_cache(maxsize=4096)(self._made)
+
+    def _made(self, part: float, there: tuple[bool, ...]) -> tuple[Array, ...]:
         """a, b, c, d and A over a step, of a usual one, with the outputs that are there."""
-        dt = usual * max(part, 10.0**-_CLOSE)
-        found = [discrete(spec, dt) for spec in specs]
+        dt = self._usual * max(part, 10.0**-_CLOSE)
+        found = [discrete(spec, dt) for spec in self._specs]
         a, b, c, d = (_diagonal([getattr(one, name) for one in found]) for name in "abcd")
-        for channel, begin in enumerate(begins.tolist()):
+        for channel, begin in enumerate(self._begins.tolist()):
             if not there[channel]:
                 a[:, begin] += b[:, channel]
                 c[:, begin] += d[:, channel]
                 b[:, channel], d[:, channel] = 0.0, 0.0
-        chain = np.asarray(
-            sum(
-                matrix_power(motion.shift, j) * dt**j / _factorial(j)
-                for j in range(max(motion.orders))
-            )
-        )
-        return a, b, c, d, chain
+        shift = self._motion.shift
+        powers = range(max(self._motion.orders))
+        chain = sum(matrix_power(shift, j) * dt**j / math.factorial(j) for j in powers)
+        return a, b, c, d, np.asarray(chain)
 
-    z = np.zeros((size, size))
-    z = lift @ p @ lift.T
-    out = np.empty((len(samples.t), n))
-    present = np.isfinite(samples.y)
-    last = float(parts[-1]) if len(parts) else 1.0
-    for k in range(len(out)):
-        part = float(parts[k]) if k < len(parts) else last
-        a, b, c, d, chain = law(part, tuple(present[k].tolist()))
-        out[k] = np.diag(c @ z @ c.T + (d * r) @ d.T)
-        if k < len(parts):
-            extra = lift @ (f[k] - chain)
+    def before(self) -> Array:
+        """Variances of the innovations of the sample that comes next, (n_y,)."""
+        return np.asarray(np.diagonal(self._z)[self._begins] + self._r)
+
+    def step(self, k: int, there: Any) -> Array:
+        """Variances of the estimates at sample k, (n,); then on to the next one."""
+        a, b, c, d, chain = self._law(float(self._parts[k]), tuple(there.tolist()))
+        shown = np.diag(c @ self._z @ c.T + (d * self._r) @ d.T)
+        if k < len(self._f):
+            extra = self._lift @ (self._f[k] - chain)
             m, gain = a + extra @ c, b + extra @ d
-            z = m @ z @ m.T + (gain * r) @ gain.T + lift @ w[k] @ lift.T
-    return np.sqrt(out)
-
-
-def _factorial(j: int) -> float:
-    return float(np.prod(np.arange(1, j + 1)))
+            moved = m @ self._z @ m.T + (gain * self._r) @ gain.T
+            self._z = moved + self._lift @ self._w[k] @ self._lift.T
+        return np.asarray(shown)
 
 
 def _diagonal(blocks: list[Array]) -> Array:
