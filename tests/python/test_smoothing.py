@@ -214,6 +214,30 @@ def test_a_model_that_errs_gives_way_to_samples_that_tell_more():
     )
 
 
+def test_an_unknown_is_smoothed_in_its_unit():
+    """A load that steps, 0.1 to 0.5 N m; the third derivative of y is another thing."""
+    model = Model(
+        states=["q", "w"],
+        inputs=["T"],
+        parameters={"J": 0.02, "b": 0.05},
+        phi="(T - b*w - load)/J",
+        unknown="load",
+    )
+    rng = np.random.default_rng(0)
+    t = 2e-3 * np.arange(3000)
+    u, load = np.sign(np.sin(3.0 * t)), np.where(t > 3.0, 0.5, 0.1)
+    q, w, y = 0.0, 0.0, np.empty(3000)
+    for k in range(3000):
+        y[k] = q
+        for _ in range(10):
+            w += 2e-4 * (u[k] - 0.05 * w - load[k]) / 0.02
+            q += 2e-4 * w
+    run = smooth(model, (t, y + 1e-4 * rng.standard_normal(3000), u))
+    assert run.states == ("q", "w", "load") and run.Q.shape == (3, 3)
+    error, of_filter = (rms((x - load)[100:-100]) for x in (run.state("load"), run.filtered[:, 2]))
+    assert error < 0.6 * of_filter and error < 0.02
+
+
 def test_missing_samples_widen_the_band():
     x, y = swing(2000, 0.01, 0.04, 3e-3, 5)
     y[1000:1080] = np.nan

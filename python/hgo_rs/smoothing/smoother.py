@@ -89,7 +89,8 @@ def smooth(
     found = noises(motion, samples, r, q, remarks.append, progress)
     known = forward(motion, samples, *found)
     own = smoothed(motion, samples, known, *found, tuple(remarks))
-    phase = motion.model is not None and motion.model.form == "phase"
+    # of states that are derivatives of y, each in its place
+    phase = motion.model is not None and motion.model.form == "phase" and not motion.model.unknown
     if structure == "model" or R is not None or Q is not None or not phase or motion.n > 4:
         return own
     chain = Motion(None, motion.n + 2)
