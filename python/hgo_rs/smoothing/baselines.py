@@ -17,7 +17,7 @@ from hgo_rs.smoothing.likelihood import likeliest
 from hgo_rs.smoothing.motion import Motion
 from hgo_rs.smoothing.samples import Array, Samples
 
-_EVEN = 0.01  # of the step, that an even clock may be off
+_EVEN = 0.05  # of the step, that those of an even clock may be off, RMS
 _LONGEST = 400  # samples of a window
 _SPAN = 2e-3, 3.0  # of ell dt
 _POINTS = 30
@@ -40,7 +40,7 @@ def of_channel(samples: Samples, channel: int) -> Samples:
 def _even(samples: Samples, name: str) -> float:
     """The step of a record that has one, and every sample."""
     dt = float(np.median(samples.dt))
-    off = float(np.max(np.abs(samples.dt - dt))) / dt
+    off = float(np.sqrt(np.mean((samples.dt - dt) ** 2))) / dt
     if off > _EVEN or samples.missing.any():
         told = f"even to {_EVEN:.0%} and complete; resample it, or leave this baseline out"
         raise HgoError(explain(f"record for {name}", f"steps off by {off:.1%}", told, "as it is"))
