@@ -53,6 +53,12 @@ pub trait GainLaw<T: Scalar>: Copy {
     }
     /// Time derivative of the memory under the innovation `e` = y − ŷ of an observer of order N.
     fn rate<const N: usize>(&self, memory: &Self::Memory, e: T) -> Self::Memory;
+    /// The memory at a sample of the innovation `e`, before the step: a law that switches at samples moves it
+    /// at once here.
+    #[inline(always)]
+    fn jumped(&self, memory: Self::Memory, _e: T) -> Self::Memory {
+        memory
+    }
     /// The memory brought back into the set that the law lives in (r ≥ 1).
     fn admissible(&self, memory: Self::Memory) -> Self::Memory;
 }
@@ -232,6 +238,219 @@ impl<T: Scalar> GainLaw<T> for DeadZoneGain<T> {
     }
 }
 
+/// Homogeneous gain, Levant (2003): r(e) = ρ |e|ᵖ (1 + μ|e|), p = d/(1 − (n−1)d), for an observer of order n.
+///
+/// With d = −1, μ = 0 and ρ = L^{1/n} the standard observer is Levant's differentiator, which injects
+/// kᵢ L^{i/n} ⌊e⌉^{(n−i)/n}; d = 0 is the constant gain ρ; d = −1 and μ > 0 is the uniform differentiator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct HomogeneousGain<T> {
+    rho: T,
+    degree: T,
+    mu: T,
+    order: usize,
+    /// p.
+    exponent: T,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar]
+    HomogeneousGain<T>: gain => {
+        rho: T = gain.rho, degree: T = gain.degree, mu: T = gain.mu, order: usize = gain.order,
+    }
+    => Self::new(rho, degree, mu, order)
+}
+
+/// The smallest |e| at which r(e) grows: below it the injection is linear, and 0 at e = 0 where r would be
+/// infinite.
+const LEAST_ERROR: f64 = 1e-30;
+
+impl<T: Scalar> HomogeneousGain<T> {
+    /// Scale ρ > 0, degree d in [−1, 0], μ ≥ 0, order 2 to 12.
+    ///
+    /// # Errors
+    /// A parameter outside its range.
+    pub fn new(rho: T, degree: T, mu: T, order: usize) -> Result<Self, DesignError> {
+        let inside = degree >= -T::ONE && degree <= T::ZERO;
+        require("degree", degree, inside, "it must lie in [-1, 0]")?;
+        require("mu", mu, mu.is_finite() && mu >= T::ZERO, "it must be finite and >= 0")?;
+        let allowed = "a homogeneous gain is for the orders 2 to 12";
+        let count = T::from_u64(order as u64);
+        require("n", count, (2..=12).contains(&order), allowed)?;
+        let exponent = degree / (T::ONE - (count - T::ONE) * degree);
+        Ok(Self { rho: positive("rho", rho)?, degree, mu, order, exponent })
+    }
+
+    /// L of [`Self::new`]: ρ = L^{1/n}, d = −1, for |φ − φ̂| ≤ L.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn levant(bound: T, order: usize) -> Result<Self, DesignError> {
+        let power = T::ONE / T::from_u64(order.max(1) as u64);
+        Self::new(positive("bound", bound)?.powf(power), -T::ONE, T::ZERO, order)
+    }
+}
+
+impl<T: Scalar> GainLaw<T> for HomogeneousGain<T> {
+    type Memory = ();
+    const STILL: bool = false;
+    #[inline(always)]
+    fn initial(&self) {}
+    #[inline(always)]
+    fn fixed(&self) -> T {
+        self.rho
+    }
+    #[inline(always)]
+    fn moving(&self, (): &(), e: T) -> T {
+        let size = e.abs();
+        size.max(T::from_f64(LEAST_ERROR)).powf(self.exponent) * (T::ONE + self.mu * size)
+    }
+    /// No limit of a step is known by the gain: it moves with the error.
+    #[inline(always)]
+    fn speed(&self, (): &()) -> T {
+        T::ONE
+    }
+    #[inline(always)]
+    fn rate<const N: usize>(&self, (): &(), _: T) {}
+    #[inline(always)]
+    fn admissible(&self, (): ()) {}
+    fn fits(&self, k: Option<&[T]>) -> Result<(), DesignError> {
+        let allowed = "the homogeneous gain is made for the standard observer of its own order";
+        let count = T::from_u64(self.order as u64);
+        require("order of the gain", count, k.is_some_and(|k| k.len() == self.order), allowed)
+            .map(|_| ())
+    }
+}
+
+/// What the laws whose memory is a time s that begins at 0 say the same way, inside their `impl GainLaw`.
+macro_rules! counts_time {
+    () => {
+        type Memory = T;
+        #[inline(always)]
+        fn initial(&self) -> T {
+            T::ZERO
+        }
+        #[inline(always)]
+        fn admissible(&self, s: T) -> T {
+            s
+        }
+    };
+}
+
+/// Switched gain, Ahrens and Khalil (2009): ℓ while the error is large or was within the last T_d, ρℓ after.
+///
+/// Its memory is the quiet time s, set to 0 by a sample with |e| > d.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SwitchedGain<T> {
+    fast: T,
+    slow: T,
+    zone: T,
+    delay: T,
+    /// Slow over fast.
+    ratio: T,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar]
+    SwitchedGain<T>: gain => {
+        fast: T = gain.fast, slow: T = gain.slow, zone: T = gain.zone, delay: T = gain.delay,
+    }
+    => Self::new(fast, slow, zone, delay)
+}
+
+impl<T: Scalar> SwitchedGain<T> {
+    /// Gains 0 < slow ≤ fast (1/s), zone d > 0 in the output's unit, delay T_d ≥ 0 (s).
+    ///
+    /// # Errors
+    /// A parameter outside its range.
+    pub fn new(fast: T, slow: T, zone: T, delay: T) -> Result<Self, DesignError> {
+        let (fast, slow) = (positive("fast", fast)?, positive("slow", slow)?);
+        require("slow", slow, slow <= fast, "it must be at most the fast gain")?;
+        require("delay", delay, delay.is_finite() && delay >= T::ZERO, "a time >= 0, in s")?;
+        Ok(Self { fast, slow, zone: positive("zone", zone)?, delay, ratio: slow / fast })
+    }
+}
+
+impl<T: Scalar> GainLaw<T> for SwitchedGain<T> {
+    counts_time!();
+    #[inline(always)]
+    fn fixed(&self) -> T {
+        self.fast
+    }
+    #[inline(always)]
+    fn moving(&self, s: &T, e: T) -> T {
+        let quiet = self.delay.where_above(*s, T::ONE, self.ratio); // fast while s < T_d
+        e.abs().where_above(self.zone, T::ONE, quiet)
+    }
+    /// The limit of a step is that of the fast gain.
+    #[inline(always)]
+    fn speed(&self, _: &T) -> T {
+        T::ONE
+    }
+    #[inline(always)]
+    fn jumped(&self, s: T, e: T) -> T {
+        e.abs().where_above(self.zone, T::ZERO, s)
+    }
+    #[inline(always)]
+    fn rate<const N: usize>(&self, _: &T, e: T) -> T {
+        e.abs().where_above(self.zone, T::ZERO, T::ONE)
+    }
+}
+
+/// Prescribed-time gain, Holloway and Krstic (2019): r(t) = μ₀/(T_p − t) until it reaches r_max, then r_max.
+///
+/// Its memory is the time s since the start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PrescribedTimeGain<T> {
+    mu0: T,
+    deadline: T,
+    r_max: T,
+    /// μ₀/r_max: the time before the deadline from which on r is r_max.
+    rest: T,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar]
+    PrescribedTimeGain<T>: gain => { mu0: T = gain.mu0, deadline: T = gain.deadline, r_max: T = gain.r_max }
+    => Self::new(mu0, deadline, r_max)
+}
+
+impl<T: Scalar> PrescribedTimeGain<T> {
+    /// μ₀ > 0, deadline T_p > 0 (s), r_max > μ₀/T_p (1/s).
+    ///
+    /// # Errors
+    /// A parameter outside its range.
+    pub fn new(mu0: T, deadline: T, r_max: T) -> Result<Self, DesignError> {
+        let (mu0, deadline) = (positive("mu0", mu0)?, positive("deadline", deadline)?);
+        let r_max = positive("r_max", r_max)?;
+        require(
+            "r_max",
+            r_max,
+            r_max > mu0 / deadline,
+            "above mu0/deadline, where the gain begins",
+        )?;
+        Ok(Self { mu0, deadline, r_max, rest: mu0 / r_max })
+    }
+}
+
+impl<T: Scalar> GainLaw<T> for PrescribedTimeGain<T> {
+    counts_time!();
+    #[inline(always)]
+    fn fixed(&self) -> T {
+        T::ONE
+    }
+    #[inline(always)]
+    fn moving(&self, s: &T, _: T) -> T {
+        self.mu0 / (self.deadline - *s).max(self.rest)
+    }
+    #[inline(always)]
+    fn rate<const N: usize>(&self, _: &T, _: T) -> T {
+        T::ONE
+    }
+}
+
 /// A gain law with a [`Shape`] between innovation and injection: a gain law itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -278,6 +497,10 @@ impl<T: Scalar, G: GainLaw<T>, S: Shape<T>> GainLaw<T> for Shaped<G, S> {
     #[inline(always)]
     fn rate<const N: usize>(&self, (r, sigma): &Self::Memory, e: T) -> Self::Memory {
         (self.gain.rate::<N>(r, e), self.shape.rate(sigma, e))
+    }
+    #[inline(always)]
+    fn jumped(&self, (r, sigma): Self::Memory, e: T) -> Self::Memory {
+        (self.gain.jumped(r, e), sigma)
     }
     #[inline(always)]
     fn admissible(&self, (r, sigma): Self::Memory) -> Self::Memory {

@@ -23,7 +23,7 @@
 use crate::Scalar;
 use crate::error::{DesignError, require};
 use crate::motion::{Flow, Held, Motion};
-use crate::observer::{ContinuousLaw, Scheme};
+use crate::observer::{ContinuousLaw, Scheme, absent};
 use crate::polynomial::{roots, times_root};
 use nalgebra::SVector;
 
@@ -210,8 +210,15 @@ pub trait Injected<T: Scalar>:
     /// # Errors
     /// An order for which rounding would undo the placement.
     fn poles(&self, at: Placement) -> Result<Self::Poles, DesignError>;
-    /// The gains of the correction that ends a step of length dt.
-    fn gains(&self, at: Placement, poles: &Self::Poles, z: &Self::State, dt: T) -> Self::Gains;
+    /// The gains of the correction that ends a step of length dt, for the innovation e.
+    fn gains(
+        &self,
+        at: Placement,
+        poles: &Self::Poles,
+        z: &Self::State,
+        e: &Self::Innovation,
+        dt: T,
+    ) -> Self::Gains;
     /// The memory after the use of the innovation e that ends a step of length dt.
     fn inject(&self, z: &Self::State, e: &Self::Innovation, k: &Self::Gains, dt: T) -> Self::State;
 }
@@ -270,16 +277,19 @@ where
 
     #[inline(always)]
     fn correct(&self, law: &L, z: &L::State, y: T, dt: T) -> L::State {
+        let e = law.innovation(z, y);
         let gains = match &self.prepared {
             Some((usual, gains)) if *usual == dt => *gains,
-            _ => law.gains(self.placement, &self.poles, z, dt),
+            _ => law.gains(self.placement, &self.poles, z, &e, dt),
         };
-        law.inject(z, &law.innovation(z, y), &gains, dt)
+        law.inject(z, &e, &gains, dt)
     }
 
     #[inline(always)]
     fn prepared(&self, law: &L, dt: T) -> Self {
-        let gains = || law.gains(self.placement, &self.poles, &law.initial(), dt);
+        let z = law.initial();
+        let gains =
+            || law.gains(self.placement, &self.poles, &z, &law.innovation(&z, absent()), dt);
         Self { prepared: L::CONSTANT.then(|| (dt, gains())), ..*self }
     }
 }

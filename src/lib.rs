@@ -75,7 +75,10 @@ pub use scalar::Scalar;
 pub mod prelude {
     pub use crate::error::DesignError;
     pub use crate::estimator::Estimator;
-    pub use crate::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, Shaped};
+    pub use crate::gain::{
+        AdaptiveGain, ConstantGain, DeadZoneGain, HomogeneousGain, PrescribedTimeGain, Shaped,
+        SwitchedGain,
+    };
     pub use crate::injection::{Placed, Placement};
     pub use crate::integrate::{Integrator, PlantScheme};
     pub use crate::memory::Memory;

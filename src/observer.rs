@@ -78,6 +78,11 @@ pub trait ContinuousLaw<T: Scalar>: Copy {
     /// Turn a forward Euler step `new` from `old` into a staggered one, in which every state is
     /// moved by the new value of the state above it in the chain.
     fn stagger(&self, old: &Self::State, new: Self::State, dt: T) -> Self::State;
+    /// The memory at a sample of the innovation `e`, before its step: what of it moves at once.
+    #[inline(always)]
+    fn jumped(&self, z: Self::State, _e: &Self::Innovation) -> Self::State {
+        z
+    }
     /// The memory brought back into the set that the law lives in.
     #[inline(always)]
     fn admissible(&self, z: Self::State) -> Self::State {
@@ -408,7 +413,9 @@ where
 
     #[inline(always)]
     fn advance(&self, z: &mut L::State, y: &T, u: &L::Input, t: T, dt: T) -> Status {
-        let next = self.law.admissible(self.scheme.advance(&self.law, t, z, *y, u, dt));
+        let (law, scheme) = (&self.law, &self.scheme);
+        let begin = law.jumped(*z, &law.innovation(z, *y));
+        let next = law.admissible(scheme.advance(law, t, &begin, *y, u, dt));
         *z = z.zip(&next, |_, new| new);
         Status::of(y)
     }
@@ -503,7 +510,8 @@ where
         let Self { law, scheme } = self;
         let left = z.elapsed.while_missing(*y);
         // the time of this correction: none for a missing sample, which changes nothing
-        let next = law.admissible(scheme.correct(law, &z.law, *y, z.elapsed - left));
+        let begin = law.jumped(z.law, &law.innovation(&z.law, *y));
+        let next = law.admissible(scheme.correct(law, &begin, *y, z.elapsed - left));
         *z = CurrentState { law: z.law.zip(&next, |_, new| new), elapsed: left };
         Status::of(y)
     }

@@ -60,6 +60,12 @@ fn of_rows<T: Scalar>(k: Option<&[T]>) -> Result<&[T], DesignError> {
     k.ok_or(unlike(allowed))
 }
 
+/// Refuse a shape of `count` rows for another number of states.
+fn one_each<T: Scalar>(count: usize, k: &[T]) -> Result<(), DesignError> {
+    let allowed = "one row of the shape for each state of the observer";
+    require("rows of the shape", T::from_u64(count as u64), k.len() == count, allowed).map(|_| ())
+}
+
 /// The threshold √σ that two shapes share: σ̇ = −λσ + γe², σ ≥ 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -308,8 +314,73 @@ impl<T: Scalar, const N: usize> Shape<T> for Fal<T, N> {
         }
     }
     fn fits(&self, k: Option<&[T]>) -> Result<(), DesignError> {
-        let k = of_rows(k)?;
-        let allowed = "one exponent for each state of the observer";
-        require("number of alpha", T::from_u64(N as u64), k.len() == N, allowed).map(|_| ())
+        one_each(N, of_rows(k)?)
+    }
+}
+
+/// Functions homogeneous of one degree near 0 and of another far away, Andrieu, Praly and Astolfi (2008),
+/// Cruz-Zavala and Moreno (2019): v₁ = φ₁(e), vᵢ = φᵢ(vᵢ₋₁), φᵢ(s) = κᵢ⌊s⌉^{pᵢ} + θᵢ⌊s⌉^{qᵢ},
+/// pᵢ = (1 − (n−i−1)d₀)/(1 − (n−i)d₀) and qᵢ the same with d∞.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct BiHomogeneous<T, const N: usize> {
+    kappa: SVector<T, N>,
+    theta: SVector<T, N>,
+    near: T,
+    far: T,
+    p: SVector<T, N>,
+    q: SVector<T, N>,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar, const N: usize]
+    BiHomogeneous<T, N>: shape => {
+        near: T = shape.near,
+        far: T = shape.far,
+        kappa: SVector<T, N> = shape.kappa,
+        theta: SVector<T, N> = shape.theta,
+    }
+    => Self::new(near, far, kappa.into(), theta.into())
+}
+
+impl<T: Scalar, const N: usize> BiHomogeneous<T, N> {
+    /// Degrees −1 ≤ d₀ ≤ d∞ < 1/(n−1), κᵢ and θᵢ ≥ 0, not both 0.
+    ///
+    /// # Errors
+    /// A parameter outside its range.
+    pub fn new(near: T, far: T, kappa: [T; N], theta: [T; N]) -> Result<Self, DesignError> {
+        require("near", near, near >= -T::ONE && near <= far, "in [-1, far]")?;
+        let count = |i: usize| T::from_u64(i as u64);
+        let below = far * count(N.saturating_sub(1)) < T::ONE;
+        require("far", far, far.is_finite() && below, "below 1/(n - 1)")?;
+        for (kappa, theta) in kappa.into_iter().zip(theta) {
+            let holds = kappa >= T::ZERO && theta >= T::ZERO && kappa + theta > T::ZERO;
+            let allowed = "0 or more, and not both of kappa and theta 0";
+            require("kappa", kappa, holds && finite("theta", kappa + theta).is_ok(), allowed)?;
+        }
+        let powers = |d: T| {
+            SVector::from_fn(|i, _| {
+                let left = count(N - 1 - i); // n − i in the paper's count
+                (T::ONE + d - left * d) / (T::ONE - left * d)
+            })
+        };
+        let (p, q) = (powers(near), powers(far));
+        Ok(Self { kappa: kappa.into(), theta: theta.into(), near, far, p, q })
+    }
+}
+
+impl<T: Scalar, const N: usize> Shape<T> for BiHomogeneous<T, N> {
+    forgets!();
+    #[inline(always)]
+    fn rows(&self, (): &(), e: T, rows: &mut [T]) {
+        let mut s = e;
+        for (i, row) in rows.iter_mut().enumerate().take(N) {
+            s = self.kappa[i] * signed_power(s, self.p[i])
+                + self.theta[i] * signed_power(s, self.q[i]);
+            *row = s;
+        }
+    }
+    fn fits(&self, k: Option<&[T]>) -> Result<(), DesignError> {
+        one_each(N, of_rows(k)?)
     }
 }

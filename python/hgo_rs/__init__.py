@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     )
     from hgo_rs.observers import (
         AdaptiveGain,
+        BiHomogeneous,
         ConstantGain,
         DeadZone,
         DeadZoneGain,
@@ -39,12 +40,14 @@ if TYPE_CHECKING:
         Gap,
         HighGainEKF,
         HighGainObserver,
+        HomogeneousGain,
         LowPowerObserver,
         ModifiedObserver,
         MultiOutputObserver,
         Observer,
         PeakingFreeObserver,
         PiecewiseLinear,
+        PrescribedTimeGain,
         ReducedOrderObserver,
         RepelledCollection,
         RunResult,
@@ -52,6 +55,7 @@ if TYPE_CHECKING:
         StandardObserver,
         StochasticApproximation,
         Stubborn,
+        SwitchedGain,
         gap_bound,
     )
     from hgo_rs.simulation import (
@@ -77,6 +81,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AdaptiveGain",
+    "BiHomogeneous",
     "Comparison",
     "Config",
     "ConfigError",
@@ -93,6 +98,7 @@ __all__ = [
     "HgoError",
     "HighGainEKF",
     "HighGainObserver",
+    "HomogeneousGain",
     "InputGain",
     "Lee",
     "LowPowerObserver",
@@ -105,6 +111,7 @@ __all__ = [
     "PeakingFreeObserver",
     "PiecewiseLinear",
     "Plant",
+    "PrescribedTimeGain",
     "RecordedNoise",
     "ReducedOrderObserver",
     "RepelledCollection",
@@ -122,6 +129,7 @@ __all__ = [
     "StudyInterrupted",
     "StudyProgress",
     "StudyResult",
+    "SwitchedGain",
     "System",
     "TradeOff",
     "Tuning",

@@ -164,6 +164,11 @@ where
     }
 
     #[inline(always)]
+    fn jumped(&self, z: Self::State, e: &T) -> Self::State {
+        FilteredState { r: self.chain.gain.jumped(z.r, *e), ..z }
+    }
+
+    #[inline(always)]
     fn admissible(&self, z: Self::State) -> Self::State {
         FilteredState { r: self.chain.gain.admissible(z.r), ..z }
     }

@@ -434,6 +434,11 @@ where
     }
 
     #[inline(always)]
+    fn jumped(&self, z: Self::State, (e, _): &(T, T)) -> Self::State {
+        HighGainEkfState { r: self.gain.jumped(z.r, *e), ..z }
+    }
+
+    #[inline(always)]
     fn admissible(&self, z: Self::State) -> Self::State {
         HighGainEkfState { r: self.gain.admissible(z.r), ..z }
     }

@@ -202,6 +202,11 @@ where
     }
 
     #[inline(always)]
+    fn jumped(&self, z: Self::State, e: &T) -> Self::State {
+        LowPowerState { r: self.gain.jumped(z.r, *e), ..z }
+    }
+
+    #[inline(always)]
     fn admissible(&self, z: Self::State) -> Self::State {
         LowPowerState { r: self.gain.admissible(z.r), ..z }
     }
@@ -408,8 +413,15 @@ where
         Ok([found.map(Poles::from), [Poles::from([(0.0, 0.0); N]); 2]])
     }
 
-    fn gains(&self, at: Placement, poles: &Self::Poles, z: &Self::State, dt: T) -> Self::Gains {
-        let r = self.speed(z);
+    fn gains(
+        &self,
+        at: Placement,
+        poles: &Self::Poles,
+        z: &Self::State,
+        e: &T,
+        dt: T,
+    ) -> Self::Gains {
+        let r = self.gain.moving(&z.r, *e);
         // constants of the run: in double precision, whatever T
         let (known, dt) = if dt > T::ZERO { (r.to_f64(), dt.to_f64()) } else { (1.0, 0.0) };
         let r = if r > T::ZERO { known } else { 1.0 };

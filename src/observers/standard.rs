@@ -204,6 +204,11 @@ where
     }
 
     #[inline(always)]
+    fn jumped(&self, z: Self::State, e: &T) -> Self::State {
+        StandardState { r: self.gain.jumped(z.r, *e), ..z }
+    }
+
+    #[inline(always)]
     fn admissible(&self, z: Self::State) -> Self::State {
         StandardState { r: self.gain.admissible(z.r), ..z }
     }
@@ -236,8 +241,15 @@ where
     }
 
     #[inline]
-    fn gains(&self, at: Placement, poles: &Self::Poles, z: &Self::State, dt: T) -> SVector<T, N> {
-        chain_gains(&at.images(poles, self.speed(z), dt), dt)
+    fn gains(
+        &self,
+        at: Placement,
+        poles: &Self::Poles,
+        z: &Self::State,
+        e: &T,
+        dt: T,
+    ) -> SVector<T, N> {
+        chain_gains(&at.images(poles, self.gain.moving(&z.r, *e), dt), dt)
     }
 
     #[inline(always)]

@@ -4,7 +4,10 @@
 
 use hgo_rs::dual::Dual;
 use hgo_rs::for_each_law;
-use hgo_rs::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
+use hgo_rs::gain::{
+    AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw, HomogeneousGain, PrescribedTimeGain, Shaped,
+    SwitchedGain,
+};
 use hgo_rs::injection::{Injected, Placed, Placement};
 use hgo_rs::integrate::Integrator;
 use hgo_rs::laws::{Design, Law, Sizes};
@@ -19,6 +22,7 @@ use hgo_rs::observers::{
     SampledDataObserver, SampledEkf, Saturation, SmoothSaturation, StandardObserver,
 };
 use hgo_rs::polynomial::coefficients_from_poles;
+use hgo_rs::shape::{Fal, Stubborn};
 use hgo_rs::{DesignError, Observer, Scalar};
 use nalgebra::{SMatrix, SVector};
 use std::fmt::Debug;
@@ -308,7 +312,7 @@ pub fn observers() -> u64 {
         (true, _) => 3 * (schemes + usize::from(law.placed) * placements),
     };
     let listed: usize = LAWS.iter().map(of_list).sum();
-    let (continuous, placed, recursions) = (6, 1, 3);
+    let (continuous, placed, recursions) = (10, 3, 3);
     (listed + continuous * schemes + placed * placements + recursions) as u64
 }
 
@@ -333,6 +337,19 @@ where
     each_scheme(visitor, "standard, n = 12", standard, fill::<T, 0>);
     let standard = StandardObserver::<T, _, _, 2>::new([c(2.0); 2], dead_zone, linear)?;
     each_scheme(visitor, "dead zone", standard, fill::<T, 0>);
+    let levant = HomogeneousGain::levant(c(1.1), 3)?;
+    let levant = StandardObserver::<T, _, _, 3>::new([c(2.0), c(2.121), c(1.1)], levant, Unknown)?;
+    each_placement(visitor, "homogeneous", levant, fill::<T, 0>)?;
+    let gain = SwitchedGain::new(c(20.0), c(5.0), c(0.1), c(0.05))?;
+    let gain = Shaped { gain, shape: Stubborn::new(c(5.0), c(20.0), c(0.01))? };
+    let switched = StandardObserver::<T, _, _, 2>::new([c(2.0); 2], gain, Unknown)?;
+    each_placement(visitor, "switched, stubborn", switched, fill::<T, 0>)?;
+    let gain = PrescribedTimeGain::new(c(4.0), c(1.0), c(20.0))?;
+    let timed = StandardObserver::<T, _, _, 2>::new([c(2.25), c(0.9375)], gain, Unknown)?;
+    each_scheme(visitor, "prescribed time", timed, fill::<T, 0>);
+    let gain = Shaped { gain: ell(5.0)?, shape: Fal::new([c(1.0), c(0.5)], c(0.05))? };
+    let fal = StandardObserver::<T, _, _, 2>::new([c(2.0); 2], gain, Unknown)?;
+    each_scheme(visitor, "fal", fal, fill::<T, 0>);
 
     let low_power =
         LowPowerObserver::<T, _, _, 1>::new([c(1.0)], [c(0.0)], ell(7.0)?, Unknown, NoSaturation)?;

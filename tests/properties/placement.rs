@@ -181,7 +181,7 @@ fn gains_are<const N: usize, const C: usize>((alpha, beta, cases): Precise<N, C>
     let law = LowPower::<f64, _, _, _, N>::new(alpha, beta, gain, Unknown, NoSaturation).unwrap();
     let poles = law.poles(Placement::Exact).unwrap();
     for (dt, a, b) in cases {
-        let gains = law.gains(Placement::Exact, &poles, &law.initial(), dt);
+        let gains = law.gains(Placement::Exact, &poles, &law.initial(), &0.0, dt);
         let mut z = law.initial();
         z.eta.fill(1.0); // e_i = eta_(i-1)
         let moved = law.inject(&z, &1.0, &gains, dt);

@@ -59,6 +59,20 @@ CASES: dict[str, dict[str, Any]] = {
         ),
         "noise": NormalNoise(std=0.01),
     },
+    "homogeneous": {
+        "observer": hgo.StandardObserver(2, hgo.HomogeneousGain(2.0), model=hgo.Lee()),
+        "noise": NormalNoise(std=0.1),
+    },
+    "switched, stubborn": {
+        "observer": hgo.StandardObserver(
+            2,
+            hgo.SwitchedGain(30.0, 5.0, 0.1, 0.02),
+            shape=hgo.Stubborn(5.0, 20.0, 1e-3),
+            model=hgo.Lee(),
+            method="euler",
+        ),
+        "noise": NormalNoise(std=0.1),
+    },
     "process noise": {
         "plant": hgo.VanDerPol(),
         "observer": hgo.SampledDataObserver(hgo.VanDerPol()),

@@ -88,6 +88,16 @@ def adaptive(**manner: Any) -> Observer:
     return hgo.StandardObserver(2, gain, model=phase(2), allow_unstable=True, **manner)
 
 
+def shaped(gain: Any, shape: Any = None) -> Callable[..., Observer]:
+    """A gain of the innovation or a clock, and a shape."""
+
+    def made(**manner: Any) -> Observer:
+        given = {"shape": shape, "model": phase(3), "allow_unstable": True, **manner}
+        return hgo.StandardObserver(3, gain, **given)
+
+    return made
+
+
 def chains(**manner: Any) -> Observer:
     """Chains under laws with gains held, and computed."""
     model = hgo.Model(
@@ -154,6 +164,19 @@ LAWS: dict[str, tuple[Callable[..., Observer], tuple[str, ...]]] = {
     "peaking-free, hard": (free("hard"), KNOWN + PLACED),
     "peaking-free, smooth": (free("smooth"), KNOWN + PLACED),
     "adaptive": (adaptive, KNOWN + PLACED),
+    "homogeneous": (shaped(hgo.HomogeneousGain(2.0, -0.7)), ("euler", "rk4", "zoh")),
+    "switched, stubborn": (
+        shaped(hgo.SwitchedGain(9.0, 3.0, 0.05, 0.05), hgo.Stubborn(5.0, 20.0, 1e-4)),
+        ("euler", "rk4", "zoh"),
+    ),
+    "deadline, fal": (
+        shaped(hgo.PrescribedTimeGain(2.0, 0.3, 12.0), hgo.Fal((1.0, 0.6, 0.4), 0.02)),
+        ("euler",),
+    ),
+    "bi-homogeneous": (
+        shaped(4.0, hgo.BiHomogeneous(-0.5, 0.2, (1.0, 1.0, 1.0), (0.5, 0.2, 0.0))),
+        ("euler",),
+    ),
     "an unknown": (unknown(hgo.StandardObserver), KNOWN + PLACED),
     "an unknown, low-power": (unknown(hgo.LowPowerObserver), KNOWN + PLACED),
     "chains": (chains, KNOWN + PLACED),

@@ -125,6 +125,50 @@ def test_fal_is_the_function_of_the_paper(e: float, value: float, backend: str) 
     assert memory[1, 1] == pytest.approx(DT * value, rel=1e-12)
 
 
+BI = {
+    (2, -1.0, 0.2): {
+        0.01: (0.103162277660, 1.065497557759),
+        0.5: (1.127554988813, 2.154955568180),
+        100.0: (326.227766016838, 1039.066334143162),
+    },
+    (3, -0.5, 0.2): {2.0: (4.201634930297, 8.619343605643, 16.196650726473)},
+}
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(("n", "near", "far"), BI)
+def test_bi_homogeneous_functions_meet_their_numbers(
+    n: int, near: float, far: float, backend: str
+) -> None:
+    """One Euler step from rest moves state i by dt k_i v_i."""
+    shape = hgo_rs.BiHomogeneous(near, far, (1.0,) * n, (1.0,) * n)
+    k = np.array({2: (2.0, 1.0), 3: (3.0, 3.0, 1.0)}[n])
+    observer = hgo_rs.StandardObserver(n, 1.0, k=k, shape=shape, **LISTED)
+    for e, v in BI[n, near, far].items():
+        memory = run(observer, np.array([e, e]), None, backend)
+        assert memory[1] == pytest.approx(DT * k * np.array(v), rel=1e-10)
+        memory = run(observer, np.array([-e, e]), None, backend)
+        assert memory[1] == pytest.approx(-DT * k * np.array(v), rel=1e-10)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_bi_homogeneous_observer_meets_its_numbers(backend: str) -> None:
+    shape = hgo_rs.BiHomogeneous(-0.5, 0.2, (1.0, 1.0), (1.0, 1.0))
+    observer = hgo_rs.StandardObserver(2, 8.0, k=(2.0, 1.0), shape=shape, **LISTED)
+    memory = run(observer, np.sin(np.arange(301) * DT) + 2.0, None, backend)
+    check(memory, {300: (2.297469730232, 0.964252662734)})
+
+
+def test_a_bi_homogeneous_error_is_that_of_two_integrators() -> None:
+    """y = 0 in continuous time, e = -x_hat, by small steps of RK4."""
+    shape = hgo_rs.BiHomogeneous(-0.5, 0.2, (1.0, 1.0), (1.0, 1.0))
+    manner = {"method": "rk4", "timing": "predictor"}
+    observer = hgo_rs.StandardObserver(2, 3.0, k=(2.0, 1.0), shape=shape, **manner)  # type: ignore[arg-type]
+    dt = 1e-4
+    memory = observer.run(dt, np.zeros(2001), x_hat0=(-5.0, 0.0)).memory
+    assert -memory[2000] == pytest.approx([-0.258729707, -10.22597024], rel=1e-6)
+
+
 # --- identities -------------------------------------------------------------------------------
 
 STANDARD_BY: dict[str, tuple[float, Any]] = {
@@ -133,6 +177,7 @@ STANDARD_BY: dict[str, tuple[float, Any]] = {
     "no outside": (20.0, lambda: hgo_rs.PiecewiseLinear(ratio=0.2, zone=1e300)),
     "never saturated": (100.0, lambda: hgo_rs.Stubborn(decay=1.0, growth=1.0, sigma0=1e6)),
     "no threshold": (100.0, lambda: hgo_rs.DeadZone(decay=1.0, growth=0.0)),
+    "degree 0": (100.0, lambda: hgo_rs.BiHomogeneous(0.0, 0.0, (1.0, 1.0), (0.0, 0.0))),
     "linear": (100.0, lambda: hgo_rs.Fal(alpha=(1.0, 1.0), delta=0.01)),
 }
 
@@ -159,6 +204,7 @@ SHAPES: dict[str, hgo_rs.observers.Shape] = {
     "dead-zone": hgo_rs.DeadZone(decay=5.0, growth=2.0, sigma0=1e-4),
     "piecewise-linear": hgo_rs.PiecewiseLinear(ratio=0.5, zone=0.05),
     "fal": hgo_rs.Fal(alpha=(1.0, 0.6, 0.4), delta=0.02),
+    "bi-homogeneous": hgo_rs.BiHomogeneous(-0.4, 0.2, (1.0, 0.5, 0.3), (0.2, 0.1, 0.2)),
 }
 
 
@@ -239,6 +285,9 @@ def test_a_ratio_beyond_the_circle_criterion_is_refused(k: Any, most: float) -> 
     ("make", "message"),
     [
         (lambda: hgo_rs.Stubborn(decay=5.0, growth=4.0), "growth = 4"),
+        (lambda: hgo_rs.BiHomogeneous(-1.5, 0.0, (1.0,), (1.0,)), "near = -1.5"),
+        (lambda: hgo_rs.BiHomogeneous(0.0, 1.0, (1.0, 1.0), (1.0, 1.0)), "far"),
+        (lambda: hgo_rs.BiHomogeneous(0.0, 0.1, (1.0, 0.0), (1.0, 0.0)), "sums > 0"),
         (lambda: hgo_rs.DeadZone(decay=5.0, growth=5.0), "growth = 5"),
         (lambda: hgo_rs.DeadZone(decay=0.0, growth=0.0), "decay = 0"),
         (lambda: hgo_rs.Stubborn(decay=1.0, growth=1.0, sigma0=-1.0), "sigma0 = -1"),

@@ -4,13 +4,16 @@ use crate::error::{Error, Result, refused};
 use crate::spec::Spec;
 use hgo_rs::Scalar;
 use hgo_rs::error::DesignError;
-use hgo_rs::gain::{AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw};
+use hgo_rs::gain::{
+    AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw, HomogeneousGain, PrescribedTimeGain,
+    SwitchedGain,
+};
 use hgo_rs::injection::Placement;
 use hgo_rs::memory::Memory;
 use hgo_rs::motion::{Flow, Held, ImplicitMotion, Motion, Rk4Motion, SUBSTEPS};
 use hgo_rs::observer::{BogackiShampine, Discretisation, Rk4, Rk4InnovationHeld, Timing};
 use hgo_rs::observers::{HardClip, LAWS, NoSaturation, Saturation, SmoothSaturation};
-use hgo_rs::shape::{DeadZone, Fal, PiecewiseLinear, Shape, Stubborn};
+use hgo_rs::shape::{BiHomogeneous, DeadZone, Fal, PiecewiseLinear, Shape, Stubborn};
 use nalgebra::SVector;
 
 /// A choice among laws by their names in specs: an enum of them, how one is read, and `$of!(choice, law =>
@@ -57,7 +60,7 @@ macro_rules! choice {
 choice! {
     $
     /// A gain law by its name.
-    AnyGain[T]<T>, of_gain;
+    AnyGain[T, const N: usize]<T, N>, of_gain;
     /// ℓ.
     "constant" Constant(ConstantGain<T>) ["ell"] |of| ConstantGain::new(number(of, "ell")?);
     /// Sanfelice and Praly (6).
@@ -66,6 +69,17 @@ choice! {
     /// With a dead zone, Sanfelice and Praly (4).
     "dead-zone" DeadZone(DeadZoneGain<T>) ["p1", "p2", "b"] |of|
         DeadZoneGain::new(number(of, "p1")?, number(of, "p2")?, number(of, "b")?);
+    /// Of the innovation alone.
+    "homogeneous" Homogeneous(HomogeneousGain<T>) ["rho", "degree", "mu"] |of|
+        HomogeneousGain::new(number(of, "rho")?, number(of, "degree")?, number_or_0(of, "mu")?, N);
+    /// Two gains and a timer.
+    "switched" Switched(SwitchedGain<T>) ["fast", "slow", "zone", "delay"] |of|
+        SwitchedGain::new(
+            number(of, "fast")?, number(of, "slow")?, number(of, "zone")?, number_or_0(of, "delay")?
+        );
+    /// Of a clock.
+    "prescribed-time" PrescribedTime(PrescribedTimeGain<T>) ["mu0", "deadline", "r_max"] |of|
+        PrescribedTimeGain::new(number(of, "mu0")?, number(of, "deadline")?, number(of, "r_max")?);
 }
 
 choice! {
@@ -83,7 +97,16 @@ choice! {
         PiecewiseLinear::new(number(of, "ratio")?, number(of, "zone")?);
     /// Powers of the innovation.
     "fal" Fal(Fal<T, N>) ["alpha", "delta"] |of|
-        Fal::new(of.vector::<N>("alpha", N)?.map(T::from_f64), number(of, "delta")?);
+        Fal::new(vector(of, "alpha")?, number(of, "delta")?);
+    /// One degree near 0, another far away.
+    "bi-homogeneous" BiHomogeneous(BiHomogeneous<T, N>) ["near", "far", "kappa", "theta"] |of|
+        BiHomogeneous::new(
+            number(of, "near")?, number(of, "far")?, vector(of, "kappa")?, vector(of, "theta")?
+        );
+}
+
+fn vector<T: Scalar, const N: usize>(spec: &Spec<'_>, key: &str) -> Result<[T; N]> {
+    Ok(spec.vector::<N>(key, N)?.map(T::from_f64))
 }
 
 fn number<T: Scalar>(spec: &Spec<'_>, key: &str) -> Result<T> {
@@ -99,7 +122,7 @@ fn number_or_0<T: Scalar>(spec: &Spec<'_>, key: &str) -> Result<T> {
 #[derive(Clone, Copy)]
 pub struct Chosen<T, const N: usize, const E: usize> {
     /// The gain law.
-    pub gain: AnyGain<T>,
+    pub gain: AnyGain<T, N>,
     shape: Option<AnyShape<T, N>>,
 }
 
@@ -142,7 +165,7 @@ impl<T: Scalar, const N: usize, const E: usize> Chosen<T, N, E> {
     fn both(
         &self,
         memory: &SVector<T, E>,
-        gain: impl FnOnce(&AnyGain<T>, &[T], &mut [T]),
+        gain: impl FnOnce(&AnyGain<T, N>, &[T], &mut [T]),
         shape: impl FnOnce(&AnyShape<T, N>, &[T], &mut [T]),
     ) -> SVector<T, E> {
         let mut made = *memory;
@@ -194,6 +217,13 @@ impl<T: Scalar, const N: usize, const E: usize> GainLaw<T> for Chosen<T, N, E> {
     fn placed(&self) -> std::result::Result<(), DesignError> {
         of_gain!(&self.gain, law => law.placed())?;
         self.shape.as_ref().map_or(Ok(()), |shape| of_shape!(shape, law => law.placed()))
+    }
+    fn jumped(&self, memory: Self::Memory, e: T) -> Self::Memory {
+        self.both(
+            &memory,
+            |gain, of, out| of_gain!(gain, law => law.jumped(Memory::read(of), e).write(out)),
+            |_, of, out| out.copy_from_slice(of),
+        )
     }
     fn rate<const ORDER: usize>(&self, memory: &Self::Memory, e: T) -> Self::Memory {
         self.both(

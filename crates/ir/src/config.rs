@@ -191,9 +191,9 @@ impl Config {
         let spec = Spec::new(&self.observer, "observer")?;
         let kind = spec.text("kind")?;
         let moves = matches!(spec.get("gain"), Some(Value::Map(_)))
-            && spec.sub("gain")?.text("law")? != "constant";
+            && matches!(spec.sub("gain")?.text("law")?.as_str(), "adaptive" | "dead-zone");
         let Some(law) = Law::find(LAWS, &kind).filter(|_| moves) else {
-            let message = "start[\"r\"] is not allowed: the gain of this observer does not move";
+            let message = "start[\"r\"] is not allowed: this observer remembers no gain r";
             return Err(refused(message));
         };
         let sizes = Sizes { n, moves, ..Sizes::default() };

@@ -3,7 +3,7 @@
 
 use crate::Function;
 use crate::choices::{AnyMethod, AnyMotion, Manner, not_placed};
-use crate::error::Result;
+use crate::error::{Result, refused};
 use crate::order::MAX_INPUTS;
 use crate::table::Table;
 use crate::trace::{self, PlacedGains, Setting, Traced, inline, input, inputs, named, trace};
@@ -45,6 +45,10 @@ pub struct LawTables {
     stagger: Table,
     /// z → z within the set that the law lives in.
     pub(crate) admissible: Table,
+    /// (z, e) → z at a sample.
+    jumped: Table,
+    /// Whether that moves anything.
+    pub jumps: bool,
     /// If its eigenvalues are placed.
     pub(crate) placed: Option<PlacedTables>,
 }
@@ -108,11 +112,11 @@ impl<T: Scalar, const N: usize> Numbers<T> for [BlockGains<T, N>; 2] {
 /// Lengths of corrections whose gains are remembered.
 const RECENT: usize = 8;
 
-/// (time, memory) → gains.
-type GainsOfTime = dyn Fn(f64, &[f64]) -> Vec<f64> + Send + Sync;
+/// (time, innovation, memory) → gains.
+type GainsOfTime = dyn Fn(f64, f64, &[f64]) -> Vec<f64> + Send + Sync;
 
 /// The gains of a law's placed corrections, computed by the law itself: they depend on its coefficients,
-/// on the time that a correction is for and, where the gain moves, on the memory; on no model.
+/// on the time that a correction is for and, where the gain moves, on innovation and memory; on no model.
 pub struct Gains {
     pub count: usize,
     of: Box<GainsOfTime>,
@@ -125,14 +129,18 @@ impl Gains {
     fn new<T, L>(law: L, at: Placement) -> Result<Arc<Self>>
     where
         T: Scalar,
-        L: Injected<T, Gains: Numbers<T>, Poles: Send + Sync> + Send + Sync + 'static,
+        L: Injected<T, Innovation = T, Gains: Numbers<T>, Poles: Send + Sync>
+            + Send
+            + Sync
+            + 'static,
     {
         let poles = law.poles(at)?;
-        let of = move |length, memory: &[f64]| {
+        let of = move |length, e, memory: &[f64]| {
             // a constant gain has no memory in the table: its r stays as it begins
             let (mut z, mut memory) = (law.initial(), memory.iter());
             z.visit_mut(&mut |entry| *entry = memory.next().map_or(*entry, |of| T::from_f64(*of)));
-            let gains = law.gains(at, &poles, &z, T::from_f64(length)).numbers();
+            let (e, length) = (T::from_f64(e), T::from_f64(length));
+            let gains = law.gains(at, &poles, &z, &e, length).numbers();
             gains.into_iter().map(T::to_f64).collect()
         };
         Ok(Arc::new(Self { count: L::Gains::COUNT, of: Box::new(of), recent: Mutex::default() }))
@@ -146,8 +154,14 @@ impl Gains {
         single: impl FnOnce() -> Result<L32>,
     ) -> Result<Arc<Self>>
     where
-        L: Injected<f64, Gains: Numbers<f64>, Poles: Send + Sync> + Send + Sync + 'static,
-        L32: Injected<f32, Gains: Numbers<f32>, Poles: Send + Sync> + Send + Sync + 'static,
+        L: Injected<f64, Innovation = f64, Gains: Numbers<f64>, Poles: Send + Sync>
+            + Send
+            + Sync
+            + 'static,
+        L32: Injected<f32, Innovation = f32, Gains: Numbers<f32>, Poles: Send + Sync>
+            + Send
+            + Sync
+            + 'static,
     {
         if setting.single { Self::new(single()?, at) } else { Self::new(double()?, at) }
     }
@@ -162,7 +176,7 @@ impl Gains {
             into.copy_from_slice(known);
             return;
         }
-        let gains = (self.of)(length, &[]);
+        let gains = (self.of)(length, 0.0, &[]);
         into.copy_from_slice(&gains);
         if let Ok(mut recent) = self.recent.try_lock() {
             if recent.len() == RECENT {
@@ -173,11 +187,13 @@ impl Gains {
     }
 }
 
-/// Within a table: (time, memory) → gains.
+/// Within a table: (time, innovation, memory) → gains.
 impl Function for Gains {
     fn call(&self, arguments: &[f64]) -> Result<Vec<f64>> {
-        let (length, memory) = arguments.split_first().unwrap_or((&0.0, &[]));
-        Ok((self.of)(*length, memory))
+        match arguments {
+            [length, e, memory @ ..] => Ok((self.of)(*length, *e, memory)),
+            _ => Err(refused("gains are found from a time, an innovation and a memory")),
+        }
     }
 }
 
@@ -190,6 +206,7 @@ trait Law {
     fn injection(&self, z: &[Traced], e: &[Traced]) -> Vec<Traced>;
     fn stagger(&self, old: &[Traced], new: &[Traced], dt: Traced) -> Vec<Traced>;
     fn admissible(&self, z: &[Traced]) -> Vec<Traced>;
+    fn jumped(&self, z: &[Traced], e: &[Traced]) -> Vec<Traced>;
 }
 
 /// One whose eigenvalues can be placed.
@@ -199,7 +216,13 @@ trait PlacedLaw: Law {
     fn chain(&self, delta: &[Traced]) -> Vec<Traced>;
     fn shifted(&self, z: &[Traced], delta: &[Traced]) -> Vec<Traced>;
     /// For a time that is asked for once the poles are known.
-    fn gains(&self, at: Placement, z: &[Traced], dt: &dyn Fn() -> Traced) -> Result<Vec<Traced>>;
+    fn gains(
+        &self,
+        at: Placement,
+        z: &[Traced],
+        y: Traced,
+        dt: &dyn Fn() -> Traced,
+    ) -> Result<Vec<Traced>>;
     fn inject(&self, z: &[Traced], y: Traced, gains: &[Traced], dt: Traced) -> Vec<Traced>;
 }
 
@@ -229,6 +252,9 @@ where
     fn admissible(&self, z: &[Traced]) -> Vec<Traced> {
         flat(&self.0.admissible(L::State::read(z)))
     }
+    fn jumped(&self, z: &[Traced], e: &[Traced]) -> Vec<Traced> {
+        flat(&self.0.jumped(L::State::read(z), &L::Innovation::read(e)))
+    }
 }
 
 impl<L> PlacedLaw for Flat<L>
@@ -247,9 +273,15 @@ where
     fn shifted(&self, z: &[Traced], delta: &[Traced]) -> Vec<Traced> {
         flat(&self.0.shifted(&L::State::read(z), &L::Terms::read(delta)))
     }
-    fn gains(&self, at: Placement, z: &[Traced], dt: &dyn Fn() -> Traced) -> Result<Vec<Traced>> {
-        let poles = self.0.poles(at)?;
-        Ok(self.0.gains(at, &poles, &L::State::read(z), dt()).numbers())
+    fn gains(
+        &self,
+        at: Placement,
+        z: &[Traced],
+        y: Traced,
+        dt: &dyn Fn() -> Traced,
+    ) -> Result<Vec<Traced>> {
+        let (poles, z) = (self.0.poles(at)?, L::State::read(z));
+        Ok(self.0.gains(at, &poles, &z, &self.0.innovation(&z, y), dt()).numbers())
     }
     fn inject(&self, z: &[Traced], y: Traced, gains: &[Traced], dt: Traced) -> Vec<Traced> {
         let z = L::State::read(z);
@@ -369,6 +401,8 @@ impl LawTables {
             initial = build()?.initial().into_iter().map(Scalar::to_f64).collect();
             Ok(Vec::new())
         })?;
+        let jumped =
+            part(setting, &[("z", len), ("e", errors)], |of| Ok(build()?.jumped(&of[0], &of[1])))?;
         let moving = [("t", 1), ("z", len), ("e", errors), ("u", n_u)];
         let stagger = [("old", len), ("new", len), ("dt", 1)];
         Ok(Self {
@@ -386,6 +420,8 @@ impl LawTables {
             })?,
             stagger: part(setting, &stagger, |of| Ok(build()?.stagger(&of[0], &of[1], of[2][0])))?,
             admissible: part(setting, &[("z", len)], |of| Ok(build()?.admissible(&of[0])))?,
+            jumps: !jumped.operations.is_empty(),
+            jumped,
             placed: None,
         })
     }
@@ -421,15 +457,16 @@ impl LawTables {
                 return Ok(law.inject(z, y, &of[3], dt));
             }
             if let Some(gains) = &called {
-                let given = [&[dt], z].concat();
+                let e = law.innovation(z, y);
+                let given = [&[dt], e.as_slice(), z].concat();
                 let gains = trace::native(gains.clone(), &given, gains.count);
                 return Ok(law.inject(z, y, &gains, dt));
             }
             let PlacedGains::For(length) = setting.gains else {
-                return Ok(law.inject(z, y, &law.gains(at, z, &|| dt)?, dt));
+                return Ok(law.inject(z, y, &law.gains(at, z, y, &|| dt)?, dt));
             };
             let length = || Traced::from_f64(length);
-            let gains = law.gains(at, z, &length)?;
+            let gains = law.gains(at, z, y, &length)?;
             let length = length();
             let made = law.inject(z, y, &gains, length);
             if timing == Timing::Predictor {
@@ -621,6 +658,9 @@ impl ContinuousLaw<Traced> for Tabled<'_> {
     }
     fn admissible(&self, z: State) -> State {
         self.call(&self.tables.admissible, &[self.z(&z)])
+    }
+    fn jumped(&self, z: State, e: &Innovations) -> State {
+        self.call(&self.tables.jumped, &[self.z(&z), self.e(e)])
     }
     fn speed(&self, _: &State) -> Traced {
         Traced::ONE

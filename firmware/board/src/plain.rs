@@ -113,7 +113,7 @@ impl Observer<f32> for PlainZoh {
 fn zoh_parameters() -> Result<[f32; 3], DesignError> {
     let (law, dt) = (<Zoh2 as Case<f32>>::observer(|number| number as f32)?.law, 4e-4);
     let poles = law.poles(Placement::Exact)?;
-    let k = law.gains(Placement::Exact, &poles, &Memory::zero(), dt);
+    let k = law.gains(Placement::Exact, &poles, &Memory::zero(), &0.0, dt);
     Ok([k[0], k[1], dt])
 }
 

@@ -124,6 +124,15 @@ GAINS: dict[str, tuple[str, dict[str, Kind]]] = {
     "constant": ("ConstantGain", {"ell": NUMBER}),
     "adaptive": ("AdaptiveGain", {"p1": NUMBER, "p2": NUMBER, "b": NUMBER}),
     "dead-zone": ("DeadZoneGain", {"p1": NUMBER, "p2": NUMBER, "b": NUMBER}),
+    "homogeneous": ("HomogeneousGain", {"rho": NUMBER, "degree": NUMBER, "mu": NUMBER}),
+    "switched": (
+        "SwitchedGain",
+        {"fast": NUMBER, "slow": NUMBER, "zone": NUMBER, "delay": NUMBER},
+    ),
+    "prescribed-time": (
+        "PrescribedTimeGain",
+        {"mu0": NUMBER, "deadline": NUMBER, "r_max": NUMBER},
+    ),
 }
 """`gain = { law = ... }`: the class behind each law, and its keys."""
 
@@ -133,10 +142,14 @@ SHAPES: dict[str, tuple[str, dict[str, Kind]]] = {
     "dead-zone": ("DeadZone", _THRESHOLD),
     "piecewise-linear": ("PiecewiseLinear", {"ratio": NUMBER, "zone": NUMBER}),
     "fal": ("Fal", {"alpha": NUMBERS, "delta": NUMBER}),
+    "bi-homogeneous": (
+        "BiHomogeneous",
+        {"near": NUMBER, "far": NUMBER, "kappa": NUMBERS, "theta": NUMBERS},
+    ),
 }
 """`shape = { law = ... }`, the same."""
 
-OPTIONAL = ("sigma0",)
+OPTIONAL = ("sigma0", "mu", "delay")
 """Keys of a law that may be left out."""
 
 MODELS: dict[str, tuple[str, dict[str, Kind]]] = {

@@ -24,6 +24,7 @@ from .adaptation import (
 from .coefficients import (
     LowPowerCoefficients,
     companion,
+    levant_coefficients,
     low_power_coefficients,
     low_power_matrix,
     low_power_polynomial,
@@ -97,6 +98,7 @@ __all__ = [
     "innovation_gain",
     "largest_noise",
     "largest_real_part",
+    "levant_coefficients",
     "lipschitz_constant",
     "lmi_step",
     "low_power_coefficients",

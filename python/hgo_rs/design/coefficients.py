@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hgo_rs.errors import DesignError, check, explain
+from hgo_rs.errors import DesignError, check, check_integer, explain
 from hgo_rs.reference import polynomial as maths
 
 from . import _checks
@@ -154,6 +154,22 @@ def low_power_coefficients(
         DesignError,
     )
     return LowPowerCoefficients(alpha, beta)
+
+
+_LEVANT = (1.1, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 12.0)
+
+
+def levant_coefficients(n: int) -> Array:
+    """k of Levant's differentiator of order n = 2 ... 8, (n,): with `HomogeneousGain.levant(L, n)`.
+
+    kappa_(n-1) = lambda_(n-1), kappa_j = lambda_j kappa_(j+1)^(j/(j+1)), k_i = kappa_(n-i), with
+    lambda = 1.1, 1.5, 2, 3, 5, 7, 10, 12.  Levant and Livne, European J. Control 55 (2020).
+    """
+    n = check_integer(n, "n", least=2, most=len(_LEVANT), error=DesignError)
+    k = [_LEVANT[n - 1]]
+    for j in range(n - 2, -1, -1):
+        k.append(_LEVANT[j] * k[-1] ** (j / (j + 1)))
+    return np.asarray(k)
 
 
 def low_power_polynomial(alpha: ArrayLike, beta: ArrayLike) -> Array:

@@ -55,6 +55,16 @@ DEFAULT_METHOD = "zoh"
 DEFAULT_TIMING = "current"
 """The timing of a class where it is left open."""
 
+GAIN_LAWS = (
+    "constant",
+    "adaptive",
+    "dead-zone",
+    "homogeneous",
+    "switched",
+    "prescribed-time",
+)
+"""Gain laws by their words in specs."""
+
 CORRECTING = ("zoh", "bilinear")
 """Methods that correct by the sample, then move: stable for any step."""
 
@@ -418,7 +428,18 @@ def timing(observer: Mapping[str, Any]) -> str:
 def _frozen(observer: Mapping[str, Any], gain: float | None) -> float:
     """The gain at which a law is linear."""
     given = member(observer, "gain")
-    if choice(given, "law", ("constant", "adaptive", "dead-zone")) == "constant":
+    law = choice(given, "law", GAIN_LAWS)
+    shape = observer.get("shape")
+    if shape is not None and shape["law"] == "bi-homogeneous":
+        allowed = "one that is linear at small innovations"
+        raise DesignError(explain("shape.law", shape["law"], allowed, "simulate it"))
+    if law == "homogeneous" and given.get("degree") != 0.0:
+        remedy = "its gain has no bound at e = 0: no linear law describes it; simulate it"
+        allowed = "one that is linear at small innovations"
+        raise DesignError(explain("gain.law", law, allowed, remedy))
+    if law == "homogeneous":
+        return _checks.positive(member(given, "rho"), "gain.rho")
+    if law == "constant":
         remedy = "set the gain itself"
         _checks.demand(gain is None, "gain", gain, "left out for a constant gain", remedy)
         return _checks.positive(member(given, "ell"), "gain.ell")

@@ -21,7 +21,7 @@ from hgo_rs.laws import LAWS
 
 from . import _checks
 from ._checks import Array
-from .discrete import CORRECTING, Steps, Unit, choice, member, method, timing, unit
+from .discrete import CORRECTING, GAIN_LAWS, Steps, Unit, choice, member, method, timing, unit
 
 _ROUNDED = 200.0
 _SATURATED = {
@@ -85,6 +85,8 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
       saturations are active.  For a complex pair of E_1 forward Euler's limit is alpha_1/beta_1.
     - collection, modified: copies that are alike, and their differences (if these decay in
       continuous time: else no step is to blame).
+    - a gain that switches or has a deadline: at its largest.  homogeneous, in gain or shape: none;
+      the last state chatters by about 2 dt k_n rho^n.
     - a shape: at its steepest slope; a threshold sigma must not fall below 0 in one step,
       dt < 1/decay.
     - zoh: none.  bilinear: |lambda| dt < 200, where rounding takes over.  peaking-free: bounded at
@@ -141,9 +143,14 @@ def _saturated(of: dict[str, Any], rule: str, now: str) -> dict[str, float]:
 def _limit(observer: Mapping[str, Any], rule: str, parts: dict[str, float]) -> StepLimit:
     """The limit in dt, from the gain law."""
     gain = member(observer, "gain")
-    law = choice(gain, "law", ("constant", "adaptive", "dead-zone"))
-    ell = _checks.positive(member(gain, "ell"), "gain.ell") if law == "constant" else 1.0
+    law = choice(gain, "law", GAIN_LAWS)
+    if law == "homogeneous":  # its gain is without bound at e = 0: bounded chatter, no limit
+        parts = {"homogeneous": math.inf}
     shape = observer.get("shape")
+    if shape is not None and shape["law"] == "bi-homogeneous":
+        parts = {"bi-homogeneous": math.inf}
+    largest = {"constant": "ell", "switched": "fast", "prescribed-time": "r_max"}.get(law)
+    ell = _checks.positive(member(gain, largest), f"gain.{largest}") if largest else 1.0
     if shape is not None and "decay" in shape:
         parts = {**parts, "threshold": ell / _checks.positive(shape["decay"], "shape.decay")}
     c = min(parts.values())

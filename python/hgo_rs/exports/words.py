@@ -94,6 +94,15 @@ def parameters_of(spec: Mapping[str, Any]) -> list[tuple[str, float]]:
     return list(zip(_own_names(spec).get("parameters", ()), values, strict=True))
 
 
+OF_GAIN = {
+    "adaptive": ("r", "gain"),
+    "dead-zone": ("r", "gain"),
+    "switched": ("quiet", "time since the last large innovation, s"),
+    "prescribed-time": ("clock", "time since the start, s"),
+}
+"""What gain laws remember."""
+
+
 def memory_words(observer: Observer) -> list[tuple[str, str]]:
     """A name and a meaning for every entry of the memory."""
     n, spec = observer.n, observer.spec
@@ -127,8 +136,8 @@ def _rest_of(spec: Mapping[str, Any], states: Sequence[str], count: int) -> list
     if spec["kind"] in ("low-power", "peaking-free"):
         words += [(f"eta_{word}", f"auxiliary state, follows {word}") for word in states[1:]]
     gain = spec.get("gain")
-    if isinstance(gain, Mapping) and gain["law"] != "constant":
-        words.append(("r", "gain"))
+    if isinstance(gain, Mapping) and gain["law"] in OF_GAIN:
+        words.append(OF_GAIN[gain["law"]])
     threshold = [("sigma", "squared threshold of the shape")]
     threshold *= "decay" in (spec.get("shape") or ())
     last = [("elapsed", ELAPSED)] if spec.get("timing") == "current" else []

@@ -10,7 +10,10 @@ from hgo_rs.observers.gains import (
     ConstantGain,
     DeadZoneGain,
     FixedStep,
+    HomogeneousGain,
+    PrescribedTimeGain,
     StochasticApproximation,
+    SwitchedGain,
 )
 from hgo_rs.observers.gaps import gap_bound
 from hgo_rs.observers.high_gain_ekf import HighGainEKF
@@ -20,7 +23,7 @@ from hgo_rs.observers.reduced_order import ReducedOrderObserver
 from hgo_rs.observers.result import Gap, RunResult
 from hgo_rs.observers.sampled_data import SampledDataObserver
 from hgo_rs.observers.several_outputs import MultiOutputObserver
-from hgo_rs.observers.shapes import DeadZone, Fal, PiecewiseLinear, Shape, Stubborn
+from hgo_rs.observers.shapes import BiHomogeneous, DeadZone, Fal, PiecewiseLinear, Shape, Stubborn
 from hgo_rs.observers.standard import StandardObserver
 from hgo_rs.observers.turns import TurnWarning
 
@@ -28,6 +31,7 @@ __all__ = [
     "METHODS",
     "TIMINGS",
     "AdaptiveGain",
+    "BiHomogeneous",
     "ConstantGain",
     "CopiesMetWarning",
     "DeadZone",
@@ -37,12 +41,14 @@ __all__ = [
     "Gap",
     "HighGainEKF",
     "HighGainObserver",
+    "HomogeneousGain",
     "LowPowerObserver",
     "ModifiedObserver",
     "MultiOutputObserver",
     "Observer",
     "PeakingFreeObserver",
     "PiecewiseLinear",
+    "PrescribedTimeGain",
     "ReducedOrderObserver",
     "RepelledCollection",
     "RunResult",
@@ -51,6 +57,7 @@ __all__ = [
     "StandardObserver",
     "StochasticApproximation",
     "Stubborn",
+    "SwitchedGain",
     "TurnWarning",
     "gap_bound",
 ]

@@ -21,11 +21,11 @@ from hgo_rs.design.discrete import (
 from hgo_rs.errors import HgoError, check, check_choice, check_integer, check_number, explain
 from hgo_rs.laws import Law
 from hgo_rs.models import Ship, System, Unknown
-from hgo_rs.observers.gains import AdaptiveGain, ConstantGain, DeadZoneGain
+from hgo_rs.observers.gains import ConstantGain, GainLaw, HomogeneousGain
 from hgo_rs.observers.records import vector
-from hgo_rs.observers.shapes import Fal, Shape
+from hgo_rs.observers.shapes import BiHomogeneous, Fal, Shape
 
-Gain = float | ConstantGain | AdaptiveGain | DeadZoneGain
+Gain = float | GainLaw
 Poles = Sequence[complex] | npt.ArrayLike
 
 
@@ -125,9 +125,10 @@ def shape_spec(shape: Any, law: Law, n: int, method: str) -> dict[str, Any]:
         check(
             method not in CORRECTING, "method", method, "a method of rates, such as 'rk4'", remedy
         )
-    if isinstance(shape, Fal):
-        remedy = "one exponent for each state"
-        check(len(shape.alpha) == n, "alpha", shape.alpha, f"{n} numbers", remedy)
+    name = {Fal: "alpha", BiHomogeneous: "kappa"}.get(type(shape))
+    if name is not None:
+        values = getattr(shape, name)
+        check(len(values) == n, name, values, f"{n} numbers", "give one for each state")
     return {"shape": shape.spec}
 
 
@@ -174,12 +175,18 @@ def hurwitz(k: list[float]) -> list[float]:
     return k
 
 
-def gain(gain: Gain | None, epsilon: float | None) -> dict[str, Any]:
+def gain(
+    gain: Gain | None, epsilon: float | None, law: Law | None = None, n: int = 2
+) -> dict[str, Any]:
     if (gain is None) == (epsilon is None):
         raise HgoError("gain: give either gain [1/s] or epsilon = 1/gain [s]")
     if epsilon is not None:
         return ConstantGain.from_epsilon(epsilon).spec
-    if isinstance(gain, (ConstantGain, AdaptiveGain, DeadZoneGain)):
+    if isinstance(gain, HomogeneousGain) and law is not None:
+        remedy = "this gain is made for the standard law from order 2 on"
+        allowed = f"another gain law for the {law.title} of order {n}"
+        check(law.kind == "standard" and n > 1, "gain", gain, allowed, remedy)
+    if isinstance(gain, GainLaw):
         return gain.spec
     return ConstantGain(check_number(gain, "gain", above=0.0)).spec
 

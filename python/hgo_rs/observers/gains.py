@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hgo_rs.errors import check_number
+from hgo_rs.errors import check_integer, check_number
 from hgo_rs.read_only import Described
 
 
@@ -52,6 +52,99 @@ class DeadZoneGain(_Adaptation):
     """r' = p1 max(0, (y_hat - y)^2 - p2) r^(1-2b). Sanfelice and Praly (4). r never decreases."""
 
     _kind = ("law", "dead-zone")
+
+
+@dataclass(frozen=True)
+class HomogeneousGain(Described):
+    """r(e) = rho |e|^p (1 + mu |e|), p = degree/(1 - (n - 1) degree), for order n >= 2. Levant.
+
+    Int. J. Control 76 (2003) 924. With `degree` -1 the standard observer is Levant's
+    differentiator (`HomogeneousGain.levant`): exact without noise in finite time where |phi| <= L;
+    with mu > 0 the uniform one. With `degree` 0 it is the constant gain `rho` [1/s]. Coefficients
+    of the literature: `hgo_rs.design.levant_coefficients(n)`.
+
+    Parameters
+    ----------
+    rho : float
+        Scale > 0.
+    degree : float
+        Homogeneity degree in [-1, 0].
+    mu : float
+        >= 0, in 1 over the output's unit: what makes large errors end in a bounded time.
+    """
+
+    _kind = ("law", "homogeneous")
+
+    rho: float
+    degree: float = -1.0
+    mu: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_number(self.rho, "rho", above=0.0)
+        check_number(self.degree, "degree", least=-1.0, most=0.0)
+        check_number(self.mu, "mu", least=0.0)
+
+    @classmethod
+    def levant(cls, bound: float, n: int) -> HomogeneousGain:
+        """Degree -1 and rho = L^(1/n), L = `bound` >= |phi|, the n-th derivative of the output."""
+        bound = check_number(bound, "bound", above=0.0)
+        return cls(bound ** (1.0 / check_integer(n, "n", least=2, most=12)))
+
+
+@dataclass(frozen=True)
+class SwitchedGain(Described):
+    """`fast` while |e| > `zone` or was so within the last `delay`, then `slow`. Ahrens, Khalil.
+
+    Automatica 45 (2009) 936. `fast` >= `slow` > 0 [1/s], `zone` > 0 [the output's unit], `delay`
+    >= 0 [s], which keeps a zero crossing of e from switching too early.
+    """
+
+    _kind = ("law", "switched")
+
+    fast: float
+    slow: float
+    zone: float
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_number(self.fast, "fast", above=0.0)
+        remedy = "the gain at rest is the smaller one"
+        check_number(self.slow, "slow", above=0.0, most=float(self.fast), remedy=remedy)
+        check_number(self.zone, "zone", above=0.0)
+        check_number(self.delay, "delay", least=0.0)
+
+
+@dataclass(frozen=True)
+class PrescribedTimeGain(Described):
+    """r(t) = mu0/(deadline - t) until it reaches `r_max` [1/s], then r_max. Holloway, Krstic.
+
+    IEEE TAC 64 (2019) 3905. t counts from the observer's start. Without noise the errors vanish
+    towards the `deadline` [s], whatever the start, if all poles lie left of -(n - 1)/mu0 after
+    subtracting diag(0, ..., n - 1)/mu0 from A - k C.
+    """
+
+    _kind = ("law", "prescribed-time")
+
+    mu0: float
+    deadline: float
+    r_max: float
+
+    def __post_init__(self) -> None:
+        check_number(self.mu0, "mu0", above=0.0)
+        check_number(self.deadline, "deadline", above=0.0)
+        remedy = "above mu0/deadline, where the gain begins"
+        check_number(
+            self.r_max, "r_max", above=float(self.mu0) / float(self.deadline), remedy=remedy
+        )
+
+
+GainLaw = (
+    ConstantGain | AdaptiveGain | DeadZoneGain | HomogeneousGain | SwitchedGain | PrescribedTimeGain
+)
+"""Every gain law."""
+
+WITH_R = ("adaptive", "dead-zone")
+"""Those that remember their gain r >= 1."""
 
 
 @dataclass(frozen=True)

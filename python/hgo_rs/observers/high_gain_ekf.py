@@ -15,6 +15,7 @@ from hgo_rs.models import System
 from hgo_rs.observers import arguments
 from hgo_rs.observers.arguments import Gain
 from hgo_rs.observers.base import Observer
+from hgo_rs.observers.gains import WITH_R
 from hgo_rs.observers.records import Array
 from hgo_rs.observers.turns import turn
 
@@ -95,6 +96,7 @@ class HighGainEKF(Observer):
         if theta is not None:
             gain = check_number(theta, "theta", least=1.0, remedy="1 is the extended Kalman filter")
         gain_law = arguments.gain(gain, None)
+        check_choice("gain", gain_law["law"], ("constant", *WITH_R))
         if gain_law["law"] == "constant":
             remedy = "1 is the extended Kalman filter"
             check(gain_law["ell"] >= 1.0, "theta", gain_law["ell"], ">= 1", remedy)

@@ -73,7 +73,7 @@ class HighGainObserver(Observer):
         n = arguments.order(
             n, least=arguments.LEAST.get(kind, min(law.orders)), most=max(law.orders)
         )
-        gain_law = arguments.gain(gain, epsilon)
+        gain_law = arguments.gain(gain, epsilon, law, n)
         coefficients = arguments.of_law(law, n, poles, entries)
         if method is None:
             method = arguments.usual_method(law, gain_law, shape)

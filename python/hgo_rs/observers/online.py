@@ -14,6 +14,7 @@ from hgo_rs.errors import HgoError, check, check_array, check_choice, check_numb
 from hgo_rs.laws import LAWS
 from hgo_rs.models import Model, System
 from hgo_rs.models.own.callables import runnable
+from hgo_rs.observers.gains import WITH_R
 from hgo_rs.observers.records import MARK, Array, check_inputs, check_samples, inputs, vector
 from hgo_rs.observers.turns import turns_of
 from hgo_rs.read_only import ReadOnlyDict
@@ -122,7 +123,9 @@ class OnlineObserver(_core.Online):
 
     @property
     def gain(self) -> float | None:
-        """The gain ell, or r where it moves; None for laws without one."""
+        """The gain ell, or r where it is remembered; None for laws without one, and for gains of
+        the innovation or of a clock.
+        """
         index = self._gain_index()
         if index is not None:
             return float(self.memory[index])
@@ -131,7 +134,7 @@ class OnlineObserver(_core.Online):
 
     def gains(self, memory: npt.ArrayLike) -> Array | None:
         """The gain that acts, for memories (..., m): r, or ell (one number shown many times, which
-        cannot be written to); None for laws without one.
+        cannot be written to); None as for `gain`.
         """
         values = np.asarray(memory, dtype=float)
         index = self._gain_index()
@@ -143,8 +146,7 @@ class OnlineObserver(_core.Online):
     def _gain_index(self) -> int | None:
         """Where r stands in the memory."""
         law = self.spec.get("gain")
-        moves = isinstance(law, dict) and law["law"] != "constant"
-        if not moves:
+        if not (isinstance(law, dict) and law["law"] in WITH_R):
             return None
         row = LAWS[self.spec["kind"]]
         m = self.spec[row.size[0]] if row.size else 0
@@ -403,7 +405,9 @@ def _lift(spec: dict[str, Any]) -> float:
     """By how much estimates may exceed the samples before a run counts as diverged: start-up peaks
     reach ell^(n-1), Astolfi et al."""
     law, n = spec.get("gain"), spec.get("n", 1)
-    ell = law["ell"] if isinstance(law, dict) and "ell" in law else 1.0
+    largest = ("ell", "fast", "r_max", "rho")
+    given = [law[key] for key in largest if key in law] if isinstance(law, dict) else []
+    ell = given[0] if given else 1.0
     with np.errstate(over="ignore"):
         lifts = [float(np.power(max(1.0, ell), n)), *map(_lift, spec.get("observers", ()))]
     return max(lifts)

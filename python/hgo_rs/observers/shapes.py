@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from hgo_rs.errors import check, check_number
 from hgo_rs.read_only import Described
@@ -46,7 +46,7 @@ class Stubborn(_Threshold):
     def __post_init__(self) -> None:
         super().__post_init__()
         remedy = "below decay every slow correction is weakened"
-        check_number(self.growth, "growth", least=self.decay, remedy=remedy)
+        check_number(self.growth, "growth", least=float(self.decay), remedy=remedy)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class DeadZone(_Threshold):
     def __post_init__(self) -> None:
         super().__post_init__()
         remedy = "from decay on a steady error is never injected"
-        check_number(self.growth, "growth", least=0.0, below=self.decay, remedy=remedy)
+        check_number(self.growth, "growth", least=0.0, below=float(self.decay), remedy=remedy)
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,16 @@ class PiecewiseLinear(Shape):
         check_number(self.zone, "zone", above=0.0)
 
 
+def _numbers(values: Any, name: str, **limits: Any) -> tuple[float, ...]:
+    """Numbers within limits, one for each state."""
+    try:
+        given = tuple(float(value) for value in values)
+    except (TypeError, ValueError):
+        given = ()
+    check(bool(given), name, values, "numbers, one for each state", "give them in a tuple")
+    return tuple(check_number(value, name, **limits) for value in given)
+
+
 @dataclass(frozen=True)
 class Fal(Shape):
     """v_i = fal(e, alpha_i, delta). Han, IEEE TIE 56 (2009) 900.
@@ -100,13 +110,38 @@ class Fal(Shape):
     delta: float
 
     def __post_init__(self) -> None:
-        allowed, remedy = "numbers in (0, 1], one for each state", "take 1, 1/2, 1/4"
-        try:
-            exponents = tuple(float(alpha) for alpha in self.alpha)
-        except (TypeError, ValueError):
-            exponents = ()
-        check(bool(exponents), "alpha", self.alpha, allowed, remedy)
-        for alpha in exponents:
-            check_number(alpha, "alpha", above=0.0, most=1.0, remedy=remedy)
-        object.__setattr__(self, "alpha", exponents)
+        object.__setattr__(self, "alpha", _numbers(self.alpha, "alpha", above=0.0, most=1.0))
         check_number(self.delta, "delta", above=0.0)
+
+
+@dataclass(frozen=True)
+class BiHomogeneous(Shape):
+    """One homogeneity degree near 0, `near`, another far away, `far`. Andrieu, Praly, Astolfi.
+
+    SIAM J. Control Optim. 47 (2008) 1814; Cruz-Zavala and Moreno, IEEE TAC 64 (2019).
+    v_1 = phi_1(e), v_i = phi_i(v_(i-1)), phi_i(s) = kappa_i s^p_i + theta_i s^q_i with signed
+    powers, p_i = (1 - (n-i-1) near)/(1 - (n-i) near), q_i the same with `far`. -1 <= near <= far
+    < 1/(n - 1); `kappa`, `theta` >= 0, one for each state, not both 0. With near = -1 and far > 0
+    the errors vanish in a time that no start exceeds; large steps and large errors do not go
+    together, since the gain grows with the error.
+    """
+
+    alike = False
+    _kind = ("law", "bi-homogeneous")
+
+    near: float
+    far: float
+    kappa: tuple[float, ...]
+    theta: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        check_number(self.far, "far", least=-1.0)
+        check_number(self.near, "near", least=-1.0, most=float(self.far))
+        for name in ("kappa", "theta"):
+            values = _numbers(getattr(self, name), name, least=0.0)
+            object.__setattr__(self, name, values)
+        remedy = "give both one number for each state, not both of them 0"
+        both = list(zip(self.kappa, self.theta, strict=False))
+        fits = len(self.kappa) == len(self.theta) and all(k + t > 0.0 for k, t in both)
+        check(fits, "kappa, theta", (self.kappa, self.theta), "of one length, sums > 0", remedy)
+        check_number(float(self.far) * (len(both) - 1), "far (n - 1)", below=1.0)

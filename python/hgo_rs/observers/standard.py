@@ -23,8 +23,9 @@ class StandardObserver(HighGainObserver):
     ----------
     n : int
         Order, 1 to 12.
-    gain : float, ConstantGain, AdaptiveGain or DeadZoneGain
-        High gain ell [1/s] or the law that moves it.
+    gain : float or a gain law
+        High gain ell [1/s], or the law that moves it: `AdaptiveGain`, `DeadZoneGain`,
+        `HomogeneousGain`, `SwitchedGain`, `PrescribedTimeGain`.
     epsilon : float, optional
         1/ell [s], in place of `gain`.
     poles : n numbers, optional
@@ -34,7 +35,7 @@ class StandardObserver(HighGainObserver):
         The coefficients themselves, in place of `poles`.
     shape : Shape, optional
         What is injected in the place of the innovation: `Stubborn`, `DeadZone`, `PiecewiseLinear`,
-        `Fal`. Default: the innovation itself.
+        `Fal`, `BiHomogeneous`. Default: the innovation itself.
     model : System, optional
         What is known of the system. Default: nothing, phi = 0.
     method : str, optional

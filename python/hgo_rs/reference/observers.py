@@ -16,7 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 from . import covariance, integrate
 from . import motion as moving
 from .error import Array, Spec, choice, fail, integer, known, member, number, vector
-from .gain import AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw, gain_from
+from .gain import (
+    AdaptiveGain,
+    ConstantGain,
+    DeadZoneGain,
+    GainLaw,
+    HomogeneousGain,
+    SwitchedGain,
+    gain_from,
+)
 from .models import Chain, Own, Plant, Ship, VanDerPol, plant_from
 from .placement import BILINEAR_LIMIT, PLACED, ahead, chain_gains, low_power_gains
 from .polynomial import is_hurwitz, low_power_polynomial
@@ -105,6 +113,8 @@ class ContinuousLaw(Law):
     model: Plant
     motion = ("held", 1)  # how the model moves between placed corrections, steps a period
     gain_rows: tuple[int, ...] = ()  # where in the memory gains r >= 1 stand
+    gain: Any
+    gain_at: int | None = None  # where what a gain law remembers stands
     shape: Shape | None = None
     shape_row: int | None = None  # where its threshold sigma >= 0 stands
 
@@ -139,6 +149,47 @@ class ContinuousLaw(Law):
         if self.shape_row is not None:
             np.maximum(memory[self.shape_row], 0.0, out=memory[self.shape_row])
 
+    def driven_by(self, at: int, *, alone: bool = True) -> None:
+        """Where the gain law's memory stands; `alone`: the standard law, which any law drives."""
+        if isinstance(self.gain, HomogeneousGain) and not alone:
+            raise fail("observer.gain", "homogeneous", "of kind standard", "choose another gain")
+        self.memory_len = at + self.gain.moves
+        self.gain_at = at if self.gain.moves else None
+        self.gain_rows = (at,) if self.gain.least is not None else ()
+
+    def acting(self, memory: Array, e: Array) -> Array | None:
+        """The gain that acts, (runs,); None for one that is folded into the coefficients."""
+        if isinstance(self.gain, ConstantGain):
+            return None
+        return self.gain.moving(memory[self.gain_at or 0], e)
+
+    def gain_rate(self, memory: Array, e: Array, out: Array, *, driven_only: bool = False) -> None:
+        """d(memory)/dt of gain law and threshold, into `out`; or what of it is due to e."""
+        zero = np.zeros_like(e)
+        if self.gain_at is not None:
+            now = memory[self.gain_at]
+            rate = self.gain.rate(now, e, self.n)
+            out[self.gain_at] = rate - self.gain.rate(now, zero, self.n) if driven_only else rate
+        if self.shape_row is not None:
+            rate = self.threshold(memory, e)
+            out[self.shape_row] = rate - self.threshold(memory, zero) if driven_only else rate
+
+    def gain_moved(self, memory: Array, e: Array, new: Array, dt: float, driven_only: bool) -> None:
+        """`new` with these entries moved over dt."""
+        rate = np.zeros_like(memory)
+        self.gain_rate(memory, e, rate, driven_only=driven_only)
+        for row in (self.gain_at, self.shape_row):
+            if row is not None:
+                new[row] += dt * rate[row]
+
+    def jumped(self, memory: Array, y: Array) -> Array:
+        """The memory at a sample, before its step."""
+        if self.gain_at is None or not isinstance(self.gain, SwitchedGain):
+            return memory
+        new = memory.copy()
+        new[self.gain_at] = self.gain.jumped(memory[self.gain_at], self.innovation(memory, y))
+        return new
+
     def wear(self, spec: Spec, *, rows: bool = False) -> None:
         """The shape of the spec, its threshold the last entry of the memory; `rows`: whether the
         rows of the injection may differ.
@@ -165,13 +216,10 @@ class ContinuousLaw(Law):
         """d(sigma)/dt, (runs,)."""
         return np.asarray(self.shape.rate(memory[self.shape_row], e))  # type: ignore[union-attr]
 
-    def threshold_driven(self, memory: Array, e: Array) -> Array:
-        """What of it is due to e."""
-        return self.threshold(memory, e) - self.threshold(memory, np.zeros_like(e))
-
     def step(self, memory: Array, y: Array, u: Array | None, t: float, dt: float) -> Array:
         """One step of the scheme with y held; of a placed method, correct over dt, then predict."""
         method = self.method
+        memory = self.jumped(memory, y)
         if method in PLACED:
             return self.moved(self.corrected(memory, y, dt), u, t, dt)
         if method == "euler" or method == "staggered-euler":
@@ -198,6 +246,7 @@ class ContinuousLaw(Law):
 
     def corrected(self, memory: Array, y: Array, dt: float) -> Array:
         """What the sample injects for the time ``dt`` > 0 that it ends: by Euler, or placed."""
+        memory = self.jumped(memory, y)
         e = self.innovation(memory, y)
         if self.method in PLACED:
             new = self.place(memory, e, dt)
@@ -306,13 +355,12 @@ class StandardObserver(ContinuousLaw):
     def __init__(self, spec: Spec, chain: Chain | None = None) -> None:
         self.n = _order(spec)
         self.k = _coefficients(spec, self.n)
-        self.gain: GainLaw = gain_from(member(spec, "gain", "observer"))
+        self.gain: GainLaw = gain_from(member(spec, "gain", "observer"), self.n)
         self.model = _model(spec, self.n, chain)
         self.may_be_undefined = self.model.kind == "own"
         self.n_u = self.model.n_u
         self.method, self.motion = _method(spec), moving.motion_from(spec, "observer")
-        self.memory_len = self.n + self.gain.moves
-        self.gain_rows = (self.n,) if self.gain.moves else ()
+        self.driven_by(self.n)
         if isinstance(self.gain, ConstantGain):
             powers = self.gain.ell ** np.arange(1, self.n + 1)
             self._injection = (self.k * powers)[:, None]  # k_i ell^i
@@ -342,22 +390,15 @@ class StandardObserver(ContinuousLaw):
         """Astolfi (2); Sanfelice, Praly (5), (6)."""
         n, v = self.n, self.shaped(memory, e)
         rate = np.empty_like(memory)
-        rate[:n] = self.driven(memory[:n], v, memory[n] if self.gain.moves else None, u, t)
-        if self.gain.moves:
-            rate[n] = self.gain.rate(memory[n], e, n)
-        if self.shape_row is not None:
-            rate[self.shape_row] = self.threshold(memory, e)
+        rate[:n] = self.driven(memory[:n], v, self.acting(memory, e), u, t)
+        self.gain_rate(memory, e, rate)
         return rate
 
     def injection(self, memory: Array, e: Array) -> Array:
         """Of x_hat k_i g^i v; of r and sigma what their rates have of e."""
         n, v, rate = self.n, self.shaped(memory, e), np.empty_like(memory)
-        x_hat, r = memory[:n], memory[n] if self.gain.moves else None
-        rate[:n] = in_unit(self.model, x_hat, self.injected(v, r))
-        if r is not None:
-            rate[n] = driven(self.gain, r, e, n)
-        if self.shape_row is not None:
-            rate[self.shape_row] = self.threshold_driven(memory, e)
+        rate[:n] = in_unit(self.model, memory[:n], self.injected(v, self.acting(memory, e)))
+        self.gain_rate(memory, e, rate, driven_only=True)
         return rate
 
     def terms(self, memory: Array, u: Array | None, t: float) -> Array:
@@ -372,10 +413,7 @@ class StandardObserver(ContinuousLaw):
         """x_hat along the chain; r without a sample."""
         n, new = self.n, memory.copy()
         new[:n] += ahead(self.chain(memory[:n]) + f, dt)
-        if self.gain.moves:
-            new[n] += dt * self.gain.rate(memory[n], np.zeros_like(memory[n]), n)
-        if self.shape_row is not None:
-            new[self.shape_row] += dt * self.threshold(memory, np.zeros_like(memory[0]))
+        self.gain_moved(memory, np.zeros_like(memory[0]), new, dt, False)
         return new
 
     def shifted(self, memory: Array, delta: Array) -> Array:
@@ -386,15 +424,14 @@ class StandardObserver(ContinuousLaw):
         """x_hat + K v."""
         n, new, v = self.n, memory.copy(), self.shaped(memory, e)
         powers = np.arange(1, n + 1)
-        if self.shape_row is not None:
-            new[self.shape_row] += dt * self.threshold_driven(memory, e)
+        self.gain_moved(memory, e, new, dt, True)
         if isinstance(self.gain, ConstantGain):
             k = chain_gains(self.k * self.gain.ell**powers, dt, self.method)
             new[:n] += in_unit(self.model, memory[:n], k[:, None] * v)
             return new
-        gains = [chain_gains(self.k * r**powers, dt, self.method) for r in memory[n]]
+        acting = self.gain.moving(memory[self.gain_at or 0], e)
+        gains = [chain_gains(self.k * r**powers, dt, self.method) for r in acting]
         new[:n] += in_unit(self.model, memory[:n], np.array(gains).T * v)
-        new[n] += dt * driven(self.gain, memory[n], e, n)
         return new
 
     def lift(self, old: Array, new: Array, dt: float) -> None:
@@ -437,13 +474,12 @@ class LowPowerObserver(ContinuousLaw):
                 "such that M_n is Hurwitz (low-power stability requirement)",
                 "take low_power_coefficients_from_poles",
             )
-        self.gain: GainLaw = gain_from(member(spec, "gain", "observer"))
+        self.gain: GainLaw = gain_from(member(spec, "gain", "observer"), n)
         self.model = _model(spec, n, chain)
         self.may_be_undefined = self.model.kind == "own"
         self.n_u = self.model.n_u
         self.method, self.motion = _method(spec), moving.motion_from(spec, "observer")
-        self.memory_len = 2 * n - 1 + self.gain.moves
-        self.gain_rows = (2 * n - 1,) if self.gain.moves else ()
+        self.driven_by(2 * n - 1, alone=False)
         self._injections: tuple[Array, Array] | None = None
         if isinstance(self.gain, ConstantGain):
             self._injections = self._scaled(self.gain.ell)
@@ -467,7 +503,9 @@ class LowPowerObserver(ContinuousLaw):
         n = self.n
         x_hat, eta = memory[:n], memory[n : 2 * n - 1]
         passed = self.limit(eta)
-        alpha_ell, beta_ell2 = self._injections or self._scaled(memory[2 * n - 1])
+        alpha_ell, beta_ell2 = self._injections or self._scaled(
+            self.gain.moving(memory[self.gain_at or 0], e)
+        )
         e_all = np.empty_like(x_hat)
         e_all[0] = self.shaped(memory, e)  # e_1 = y - x_hat_1
         np.subtract(passed, x_hat[1:], out=e_all[1:])  # e_i = eta_{i-1} - x_hat_i
@@ -482,26 +520,21 @@ class LowPowerObserver(ContinuousLaw):
         if f is not None:
             x_rate += f  # x_hat_n' = phi_s + alpha_n ell e_n
             eta_rate += f[1:]  # eta_{n-1}' = phi_s + beta_{n-1} ell^2 e_{n-1}
-        if self.gain.moves:
-            r = memory[2 * n - 1]
-            rate[2 * n - 1] = self.gain.rate(r, e, n)
-        if self.shape_row is not None:
-            rate[self.shape_row] = self.threshold(memory, e)
+        self.gain_rate(memory, e, rate)
         return rate
 
     def injection(self, memory: Array, e: Array) -> Array:
         """The first block's alpha_1 ell e and beta_1 ell^2 e; of r what its law has of e."""
         n, rate = self.n, np.zeros_like(memory)
-        alpha_ell, beta_ell2 = self._injections or self._scaled(memory[2 * n - 1])
+        alpha_ell, beta_ell2 = self._injections or self._scaled(
+            self.gain.moving(memory[self.gain_at or 0], e)
+        )
         v = self.shaped(memory, e)
         rate[0] = alpha_ell[0] * v
         first = np.zeros_like(memory[n : 2 * n - 1])
         first[0] = beta_ell2[0] * v
         rate[n : 2 * n - 1] = in_unit(self.model, memory[:n], first)
-        if self.gain.moves:
-            rate[2 * n - 1] = driven(self.gain, memory[2 * n - 1], e, n)
-        if self.shape_row is not None:
-            rate[self.shape_row] = self.threshold_driven(memory, e)
+        self.gain_rate(memory, e, rate, driven_only=True)
         return rate
 
     @property
@@ -543,11 +576,7 @@ class LowPowerObserver(ContinuousLaw):
         new[:n] += moved
         new[: n - 1] += dt * (own - passed)
         new[n : 2 * n - 1] += moved[1:]
-        if self.gain.moves:
-            r = memory[2 * n - 1]
-            new[2 * n - 1] += dt * self.gain.rate(r, np.zeros_like(r), n)
-        if self.shape_row is not None:
-            new[self.shape_row] += dt * self.threshold(memory, np.zeros_like(memory[0]))
+        self.gain_moved(memory, np.zeros_like(memory[0]), new, dt, False)
         return new
 
     def place(self, memory: Array, e: Array, dt: float) -> Array:
@@ -559,7 +588,7 @@ class LowPowerObserver(ContinuousLaw):
         if isinstance(self.gain, ConstantGain):
             r = np.array([self.gain.ell])
         else:
-            r = memory[2 * n - 1]
+            r = self.gain.moving(memory[self.gain_at or 0], e)
         parts = [low_power_gains(self.alpha * g, self.beta * g * g, dt, self.method) for g in r]
         a, b, a_alone, b_alone = (np.array(part).T for part in zip(*parts, strict=True))
         b, b_alone = (
@@ -571,10 +600,7 @@ class LowPowerObserver(ContinuousLaw):
         new[: n - 1] += a[:-1] * within + a_alone[:-1] * beyond
         new[n - 1] += a[-1] * e_all[-1]
         new[n : 2 * n - 1] += b * within + b_alone * beyond
-        if self.gain.moves:
-            new[2 * n - 1] += dt * driven(self.gain, memory[2 * n - 1], e, n)
-        if self.shape_row is not None:
-            new[self.shape_row] += dt * self.threshold_driven(memory, e)
+        self.gain_moved(memory, e, new, dt, True)
         return new
 
     def lift(self, old: Array, new: Array, dt: float) -> None:
@@ -610,44 +636,37 @@ class FilteredObserver(StandardObserver):
         if not is_hurwitz(np.concatenate([c, c[-1] * k])):
             raise fail("observer.c, observer.k", (c.tolist(), k.tolist()), "Hurwitz", "use poles")
         self.n, self.k = n, k
-        self.gain = gain_from(member(spec, "gain", "observer"))
+        self.gain = gain_from(member(spec, "gain", "observer"), n)
         self.model = _model(spec, n, chain)
         self.may_be_undefined, self.n_u = self.model.kind == "own", self.model.n_u
         self.method, self.motion = _method(spec), moving.motion_from(spec, "observer")
-        self.memory_len = n + m + self.gain.moves
-        self.gain_rows = (n + m,) if self.gain.moves else ()
+        self.driven_by(n + m, alone=False)
         if isinstance(self.gain, ConstantGain):
             self._injection = (k * self.gain.ell ** np.arange(1, n + 1))[:, None]
         self.wear(spec)
 
-    def _gain(self, memory: Array) -> Any:
+    def _gain(self, memory: Array, e: Array) -> Any:
         """ell or r."""
-        at = self.n + len(self.c)
-        return self.gain.ell if isinstance(self.gain, ConstantGain) else memory[at]
+        acting = self.acting(memory, e)
+        return self.gain.ell if isinstance(self.gain, ConstantGain) else acting
 
     def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
         """eta_i' = g (eta_(i+1) - c_i eta_1), eta_m' = c_m g (e - eta_1); x_hat by eta_1 for e."""
-        n, m, g = self.n, len(self.c), self._gain(memory)
+        n, m, g = self.n, len(self.c), self._gain(memory, e)
         eta, rate = memory[n : n + m], np.empty_like(memory)
-        moved = g if self.gain.moves else None
+        moved = None if isinstance(self.gain, ConstantGain) else g
         rate[:n] = self.driven(memory[:n], eta[0], moved, u, t)
         rate[n : n + m] = -self.c[:, None] * g * eta[0]
         rate[n : n + m - 1] += g * eta[1:]
         rate[n + m - 1] += self.c[-1] * g * self.shaped(memory, e)
-        if self.gain.moves:
-            rate[n + m] = self.gain.rate(g, e, n)
-        if self.shape_row is not None:
-            rate[self.shape_row] = self.threshold(memory, e)
+        self.gain_rate(memory, e, rate)
         return rate
 
     def injection(self, memory: Array, e: Array) -> Array:
         """c_m g e into the filter; of r what its law has of e."""
         n, m, rate = self.n, len(self.c), np.zeros_like(memory)
-        rate[n + m - 1] = self.c[-1] * self._gain(memory) * self.shaped(memory, e)
-        if self.gain.moves:
-            rate[n + m] = driven(self.gain, memory[n + m], e, n)
-        if self.shape_row is not None:
-            rate[self.shape_row] = self.threshold_driven(memory, e)
+        rate[n + m - 1] = self.c[-1] * self._gain(memory, e) * self.shaped(memory, e)
+        self.gain_rate(memory, e, rate, driven_only=True)
         return rate
 
 
@@ -684,13 +703,17 @@ class HighGainEkf(ContinuousLaw):
     def __init__(self, spec: Spec, chain: Chain | None = None) -> None:
         self.n = n = _order(spec)
         self.q, self.r, self.p0 = _noises(spec, n)
-        self.gain = gain_from(member(spec, "gain", "observer"))
+        self.gain = gain_from(member(spec, "gain", "observer"), n)
+        if not isinstance(self.gain, ConstantGain | AdaptiveGain):
+            allowed = "constant, adaptive or dead-zone"
+            raise fail("observer.gain.law", spec["gain"]["law"], allowed, "choose one of them")
         self.model = _model(spec, n, chain)
         self.may_be_undefined, self.n_u = self.model.kind == "own", self.model.n_u
         self.method = _method(spec)
         self.rows = n + n * (n + 1) // 2
         self.memory_len = self.rows + self.gain.moves
         self.gain_rows = (self.rows,) if self.gain.moves else ()
+        self.gain_at = self.rows if self.gain.moves else None
 
     def initial(self) -> Array:
         memory = super().initial()
@@ -754,7 +777,7 @@ class SampledEkf(Law):
     def __init__(self, specs: list[Spec], model: Plant) -> None:
         orders = [_order(spec) for spec in specs]
         noises = [_noises(spec, order) for spec, order in zip(specs, orders, strict=True)]
-        gains = [gain_from(member(spec, "gain", "observer")) for spec in specs]
+        gains = [gain_from(member(spec, "gain", "observer"), 2) for spec in specs]
         theta = [gain.ell for gain in gains if isinstance(gain, ConstantGain)]
         timings = [spec.get("timing", "predictor") for spec in specs]
         if len(theta) < len(specs):
@@ -872,7 +895,7 @@ class CollectionObserver(ContinuousLaw):
         self.k = _coefficients(spec, self.n)
         self.k_bar = vector(member(spec, "k_bar", "observer"), "observer.k_bar", self.n)
         self.copies = integer(member(spec, "copies", "observer"), "observer.copies", least=2)
-        gain = gain_from(member(spec, "gain", "observer"))
+        gain = gain_from(member(spec, "gain", "observer"), 2)
         if not isinstance(gain, AdaptiveGain) or isinstance(gain, DeadZoneGain):
             raise fail(
                 "observer.gain.law", spec["gain"]["law"], "'adaptive'", "copies adapt by (6)"

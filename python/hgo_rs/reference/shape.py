@@ -95,6 +95,35 @@ class Fal:
         return np.where(np.abs(e) <= self.delta, linear, np.sign(e) * np.abs(e) ** alpha)
 
 
+class BiHomogeneous:
+    """v_1 = phi_1(e), v_i = phi_i(v_(i-1)), phi_i(s) = kappa_i |s|^p_i + theta_i |s|^q_i, signed.
+
+    Andrieu, Praly, Astolfi (2008); Cruz-Zavala, Moreno (2019).
+    """
+
+    remembers = False
+    alike = False
+
+    def __init__(self, spec: Spec, n: int) -> None:
+        near = number(member(spec, "near", "shape"), "shape.near")
+        far = number(member(spec, "far", "shape"), "shape.far")
+        self.kappa = vector(member(spec, "kappa", "shape"), "shape.kappa", n)
+        self.theta = vector(member(spec, "theta", "shape"), "shape.theta", n)
+        holds = -1.0 <= near <= far and (n - 1) * far < 1.0
+        if not holds or np.any(np.minimum(self.kappa, self.theta) < 0.0):
+            raise fail("shape", (near, far), "-1 <= near <= far < 1/(n-1)", "see BiHomogeneous")
+        left = np.arange(n - 1, -1, -1)
+        self.p, self.q = ((1.0 - (left - 1) * d) / (1.0 - left * d) for d in (near, far))
+
+    def rows(self, sigma: Array, e: Array) -> Array:
+        """v, (n, runs)."""
+        rows, s = [], e
+        for kappa, theta, p, q in zip(self.kappa, self.theta, self.p, self.q, strict=True):
+            s = np.sign(s) * (kappa * np.abs(s) ** p + theta * np.abs(s) ** q)
+            rows.append(s)
+        return np.array(rows)
+
+
 Shape = Any
 """One of the classes here."""
 
@@ -103,6 +132,7 @@ SHAPES = {
     "dead-zone": DeadZone,
     "piecewise-linear": PiecewiseLinear,
     "fal": Fal,
+    "bi-homogeneous": BiHomogeneous,
 }
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from . import integrate
 from .error import Array, Spec, choice, columns, fail, integer, known, member, number
 from .feedback import Feedback, SettlingTimes
+from .gain import ConstantGain
 from .models import OwnPlant, Plant, VanDerPol, plant_from
 from .noise import MeasurementNoise, ProcessNoise
 from .observers import ContinuousLaw, Law, StandardObserver, law_from
@@ -635,7 +636,8 @@ def mean_covariance(spec: Spec) -> dict[str, Array]:
     law = law_from(member(spec, "observer", "spec"))
     if not (
         isinstance(law, StandardObserver)
-        and not law.gain.moves
+        and isinstance(law.gain, ConstantGain)
+        and law.shape is None
         and law.method == "euler"
         and law.model.n == 0
         and spec.get("mode", "sampled") == "sampled"
@@ -658,7 +660,7 @@ def mean_covariance(spec: Spec) -> dict[str, Array]:
 
     schedule = schedule_from(member(spec, "schedule", "spec"))
     n = law.n
-    injection = law.k * law.gain.ell ** np.arange(1, n + 1)  # type: ignore[union-attr]
+    injection = law.k * law.gain.ell ** np.arange(1, n + 1)
     chain = np.eye(n, k=1)
     chain[:, 0] -= injection  # A - K C
     noise_in = variance * np.outer(injection, injection)

@@ -13,8 +13,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hgo_rs.design import levant_coefficients
 from hgo_rs.models import Plant
-from hgo_rs.observers import Fal, Observer, PiecewiseLinear, StandardObserver, Stubborn
+from hgo_rs.observers import (
+    Fal,
+    HomogeneousGain,
+    Observer,
+    PiecewiseLinear,
+    PrescribedTimeGain,
+    StandardObserver,
+    Stubborn,
+    SwitchedGain,
+)
 from hgo_rs.plots.style import COLOURS
 from hgo_rs.scenarios.base import Context, Outcome, Row, row, scenario
 from hgo_rs.simulation import RecordedNoise
@@ -28,6 +38,9 @@ REL = 1e-9
 EULER: Mapping[str, Any] = {"method": "euler", "timing": "predictor"}
 PRASOV = "Prasov, Khalil, IEEE TAC 58 (2013) 569"
 STUBBORN = "Alessandri, Zaccarian, Automatica 88 (2018); with Astolfi, IEEE TAC 66 (2021) 667"
+LEVANT = "Levant, IJC 76 (2003) 924; Koch et al., IEEE TAC 65 (2020) 757"
+AHRENS = "Ahrens, Khalil, Automatica 45 (2009) 936"
+HOLLOWAY = "Holloway, Krstic, IEEE TAC 64 (2019) 3905"
 HAN = "Han, IEEE TIE 56 (2009) 900"
 
 
@@ -51,7 +64,11 @@ def record(ctx: Context, observer: Observer, x_hat0: Any, added: Array, dt: floa
 
 
 def rows_of(
-    memory: Array, numbers: Mapping[int, tuple[float, ...]], what: str, source: str
+    memory: Array,
+    numbers: Mapping[int, tuple[float, ...]],
+    what: str,
+    source: str,
+    rel: float = REL,
 ) -> list[Row]:
     """Rows for entries of memories; the source once."""
     rows: list[Row] = []
@@ -59,7 +76,7 @@ def rows_of(
         for i, value in enumerate(values):
             note = "" if rows else source
             found = row(
-                f"{what}, x̂{i + 1} before {k}", memory[k, i], expected=value, rel=REL, note=note
+                f"{what}, x̂{i + 1} before {k}", memory[k, i], expected=value, rel=rel, note=note
             )
             rows.append(found)
     return rows
@@ -147,5 +164,89 @@ def shapes(ctx: Context) -> Outcome:
         right.set_title(r"$\hat x_1$ after a step of $y$")
         right.set_xlabel("time (s)")
         right.legend()
+
+    return Outcome(rows, draw)
+
+
+SAMPLED = {
+    ("euler", 2): (0.755391520, 0.5566),
+    ("euler", 3): (0.728383164, 0.611851808, 0.5808),
+    ("zoh", 2): (0.752834235, 0.542737425),
+    ("zoh", 3): (0.728126468, 0.604172064, 0.569180023),
+    ("bilinear", 2): (0.752821387, 0.542741968),
+    ("bilinear", 3): (0.728117769, 0.604149128, 0.569175252),
+}
+"""Levant's differentiator of sin, L = 1.1, T = 10 ms: x_hat before sample 100."""
+
+
+@scenario("families-gains", title="Gains of the innovation and of a clock", paper="families")
+def gains(ctx: Context) -> Outcome:
+    """Levant's differentiator, a gain that switches, a gain with a deadline."""
+    rows: list[Row] = []
+    nothing = np.zeros(2001)
+    for (method, n), numbers in SAMPLED.items():
+        law = StandardObserver(
+            n,
+            HomogeneousGain.levant(1.1, n),
+            k=levant_coefficients(n),
+            method=method,
+            timing="predictor",
+        )
+        start = (0.5, *[0.0] * (n - 1))
+        memory = record(ctx, law, start, nothing[:101], 0.01)
+        source = "" if rows else LEVANT
+        rows += rows_of(memory, {100: numbers}, f"Levant, n = {n}, {method}", source, 1e-6)
+    for rho, degree, method, numbers in (
+        (5.0, -0.5, "euler", (0.841471005, 0.536088959, -0.845310822)),
+        (5.0, -0.5, "zoh", (0.841472176, 0.540490238, -0.825633780)),
+        (20.0, 0.0, "zoh", (0.841581653, 0.545698529, -0.744846412)),
+    ):
+        law = StandardObserver(
+            3,
+            HomogeneousGain(rho, degree),
+            k=(3.0, 3.0, 1.0),
+            method=method,
+            timing="predictor",
+        )
+        memory = record(ctx, law, (0.5, 0.0, 0.0), nothing[:101], 0.01)
+        rows += rows_of(memory, {100: numbers}, f"degree {degree:g}, {method}", "", 1e-6)
+
+    switching = SwitchedGain(fast=100.0, slow=20.0, zone=0.02, delay=0.0205)
+    law = StandardObserver(2, switching, k=(2.0, 1.0), **EULER)
+    switched = record(ctx, law, (1.0, 0.0), step_at(1000, 0.5, 2001))
+    table: dict[int, tuple[float, ...]] = {
+        50: (0.026217674034, -1.897545381086),
+        200: (0.195848021531, 0.908944718362),
+        1050: (1.379222261167, 1.942718543554),
+        2000: (1.411656523948, -0.323047541899),
+    }
+    rows += rows_of(switched, table, "switched", AHRENS)
+
+    timed = PrescribedTimeGain(mu0=4.0, deadline=1.0, r_max=200.0)
+    law = StandardObserver(2, timed, k=(9 / 4, 15 / 16), **EULER)
+    deadline = record(ctx, law, (1.0, 0.0), nothing[:1501])
+    table = {
+        500: (0.405794697576, -0.001367719246),
+        900: (0.783979373855, 0.672806835810),
+        1500: (0.997521563065, 0.082200015208),
+    }
+    rows += rows_of(deadline, table, "prescribed time", HOLLOWAY)
+
+    def draw(fig: Figure) -> None:
+        fig.set_size_inches(10.0, 4.0)
+        left, right = fig.subplots(1, 2)
+        t = DT * np.arange(2001)
+        left.plot(t, switched[:, 1], color=COLOURS["blue"], label=r"$\hat x_2$")
+        left.plot(t, np.cos(t), color=COLOURS["black"], linestyle="--", label=r"$\cos t$")
+        left.set_title("Switched gain: a wrong start, a step of 0.5 at 1 s")
+        right.plot(t[:1501], deadline[:, 0], color=COLOURS["blue"], label=r"$\hat x_1$")
+        right.plot(
+            t[:1501], np.sin(t[:1501]), color=COLOURS["black"], linestyle="--", label="sin t"
+        )
+        right.axvline(1.0, color=COLOURS["grey"], linestyle=":", label="deadline")
+        right.set_title("A deadline of 1 s")
+        for ax in (left, right):
+            ax.set_xlabel("time (s)")
+            ax.legend()
 
     return Outcome(rows, draw)

@@ -277,7 +277,7 @@ pub(super) fn tables(
             let elapsed = current.then_some(law.len);
             vec![PlacedChain { channel: 0, elapsed, gains: gains.clone() }]
         }),
-        law: if together { Some(law.together(setting)?) } else { None },
+        law: if together && !law.jumps { Some(law.together(setting)?) } else { None },
         moving: (manner.motion != AnyMotion::Held).then(|| (Box::new(law), manner.motion)),
         parameters: given.parameters().to_vec(),
         start: None,
