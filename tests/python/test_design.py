@@ -885,7 +885,7 @@ def test_step_limit_is_quick() -> None:
         ({"k": [1.0, -1.0]}, r"k = \[1.0, -1.0\]: must be of shape \(5,\)"),
         ({"n": 2, "k": [1.0, -1.0]}, r"k = 1 is not allowed: .* left half plane"),
         ({"gain": {"law": "constant", "ell": 0.0}}, "gain.ell = 0.0"),
-        ({"gain": {"law": "switched"}}, "law = 'switched'"),
+        ({"gain": {"law": "scheduled"}}, "law = 'scheduled'"),
         ({"gain": {}}, "law = None: must be given; add 'law' to the spec"),
     ],
 )
