@@ -273,3 +273,22 @@ def test_a_study_takes_its_engine() -> None:
     for case in range(2):
         same(ours[case], theirs[case])
     assert "plants moved once for all runs in 2 of 2 cases" in repr(theirs)
+
+
+def test_auto_compiles_a_study_that_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("llvmlite")
+    given = arguments(CASES["uniform noise"] | {"observer": lee(method="euler")})
+    right = hgo.simulate(**given, engine="interpreter")
+    made: list[Any] = []
+    compiled = compiler.compiled
+    monkeypatch.setattr(compiler, "compiled", lambda *of: made.append(of) or compiled(*of))
+    monkeypatch.setattr(llvm, "_compiled", compiler.Kept())
+    monkeypatch.setattr(llvm, "_SMALL", 0.0)
+    llvm._done.clear()
+    same(right, hgo.simulate(**given))
+    (operations,) = llvm._done.values()
+    assert made == [] and RUNS * STEPS <= operations < llvm._WORTH
+    monkeypatch.setattr(llvm, "_WORTH", 2.5 * operations)
+    for count in (0, 1, 1):  # the third one has it, and so have all that come
+        same(right, hgo.simulate(**given))
+        assert len(made) == count

@@ -7,6 +7,7 @@ is checked against the interpreter, bit for bit, before its results count.
 from __future__ import annotations
 
 import warnings
+from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,7 +18,11 @@ from hgo_rs.llvm import ENGINES
 __all__ = ["ENGINES", "check_engine", "kernel_for"]
 
 _WORTH = 3e9
-"""Operations of a study from which on `auto` compiles it: some 0.3 s of the interpreter."""
+"""Operations of a study, and of its repetitions, from which on `auto` compiles it: some 0.3 s of
+the interpreter.
+"""
+_SMALL = 1e7
+"""Samples of a study up to which `auto` does not look: to print it would take longer."""
 _LARGEST = 20_000
 """Operations of a sample that are compiled at most: beyond, LLVM takes minutes."""
 
@@ -36,6 +41,8 @@ class _Compiled:
 
 
 _compiled = llvm.Kept()
+_done: OrderedDict[tuple[str, str], float] = OrderedDict()
+"""Operations of studies that the interpreter took, for as many as kernels are kept."""
 
 
 def check_engine(engine: str, backend: str) -> str:
@@ -53,6 +60,14 @@ def check_engine(engine: str, backend: str) -> str:
     return llvm.check_engine(engine)
 
 
+def _is_worth(key: tuple[str, str], operations: float) -> bool:
+    """Whether this study, with what was done of it before, is worth the compiler's time."""
+    _done[key] = _done.pop(key, 0.0) + operations
+    while len(_done) > llvm.KEPT:
+        _done.popitem(last=False)
+    return _done[key] >= _WORTH
+
+
 def kernel_for(spec: Mapping[str, Any], engine: str, runs: int) -> Any:
     """The kernel of a spec, a piece of a study of `runs` runs; None: the interpreter is to take it.
 
@@ -67,7 +82,7 @@ def kernel_for(spec: Mapping[str, Any], engine: str, runs: int) -> Any:
     if isinstance(llvm.binding(), str):
         return None  # `check_engine` has refused it where it was asked for
     work = spec["steps"] * runs
-    if not wanted and work * 10 < _WORTH:  # ten operations are few: nothing is traced for nothing
+    if not wanted and work < _SMALL:
         return None
     instructions = llvm.instructions()
     source = _core.study_source(spec, llvm.WIDTHS[instructions][0])
@@ -79,7 +94,8 @@ def kernel_for(spec: Mapping[str, Any], engine: str, runs: int) -> Any:
             f"for {source['operations']} operations a sample, more than the {_LARGEST} that are "
             "compiled; leave engine out",
         )
-    if not wanted and work * source["operations"] < _WORTH:
+    key = (source["text"], instructions)
+    if not (wanted or key in _compiled or _is_worth(key, work * source["operations"])):
         return None
 
     def checked(made: _Compiled) -> Any:
@@ -94,5 +110,4 @@ def kernel_for(spec: Mapping[str, Any], engine: str, runs: int) -> Any:
                 )
         return made.kernel if made.agrees else None
 
-    key = (source["text"], instructions)
     return _compiled.use(key, lambda: _Compiled(source, instructions), checked)
