@@ -21,7 +21,7 @@ _WORTH = 3e9
 """Operations of a study, and of its repetitions, from which on `auto` compiles it: some 0.3 s of
 the interpreter.
 """
-_SMALL = 1e7
+_SMALL = 5e5
 """Samples of a study up to which `auto` does not look: to print it would take longer."""
 _LARGEST = 20_000
 """Operations of a sample that are compiled at most: beyond, LLVM takes minutes."""
