@@ -109,7 +109,7 @@ def check_number(
     limits += [f"<= {most:g}"] if most is not None else []
     allowed = " and ".join(limits)
     try:
-        if isinstance(value, (str, bytes)):
+        if isinstance(value, (str, bytes, np.timedelta64, np.datetime64)):
             raise TypeError
         number = float(value)
     except (TypeError, ValueError):

@@ -21,7 +21,7 @@ from hgo_rs.cli import reproduce
 from hgo_rs.cli.estimate import _Trace
 from hgo_rs.config import OBSERVERS
 from hgo_rs.errors import MissingExtraError
-from hgo_rs.logs import Log, TableWriter, read_log
+from hgo_rs.logs import Log, TableWriter, read_log, write_table
 from hgo_rs.scenarios.base import Context, Outcome, Row, Scenario, row
 
 HGO = [sys.executable, "-m", "hgo_rs.cli"]
@@ -768,6 +768,32 @@ def test_estimate_of_several_outputs_and_inputs(capsys, tmp_path, monkeypatch):
 
 
 # --- the process itself ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", ["standard", "low-power"])
+def test_estimate_of_independent_outputs_is_an_observer_for_each(
+    capsys, tmp_path, monkeypatch, law
+):
+    """Each output gives what it gives alone; the shares of inputs too; a turn is seen in either."""
+    monkeypatch.chdir(tmp_path)
+    t = 0.01 * np.arange(400)
+    a, b = np.sin(t), np.angle(np.exp(2.0j * t))
+    write_table("joints.csv", {"t": t, "a": a, "b": b, "u": np.cos(t), "v": -np.cos(t)})
+    options = f"joints.csv --time t --observer {law} --order 2 --gain 20 --input-gain 3".split()
+    one = {"a": "u", "b": "v"}
+    for name, drive in one.items():
+        told = ["--output", name, "--input", drive, "--out", f"{name}.csv"]
+        assert hgo(capsys, "estimate", *options, *told)[0] == 0
+    both = ["--output", "a", "--output", "b", "--input", "u", "--input", "v"]
+    status, told, _ = hgo(capsys, "estimate", *options, *both, "--out", "ab.csv")
+    assert status == 0
+    assert "'b' jumps by nearly 6.28" in told
+    alone = [read_log(f"{n}.csv", "t", ["x_hat1", "x_hat2"]).y for n in one]
+    names = [f"x_hat{i + 1}" for i in range(4)]
+    np.testing.assert_allclose(read_log("ab.csv", "t", names).y, np.hstack(alone), atol=1e-9)
+    status, _, error = hgo(capsys, "estimate", *options, *both[:6])
+    assert status == 2
+    assert "--input: 1 for 2 outputs; name one for each" in error
 
 
 def test_import_is_light():

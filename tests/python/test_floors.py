@@ -15,6 +15,8 @@ FLOORS = (
     "_version",
     "upward",
     "errors",
+    "times",
+    "signals",
     "files",
     "read_only",
     "laws",

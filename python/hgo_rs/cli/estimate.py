@@ -22,11 +22,11 @@ from hgo_rs.files import together
 from hgo_rs.logs import Log, LogSummary, TableWriter, read_chunks, run_chunks
 from hgo_rs.logs.estimation import check_fit, told_turn
 from hgo_rs.logs.table import names_of
-from hgo_rs.logs.times import UNITS
 from hgo_rs.logs.write import check_writable_format
-from hgo_rs.observers import Gap, Observer, RunResult
+from hgo_rs.observers import Gap, HighGainEKF, HighGainObserver, Observer, RunResult
 from hgo_rs.observers.labels import Labels
 from hgo_rs.observers.turns import Jumps, nearest
+from hgo_rs.times import UNITS
 
 
 class _Numbers(click.ParamType):
@@ -168,22 +168,33 @@ def estimate_command(
     draw = can_draw(figure)
     figure = figure if figure is not None else out.with_suffix(".png")
     told = _configuration(config, options)
-    try:
-        _estimate(log, config, save_config, out, figure, draw, told, options["wrap"] is None)
-    except _TurnFound as found:
-        say(str(found))
-        told = told.replace(wrap=found.turn)
-        _estimate(log, config, save_config, out, figure, draw, told, False)
-    return 0
+    looks = options["wrap"] is None
+    while True:
+        try:
+            _estimate(log, config, save_config, out, figure, draw, told, looks)
+            return 0
+        except _TurnFound as found:
+            say(str(found))
+            told = _wrapping(told, found)
 
 
 class _TurnFound(Exception):
     """An output shows a turn of which the observer does not know: to run again, knowing it."""
 
-    def __init__(self, source: str, name: str, turn: float) -> None:
+    def __init__(self, source: str, name: str, turn: float, output: int) -> None:
         told = told_turn(source, name, turn).partition("; say")[0]
         super().__init__(f"{told}: it is taken to wrap there; --wrap none if it does not")
-        self.turn = turn
+        self.turn, self.output = turn, output
+
+
+def _wrapping(told: Config, found: _TurnFound) -> Config:
+    """The configuration with the turn of one output."""
+    inner = told.data.get("observers")
+    if inner is None:
+        return told.replace(wrap=found.turn)
+    turning = [dict(table) for table in inner]
+    turning[found.output]["wrap"] = found.turn
+    return told.replace(observers=turning)
 
 
 def _estimate(
@@ -208,15 +219,18 @@ def _estimate(
     check_places(results, {"the log itself": log, "the file of --config": config})
     summary, gaps, trace = LogSummary(), _LongestGaps(), _Trace(law.wrap[0])
 
-    jumps = Jumps() if looks and law.wrap == (None,) else None
+    looks = looks and (law.n_y == 1 or "observers" in told.data)
+    jumps = {i: Jumps() for i, turn in enumerate(law.wrap) if looks and turn is None}
 
     def seen(chunks: Iterable[Log]) -> Iterator[Log]:
         for chunk in chunks:
             summary.add(chunk)
-            turn = jumps.add(chunk.y.ravel()) if jumps else None
-            if turn:
-                (name,) = names_of(chunk.names["output"], "output")
-                raise _TurnFound(str(log), name, turn)
+            y = chunk.y.reshape(len(chunk.t), -1)
+            for i, seen_so_far in jumps.items():
+                turn = seen_so_far.add(y[:, i])
+                if turn:
+                    name = names_of(chunk.names["output"], "output")[i]
+                    raise _TurnFound(str(log), name, turn, i)
             yield chunk
 
     piece = -1
@@ -297,7 +311,41 @@ def _configuration(path: Path | None, options: dict[str, Any]) -> Config:
     _check_options(given, base)
     if base is not None:
         return base.replace(columns, **given)
+    outputs = names_of(columns.get("output", "y"), "output")
+    if len(outputs) > 1 and issubclass(
+        getattr(observers, OBSERVERS[given["observer"]]), (HighGainObserver, HighGainEKF)
+    ):
+        given = _chains(given, len(outputs), columns.get("input", []))
     return Config({"format": FORMAT, "observer": given.pop("observer")}).replace(columns, **given)
+
+
+def _chains(given: dict[str, Any], count: int, inputs: str | list[str]) -> dict[str, Any]:
+    """The same observer for each of several outputs; what one input drives they do not share."""
+    start = {key: given.pop(key) for key in ("start",) if key in given}
+    b0 = given.pop("model", {}).get("b0")
+    inputs = [] if b0 is None else names_of(inputs, "input")
+    if len(inputs) not in (0, count):
+        raise HgoError(
+            f"--input: {len(inputs)} for {count} outputs; name one for each, in their order, or "
+            "write the equations into an observer.toml for --config"
+        )
+    n = given["order"]
+    model = {
+        "states": [f"x{i + 1}" for i in range(count * n)],
+        "inputs": [f"u{i + 1}" for i in range(len(inputs))],
+        "orders": [n] * count,
+        "phi": [f"b0 * u{i + 1}" if inputs else "0" for i in range(count)],
+        "parameters": {"b0": b0} if inputs else {},
+    }
+    unstable = {k: given.pop(k) for k in ("allow_unstable",) if k in given}
+    model = {key: value for key, value in model.items() if value}
+    return {
+        "observer": "chains",
+        "observers": [dict(given) for _ in range(count)],
+        "model": model,
+        **unstable,
+        **start,
+    }
 
 
 def _check_options(given: dict[str, Any], base: Config | None) -> None:

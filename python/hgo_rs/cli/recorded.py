@@ -18,8 +18,8 @@ from hgo_rs.config import Config, load
 from hgo_rs.errors import HgoError, printable
 from hgo_rs.files import together
 from hgo_rs.logs import Log, read_log
-from hgo_rs.logs.times import UNITS
 from hgo_rs.models import System
+from hgo_rs.times import UNITS
 
 _COLUMNS = ("time", "unit", "output", "input")
 _OPTIONS = (

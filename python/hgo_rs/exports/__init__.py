@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from hgo_rs.errors import HgoError, check_choice, check_integer, check_number, explain
+from hgo_rs.errors import HgoError, check_choice, check_integer, explain
 from hgo_rs.exports.names import check_name
 from hgo_rs.exports.program import PERIODS, period_of, program
 from hgo_rs.exports.vector import Log
 from hgo_rs.files import write_bytes
 from hgo_rs.observers import Observer
+from hgo_rs.times import check_period
 
 __all__ = ["FMI", "LANGUAGES", "PERIODS", "export", "sources"]
 
@@ -151,7 +152,7 @@ def sources(
     check_choice("precision", precision, ("double", "single"))
     check_name(name)
     if dt is not None:
-        check_number(dt, "dt", above=0.0)
+        dt = check_period(dt)
     check_integer(periods, "periods", least=1, most=256)
     if arduino:
         from hgo_rs.exports.arduino import library, name_of

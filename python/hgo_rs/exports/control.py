@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from hgo_rs.errors import HgoError, MissingExtraError, check_number, explain
+from hgo_rs.errors import HgoError, MissingExtraError, explain
 from hgo_rs.exports.program import words_of
 from hgo_rs.exports.vector import UNDEFINED
 from hgo_rs.observers import Observer
+from hgo_rs.times import check_period
 
 __all__ = ["to_control"]
 
@@ -45,7 +46,7 @@ def to_control(observer: Observer, dt: float, *, name: str = "observer") -> Any:
         raise MissingExtraError(
             "to_control needs the package control: pip install 'hgo_rs[control]'"
         ) from None
-    period = check_number(dt, "dt", above=0.0)
+    period = check_period(dt)
     observer._check_dt(period, observer.allow_unstable)
     core, n, n_y = observer._core, observer.n, observer.n_y
 

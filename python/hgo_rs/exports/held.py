@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 
 from hgo_rs import _core
-from hgo_rs.errors import DesignError, HgoError, check, check_number
+from hgo_rs.errors import DesignError, HgoError, check
 from hgo_rs.exports.precision import Precision
 from hgo_rs.observers import Observer
+from hgo_rs.times import check_period
 
 __all__ = ["TOLERANCE", "Held", "Periods", "check_fixed", "held_gains"]
 
@@ -91,9 +92,8 @@ def check_fixed(
     DesignError
         One at or beyond the limit of a stable step, as `run` refuses it.
     """
-    fixed = check_number(
-        fixed_dt, "fixed_dt", above=0.0, remedy="give the sampling period [s], for example 1e-3"
-    )
+    remedy = "give the sampling period [s], for example 1e-3"
+    fixed = check_period(fixed_dt, "fixed_dt", remedy=remedy)
     check(
         dt is None or dt == fixed,
         "dt",

@@ -10,11 +10,11 @@ from typing import NoReturn
 
 import numpy as np
 
-from hgo_rs.errors import check_choice, check_number, printable
-from hgo_rs.logs import times
+from hgo_rs import times
+from hgo_rs.errors import check_choice, printable
 from hgo_rs.logs.table import Columns, DataError, Table, refuse
-from hgo_rs.logs.times import UNITS, Ticks, span
 from hgo_rs.observers import StochasticApproximation
+from hgo_rs.times import UNITS, Ticks, check_period, span
 
 WINDOW = 1000
 """Steps whose median is looked at, all along a log, however it is cut into chunks."""
@@ -33,7 +33,7 @@ class Clock:
         schedule: StochasticApproximation | None,
     ) -> None:
         if dt is not None:
-            dt = check_number(dt, "dt", above=0.0, error=DataError)
+            dt = check_period(dt, error=DataError)
         if schedule is not None and (time is not None or dt is not None):
             raise DataError("schedule: give it alone, in place of the time column and dt")
         if time is None and dt is None and schedule is None:

@@ -108,7 +108,7 @@ def check_fit(observer: Observer, names: dict[str, Any], where: str = "") -> Non
         remedy = f"name {count}" if count else "leave it out, or give the observer a model with one"
         raise DataError(
             f"{where}{key}: {told}, the observer has {count} (model {model}); {remedy}"
-            + (f" in the table [log]: {key} = ..." if count else "")
+            + (f" in the table [log]: {key} = ..." if count and where else "")
         )
 
 

@@ -15,7 +15,7 @@ from hgo_rs.logs.columns import Converted
 from hgo_rs.logs.formats import whole
 from hgo_rs.logs.log import Log
 from hgo_rs.logs.table import Columns, DataError, Table, names_of, refuse, rows_at, values_of
-from hgo_rs.logs.times import Ticks, span
+from hgo_rs.times import Ticks, span
 
 
 def merged(

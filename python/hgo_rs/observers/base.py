@@ -30,6 +30,7 @@ from hgo_rs.observers.records import INPUT_HOLDS, STARTS, Array
 from hgo_rs.observers.result import Gap, RunResult
 from hgo_rs.observers.turns import check_motion
 from hgo_rs.read_only import shown as frozen
+from hgo_rs.signals import arrays
 
 _OVERFLOW = "choose a smaller step or gain, another method, or fewer samples"
 
@@ -60,9 +61,9 @@ class Observer(OnlineObserver):
 
     def run(
         self,
-        t_or_dt: npt.ArrayLike,
-        y: npt.ArrayLike,
-        u: npt.ArrayLike | None = None,
+        t_or_dt: Any,
+        y: Any = None,
+        u: Any = None,
         *,
         x_hat0: npt.ArrayLike | None = None,
         r0: float | None = None,
@@ -85,8 +86,10 @@ class Observer(OnlineObserver):
 
         Parameters
         ----------
-        t_or_dt : float or (N,)
-            Sampling period, or the increasing times of the samples [s].
+        t_or_dt : float, (N,), or a record
+            Sampling period, or the increasing times of the samples: seconds, dates or durations. Or
+            what holds times and samples: a `Log`, a frame, or a series whose index is its times; y
+            and u then are names of a frame's columns, by default all of them outputs.
         y : (N,) or (N, n_y)
             Samples; None or NaN is missing: the law predicts over it, `missing` says where.
         u : (N,) or (N, n_u), optional
@@ -128,6 +131,7 @@ class Observer(OnlineObserver):
             increase; a step at or above the stability limit; an estimate that diverged;
             `engine="llvm"` where llvmlite is missing or the observer cannot be compiled.
         """
+        t_or_dt, y, u = arrays(t_or_dt, y, u)
         if timing is not None and timing != self.timing:
             given: dict[str, Any] = {"x_hat0": x_hat0, "r0": r0, "memory0": memory0}
             given |= {

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from hgo_rs.errors import check_integer, check_number
 from hgo_rs.read_only import Described
+from hgo_rs.times import check_period
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ class FixedStep(Described):
     dt: float
 
     def __post_init__(self) -> None:
-        check_number(self.dt, "dt", above=0.0)
+        object.__setattr__(self, "dt", check_period(self.dt))
 
     @property
     def longest(self) -> float:

@@ -18,6 +18,7 @@ from hgo_rs.observers.gains import WITH_R
 from hgo_rs.observers.records import MARK, Array, check_inputs, check_samples, inputs, vector
 from hgo_rs.observers.turns import turns_of
 from hgo_rs.read_only import ReadOnlyDict
+from hgo_rs.times import check_period
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -303,7 +304,7 @@ class OnlineObserver(_core.Online):
     # `step` is compiled. It asks these about what it does not know to be sound.
 
     def _checked_dt(self, dt: Any) -> float:
-        step = check_number(dt, "dt", above=0.0)
+        step = check_period(dt)
         self._check_dt(step, self.allow_unstable)
         return step
 

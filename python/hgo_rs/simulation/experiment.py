@@ -23,6 +23,7 @@ from hgo_rs.simulation.feedback import Controller, Loop, close
 from hgo_rs.simulation.llvm import check_engine, kernel_for
 from hgo_rs.simulation.noise import Noise, RecordedNoise
 from hgo_rs.simulation.result import SimulationResult
+from hgo_rs.times import check_period
 
 PLANT_METHODS = (
     "euler",
@@ -263,7 +264,7 @@ def plan(
     check_choice("plant_method", plant_method, PLANT_METHODS)
     if (dt is None) == (schedule is None):
         raise HgoError("dt: give either dt [s] or schedule")
-    clock = FixedStep(check_number(dt, "dt", above=0.0)) if schedule is None else schedule
+    clock = FixedStep(check_period(dt)) if schedule is None else schedule
     for name, given in (("schedule", clock), ("plant_schedule", plant_schedule)):
         known = given is None or isinstance(given, (FixedStep, StochasticApproximation))
         check(known, name, given, "a FixedStep or StochasticApproximation", "see hgo_rs.observers")

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, check, check_array, check_integer, check_number
 from hgo_rs.read_only import shown
+from hgo_rs.times import check_period
 
 Sine = tuple[float, float, float]
 
@@ -159,7 +160,7 @@ def filtered_noise(
     from hgo_rs import _core
 
     samples = check_integer(samples, "samples", least=1)
-    dt = check_number(dt, "dt", above=0.0)
+    dt = check_period(dt)
     order = check_integer(order, "order", least=1, most=12)
     seed = check_integer(seed, "seed", least=0, most=2**64 - 1)
     run = check_integer(run, "run", least=0, most=2**64 - 1)

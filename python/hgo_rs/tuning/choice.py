@@ -18,6 +18,7 @@ import numpy.typing as npt
 from hgo_rs.errors import HgoError, check, check_integer, check_number
 from hgo_rs.logs import Log
 from hgo_rs.models import System
+from hgo_rs.times import check_period
 from hgo_rs.tuning.candidate import Candidate
 from hgo_rs.tuning.chains import outputs, tune_chains
 from hgo_rs.tuning.offers import Build, offered, sources
@@ -143,7 +144,7 @@ def tune(
         record = Record.of(log_or_noise, skip)
         step = record.dt
         if dt is not None:
-            given = check_number(dt, "dt", above=0.0)
+            given = check_period(dt)
             median = f"the log's median time between samples, {step:.6g} s"
             fits = math.isclose(given, step, rel_tol=1e-2)
             check(fits, "dt", given, median, "leave it out, or correct the times")
@@ -154,7 +155,7 @@ def tune(
         remedy = "give the standard deviation of the noise, or a log as a tuple (t, y)"
         level = check_number(log_or_noise, "log_or_noise", above=0.0, remedy=remedy)
         check(dt is not None, "dt", dt, "given with a noise level", "give the sampling period")
-        step = check_number(dt, "dt", above=0.0)
+        step = check_period(dt)
         needed = "given with a noise level, for the least error"
         remedy = "say how much the model lacks, or give a log, cutoff= or settling="
         check(targets or model_error is not None, "model_error", None, needed, remedy)

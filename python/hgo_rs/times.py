@@ -6,13 +6,17 @@ size; or dates, or durations. Its whole ticks are subtracted as integers before 
 
 from __future__ import annotations
 
+import datetime
 import math
 import re
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from hgo_rs.errors import HgoError, check, check_number
 
 UNITS = {
     "s": Fraction(1),
@@ -252,3 +256,88 @@ def wrapped(back: float, step: float) -> int | None:
         if step < 2.0**bits / 4 and abs(back + step - 2.0**bits) <= 20.0 * step:
             return bits
     return None
+
+
+# --- dates and durations of other libraries ------------------------------------------------------
+
+_DTYPES = ("datetime64", "timedelta64", "Datetime", "Duration", "timestamp[", "duration[")
+"""How the types of dates and durations begin: NumPy's and pandas', polars', pyarrow's."""
+_SINGLE = (datetime.datetime, datetime.timedelta, np.datetime64, np.timedelta64)
+
+
+def is_clock(values: Any) -> bool:
+    """Whether these are dates or durations, or one of them."""
+    if isinstance(values, _SINGLE) or str(getattr(values, "dtype", "")).startswith(_DTYPES):
+        return True
+    if isinstance(values, (list, tuple)) or str(getattr(values, "dtype", "")) == "object":
+        return isinstance(next((v for v in values if v is not None), None), _SINGLE)
+    return False
+
+
+def clock_of(values: Any) -> npt.NDArray[np.float64]:
+    """Dates as seconds since the first of them, durations as seconds; NaN where missing.
+
+    Dates with a zone are compared in UTC.
+
+    Raises
+    ------
+    HgoError
+        Dates beside durations or numbers; durations that have no fixed length.
+    """
+    values = _single(values) if isinstance(values, _SINGLE) else values
+    raw = np.asanyarray(values)
+    if raw.dtype.kind == "O" and hasattr(values, "to_numpy"):  # pandas, with a zone
+        values = values.to_numpy(dtype="datetime64[ns]")
+    elif raw.dtype.kind == "O":
+        single = [_single(value) for value in raw.flat]
+        kinds = {getattr(value, "dtype", raw.dtype).kind for value in single if value is not None}
+        allowed = "dates alone or durations alone"
+        check(len(kinds) == 1 and kinds <= {"M", "m"}, "t", raw.tolist(), allowed, "convert others")
+        gone = np.datetime64("NaT") if "M" in kinds else np.timedelta64("NaT")
+        values = np.array([gone if value is None else value for value in single])
+        values = values.reshape(raw.shape)
+    return in_seconds(np.asanyarray(values), "t")
+
+
+def in_seconds(
+    values: npt.NDArray[np.generic], told: str, length: Fraction | None = None
+) -> npt.NDArray[np.float64]:
+    """Dates since the first, durations, or numbers of ticks of this length, in seconds."""
+    found = ticks(np.atleast_1d(values))
+    if isinstance(found, str):
+        raise HgoError(f"{told} {found}")
+    length = found.length or length
+    if length is None:
+        raise HgoError(f"{told} holds durations without a unit; give them in seconds")
+    origin = found.first() * length if found.is_date else Fraction(0)
+    return found.seconds(length, origin).reshape(np.shape(values))
+
+
+def _single(value: Any) -> Any:
+    """A date or a duration as NumPy's."""
+    for method in ("to_datetime64", "to_timedelta64"):  # pandas
+        if hasattr(value, method):
+            return getattr(value, method)()
+    if isinstance(value, datetime.datetime):
+        zone = value.tzinfo is not None
+        value = value.astimezone(datetime.timezone.utc).replace(tzinfo=None) if zone else value
+        return np.datetime64(value, "us")
+    if isinstance(value, datetime.timedelta):
+        return np.timedelta64(value, "us")
+    return value
+
+
+def check_period(
+    value: Any,
+    parameter: str = "dt",
+    *,
+    remedy: str = "choose a value in this range",
+    error: type[HgoError] = HgoError,
+) -> float:
+    """A period > 0 [s]: a number, or a duration of datetime, NumPy or pandas."""
+    if isinstance(value, (datetime.timedelta, np.timedelta64)):
+        try:
+            value = float(clock_of(value))
+        except HgoError as refused:
+            raise error(f"{parameter}: {refused}") from None
+    return check_number(value, parameter, above=0.0, remedy=remedy, error=error)
