@@ -136,6 +136,32 @@ def test_dt_in_place_of_and_beside_a_time_column(tmp_path):
         read_log(path, None, "q")
 
 
+def test_structures_and_cells_are_columns_by_their_paths(tmp_path):
+    scipy_io = pytest.importorskip("scipy.io")
+    t = np.arange(5) * 0.1
+    both = np.c_[3.0 * t, t**2]
+    scope = {"time": t[:, None], "signals": {"values": both, "label": "pos"}, "blockName": "Scope"}
+    cells = np.array([{"a": 4.0 * t}, {"a": 5.0 * t}, "text"], dtype=object)
+    path = tmp_path / "scope.mat"
+    scipy_io.savemat(path, {"Data": scope, "plain": t, "cells": cells, "list": [scope, scope]})
+    log = read_log(path, "Data.time", ["Data.signals.values[1]", "cells[1].a", "plain"])
+    np.testing.assert_array_equal(log.t, t)
+    np.testing.assert_array_equal(log.y, np.c_[t**2, 5.0 * t, t])
+    np.testing.assert_array_equal(read_log(path, "plain", "list[1].signals.values[0]").y, 3.0 * t)
+    told = refusal(path, "plain", "Data.signals.value[1]")
+    assert "nearest: Data.signals.values[1]" in told
+    path = tmp_path / "records.npz"
+    dtype = [("t", float), ("pose", [("q", float), ("w", float, 2)]), ("name", "U3")]
+    rows = np.zeros(5, dtype)
+    rows["t"], rows["pose"]["q"], rows["pose"]["w"] = t, 2.0 * t, both
+    np.savez(path, log=rows, held=np.array({"t": t}, dtype=object))
+    log = read_log(path, "log.t", ["log.pose.q", "log.pose.w[1]"])
+    np.testing.assert_array_equal(log.y, np.c_[2.0 * t, t**2])
+    told = refusal(path, "log.t", "held")
+    assert "held holds Python objects: save its arrays by their names" in told
+    assert "Columns: log.t, log.pose.q, log.pose.w[0], log.pose.w[1]" in told
+
+
 def test_npz(tmp_path):
     path = tmp_path / "log.npz"
     t = np.arange(5) * 0.1
