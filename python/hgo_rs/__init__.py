@@ -76,7 +76,16 @@ if TYPE_CHECKING:
         StudyResult,
         study,
     )
-    from hgo_rs.smoothing import Comparison, Fit, Smoothed, compare, fit, smooth
+    from hgo_rs.smoothing import (
+        Comparison,
+        Derivative,
+        Fit,
+        Smoothed,
+        compare,
+        differentiate,
+        fit,
+        smooth,
+    )
     from hgo_rs.tuning import TradeOff, Tuning, TuningWarning, tune
 
 __all__ = [
@@ -90,6 +99,7 @@ __all__ = [
     "Crackle",
     "DeadZone",
     "DeadZoneGain",
+    "Derivative",
     "DesignError",
     "Fal",
     "Fit",
@@ -139,6 +149,7 @@ __all__ = [
     "VanDerPol",
     "__version__",
     "compare",
+    "differentiate",
     "estimate",
     "export",
     "filtered_noise",

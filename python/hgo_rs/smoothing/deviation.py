@@ -65,8 +65,18 @@ class Assumed:
         return hasattr(self.observer, "covariance") and self.specs[0]["kind"] == "high-gain-ekf"
 
 
-def deviation(observer: Observer, run: RunResult, u: Array, noise: Any, model_error: Any) -> Array:
-    """Standard deviations (N, n) of the estimates of a run; noise and model error as `Assumed`."""
+def deviation(
+    observer: Observer,
+    run: RunResult,
+    u: Array,
+    noise: Any,
+    model_error: Any,
+    p0: Array | None = None,
+) -> Array:
+    """Standard deviations (N, n) of the estimates of a run; noise and model error as `Assumed`.
+
+    `p0` is the covariance (n, n) of the start; default: so large that it binds nothing.
+    """
     assumed = Assumed(observer, noise, model_error)
     motion, specs = assumed.motion, assumed.specs
     samples = Samples(np.array(run.time), np.array(run.y), np.asarray(u, dtype=np.float64))
@@ -78,7 +88,7 @@ def deviation(observer: Observer, run: RunResult, u: Array, noise: Any, model_er
         gain = covariance[:, :, list(motion.first)] / (own / theta)
         p0 = np.diag(start(motion, samples)[1] ** 2)
         return _of_filter(motion, samples, gain, f, w, p0, assumed.r)
-    recursion = Recursion(assumed, samples, f, w)
+    recursion = Recursion(assumed, samples, f, w, p0)
     present = np.isfinite(samples.y)
     return np.sqrt([recursion.step(k, present[k]) for k in range(len(present))])
 
@@ -171,7 +181,9 @@ def _of_filter(
 class Recursion:
     """The covariance of an observer's error, of laws with constant gains, from sample to sample."""
 
-    def __init__(self, assumed: Assumed, samples: Samples, f: Array, w: Array) -> None:
+    def __init__(
+        self, assumed: Assumed, samples: Samples, f: Array, w: Array, p0: Array | None = None
+    ) -> None:
         self._motion, self._specs, self._r = assumed.motion, assumed.specs, assumed.r
         self._f, self._w = f, w
         self._usual = float(np.median(samples.dt))
@@ -180,7 +192,8 @@ class Recursion:
         lifts = [following(spec) for spec in self._specs]
         self._lift = _diagonal(lifts)
         self._begins = np.cumsum([0, *(len(lift) for lift in lifts[:-1])])
-        p0 = np.diag(start(self._motion, samples)[1] ** 2)
+        if p0 is None:
+            p0 = np.diag(start(self._motion, samples)[1] ** 2)
         self._z = self._lift @ p0 @ self._lift.T
         self._law = lru_cache(maxsize=4096)(self._made)
 

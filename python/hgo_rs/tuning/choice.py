@@ -21,7 +21,7 @@ from hgo_rs.models import System
 from hgo_rs.times import check_period
 from hgo_rs.tuning.candidate import Candidate
 from hgo_rs.tuning.chains import outputs, tune_chains
-from hgo_rs.tuning.offers import Build, offered, sources
+from hgo_rs.tuning.offers import LARGEST, Build, offered, sources
 from hgo_rs.tuning.record import Given, Record
 from hgo_rs.tuning.reference import find
 from hgo_rs.tuning.result import Tuning
@@ -132,7 +132,8 @@ def tune(
     free = build is None or isinstance(build, System)
     structures: dict[str, Build]
     if build is None or isinstance(build, System):
-        structures = offered(build)
+        asked_of = 1 if state is None else check_integer(state, "state", least=1, most=LARGEST)
+        structures = offered(build, asked_of)
     else:
         structures = dict(build) if isinstance(build, Mapping) else {"": build}
     check(structures, "build", build, "at least one observer", "give ell -> observer")

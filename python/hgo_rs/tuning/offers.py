@@ -15,7 +15,8 @@ Build = Callable[[float], Observer]
 """An observer with the gain given [1/s]."""
 
 SIXTY = complex(-0.5, 0.75**0.5)
-_LARGEST = 12  # order of a law
+LARGEST = 12
+"""Order of a law."""
 SLOW = -0.1
 """Pole of a load that changes seldom, beside those of the other states."""
 
@@ -85,7 +86,7 @@ def sources(models: Mapping[str, tuple[System | None, int]]) -> list[Source]:
     out: dict[tuple[str, int], Source] = {}
 
     def add(name: str, known: System | None, n: int, valid: int) -> None:
-        if n <= _LARGEST:
+        if n <= LARGEST:
             out.setdefault((repr(known), n), (name, known, n, min(valid, n)))
 
     for model, n in models.values():
@@ -109,8 +110,10 @@ def _is_zero(side: Node) -> bool:
     return side.op == "constant" and side.number == 0.0
 
 
-def offered(model: System | None) -> dict[str, Build]:
-    """Structures for a model by name, each ell -> observer."""
+def offered(model: System | None, state: int = 1) -> dict[str, Build]:
+    """Structures for a model by name, each ell -> observer; without one all have the estimate
+    `state`.
+    """
     out: dict[str, Build] = {}
 
     def add(
@@ -123,11 +126,11 @@ def offered(model: System | None) -> dict[str, Build]:
         out[name] = build
 
     own = as_model(model)
-    n = model.order if model is not None and model.order else 2
+    n = model.order if model is not None and model.order else max(2, state)
     n = own.n if own is not None else n
     known = own if own is not None else None if isinstance(model, Unknown) else model
     if known is not None:
-        loaded = with_load(own) if own is not None and n < _LARGEST else None
+        loaded = with_load(own) if own is not None and n < LARGEST else None
         add("model, Butterworth", StandardObserver, n, butterworth(n), known)
         if n >= 2:
             add("model, damping 1/2", StandardObserver, n, damped_half(n), known)
@@ -138,7 +141,7 @@ def offered(model: System | None) -> dict[str, Build]:
             slow = [*damped_half(n), SLOW] if n >= 2 else [-1.0, SLOW]
             add("model and load, slow", StandardObserver, n + 1, slow, loaded)
     for order in (max(n, 2), max(n, 2) + 1):
-        if order <= _LARGEST:
+        if order <= LARGEST:
             add(
                 f"order {order}, no model, Butterworth",
                 StandardObserver,

@@ -1,0 +1,315 @@
+"""The derivative of a record, for those who want nothing else."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from datetime import timedelta
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs.design.discrete import following
+from hgo_rs.design.response import innovation_gain
+from hgo_rs.errors import HgoError, check, check_integer, check_number, need
+from hgo_rs.logs.times import UNITS, ticks
+from hgo_rs.observers import Observer, RunResult, StandardObserver
+from hgo_rs.observers.whiteness import normal_width
+from hgo_rs.smoothing.deviation import deviation
+from hgo_rs.smoothing.samples import Array, Samples
+from hgo_rs.tuning import Tuning, tune
+from hgo_rs.tuning.linear import stationary
+from hgo_rs.tuning.reference import butterworth
+from hgo_rs.tuning.reversal import signs
+
+_LEAST = 50  # samples of a record that is to tell its noise by itself
+_HIGHEST = 8
+_EXACT = 16.0  # roundings of y, which third differences of an exact line or parabola stay below
+_EVEN = 1e-6  # of the step, that those of an even clock may be off
+_ENDS = 20  # part of a record that is left out at both ends where its sides are compared
+_SPAN, _POINTS = (1e-2, 5.0), 41  # of ell dt
+_NEAR = 1e-2  # of the median step, that a period given beside an index may be off it
+
+
+@dataclass(frozen=True, eq=False)
+class Derivative:
+    """A derivative of a record, and the observer that gave it.
+
+    Attributes
+    ----------
+    derivative : (N,) [unit of y / s^order]
+        At each sample, of the samples up to it.
+    deviation : (N,) [unit of y / s^order]
+        Its standard deviation.
+    t : (N,) [s]
+    order : int
+    x_hat : (N, n)
+        y without its noise and all its derivatives up to n - 1 >= order.
+    noise : float
+        Standard deviation of y's noise: given, or found in the record.
+    observer : Observer
+        Its `step` gives the same derivative on line, its `export` on a chip.
+    tuning : Tuning or None
+        The choice of structure and gain; None where the noise was given.
+    """
+
+    derivative: Array
+    deviation: Array
+    t: Array
+    order: int
+    x_hat: Array = field(repr=False)
+    noise: float
+    observer: Observer
+    tuning: Tuning | None = field(repr=False)
+    run: RunResult = field(repr=False)
+    index: Any = field(repr=False, default=None)
+
+    def band(self, level: float = 0.95) -> tuple[Array, Array]:
+        """Lower and upper ends, (N,) each, between which the derivative lies with this
+        probability.
+        """
+        wide = normal_width(level) * self.deviation
+        return self.derivative - wide, self.derivative + wide
+
+    def to_dataframe(self) -> Any:
+        """A pandas DataFrame with columns `derivative` and `deviation`, by the index of the Series
+        that was given, or by time. Needs the extra `data`.
+        """
+        pd = need("pandas", "a table needs pandas", "data")
+        index = pd.Index(self.t, name="time") if self.index is None else self.index
+        return pd.DataFrame(
+            {"derivative": self.derivative, "deviation": self.deviation}, index=index
+        )
+
+    def plot(self, figure: Any = None) -> Any:
+        """Draw samples, estimates and gain: see `RunResult.plot`. Needs the extra `plot`."""
+        return self.run.plot(figure)
+
+
+def differentiate(
+    y: Any, dt: Any = None, order: int = 1, noise: float | None = None, *, t: Any = None
+) -> Derivative:
+    """The derivative of a record, with its standard deviation, by an observer tuned on it.
+
+    Each value uses the samples up to its own, so that the observer gives the same on line; the
+    first one is where the same observer ends that runs over the record backwards. With all samples
+    before and after each one, `smooth(None, (t, y))` errs less.
+
+    Parameters
+    ----------
+    y : (N,)
+        Samples; NaN or None is missing. A pandas Series brings its clock: an index of dates,
+        durations or floats [s].
+    dt : float [s], timedelta or pandas Timedelta, optional
+        Sampling period.
+    order : int
+        Of the derivative, 1 to 8.
+    noise : float, optional
+        Standard deviation of the noise of y, white from sample to sample; 0 if it has none beside
+        rounding. The record then tells only what y's derivatives do. Default: the record tells
+        both, and structure and gain are those of `tune(None, (t, y))`.
+    t : (N,), optional
+        Increasing times [s], dates or durations, in place of `dt`.
+
+    Returns
+    -------
+    Derivative
+
+    Warns
+    -----
+    TuningWarning
+        As `tune`.
+
+    Raises
+    ------
+    HgoError
+        No clock, or two that differ; times that do not increase; fewer than 50 samples, or 20 with
+        `noise`; a record in which no noise is found.
+    """
+    order = check_integer(order, "order", least=1, most=_HIGHEST)
+    values, clock, index = _record(y, dt, t)
+    samples = Samples.of((clock, values), 1, 0)
+    period = clock if isinstance(clock, float) else samples.usual(0)
+    known = math.nan if noise is None else check_number(noise, "noise", least=0.0)
+    there = samples.y[np.isfinite(samples.y[:, 0]), 0]
+    rounding = float(np.finfo(np.float64).eps * np.max(np.abs(there)))
+    rounding = max(rounding, float(np.finfo(np.float64).tiny) ** 0.25)
+    if noise is None:
+        remedy = "give noise=, the standard deviation of y's noise, or a longer record"
+        check(len(there) >= _LEAST, "samples", len(there), f">= {_LEAST} without noise=", remedy)
+        if math.sqrt(samples.noise(0)) <= _EXACT * rounding:
+            known = 0.0
+    tuning, scale = None, 1.0
+    if known != known:
+        try:
+            tuning = tune(None, (clock, values), state=order + 1)
+        except HgoError as error:
+            raise HgoError(
+                f"noise = None: must be found in the record ({error}); give noise=, the standard "
+                "deviation of y's noise, or 0"
+            ) from error
+        observer, lack = tuning.observer, tuning.model_error
+        level = tuning.noise if tuning.noise > rounding else rounding
+        lack = lack if lack > 0.0 else 0.0
+        shown = np.diag(_covariance(observer, period, level, lack)[1])[order]
+        scale = float(tuning.errors[order] / math.sqrt(shown))
+    else:
+        level = max(known, rounding)
+        observer, lack = _chosen(samples, clock, period, order, level)
+        scale = _differing(observer, samples, clock, period, order, level, lack)
+    before, after = _covariance(observer, period, level, lack)
+    run = observer.run(clock, samples.y[:, 0], memory0=_start(observer, samples))
+    even = np.ptp(samples.dt) <= _EVEN * period and not samples.missing.any()
+    if even:
+        spread = np.broadcast_to(np.sqrt(np.diag(after)), run.x_hat.shape)
+    else:
+        turn = signs((observer.n,))
+        p0 = before * np.outer(turn, turn)
+        spread = deviation(observer, run, samples.u, level, lack, p0)
+    return Derivative(
+        derivative=np.array(run.x_hat[:, order]),
+        deviation=scale * spread[:, order],
+        t=samples.t,
+        order=order,
+        x_hat=np.array(run.x_hat),
+        noise=level if known != 0.0 else 0.0,
+        observer=observer,
+        tuning=tuning,
+        run=run,
+        index=index,
+    )
+
+
+def _covariance(observer: Observer, dt: float, noise: float, lack: float) -> tuple[Array, Array]:
+    """Of the error at rest, (n, n): before a sample is used, and of the estimate."""
+    found = stationary(observer.spec, dt)
+    before, shown = (noise**2 * p[0] + lack**2 * p[1] for p in (found.before, found.shown))
+    return np.asarray(before), np.asarray(shown)
+
+
+def _start(observer: Observer, samples: Samples) -> Array:
+    """The memory of a start where the observer ends that runs backwards, all samples but the first
+    one used.
+    """
+    y = samples.y[::-1, 0].copy()
+    y[-1] = np.nan
+    run = observer.run(samples.t[-1] - samples.t[::-1], y, start="first-sample")
+    return _following(observer, run.x_hat[-1] * signs((observer.n,)))
+
+
+def _following(observer: Observer, x: Array) -> Array:
+    """The memory of an observer that has followed the state x."""
+    memory, lift = observer.initial_memory(x), following(observer.spec)
+    memory[: len(lift)] = lift @ x
+    return memory
+
+
+def _chosen(
+    samples: Samples, clock: float | Array, dt: float, order: int, noise: float
+) -> tuple[Observer, float]:
+    """The observer that predicts the next sample best, and sqrt(Q), for a noise that is known.
+
+    Its innovation tells Q: S = R s_R + Q s_Q.
+    """
+    y, best, least = samples.y[:, 0], None, math.inf
+    for n in (order + 1, order + 2):
+        for ell in (np.geomspace(*_SPAN, _POINTS) / dt).tolist():
+            observer = StandardObserver(n, ell, poles=butterworth(n))
+            run = observer.run(clock, y, memory0=_start(observer, samples))
+            square = float(np.nanmean(run.innovation**2))
+            if square < least:
+                best, least = observer, square
+    assert best is not None
+    of_noise, of_lack = innovation_gain(best.spec, dt)
+    return best, math.sqrt(max(least - noise**2 * of_noise, 0.0) / of_lack)
+
+
+def _differing(
+    observer: Observer,
+    samples: Samples,
+    clock: float | Array,
+    dt: float,
+    order: int,
+    noise: float,
+    lack: float,
+) -> float:
+    """What the estimates from both sides of a sample differ by, over what R and Q say, if more.
+
+    What is not white in the record, as a slow swing of y, makes the error so much larger.
+    """
+    past = observer.run(clock, samples.y[:, 0], memory0=_start(observer, samples)).x_hat
+    back = samples.t[-1] - samples.t[::-1]
+    turn, other = signs((observer.n,)), observer.with_timing("predictor")
+    begin = _following(other, turn * past[-1])
+    ahead = other.run(back, samples.y[::-1, 0], memory0=begin)
+    future = (ahead.x_hat * turn)[::-1]
+    some = slice(len(past) // _ENDS, -(len(past) // _ENDS))
+    square = np.mean((past - future)[some, order] ** 2)
+    before, after = _covariance(observer, dt, noise, lack)
+    return max(1.0, float(np.sqrt(square / (before + after)[order, order])))
+
+
+def _record(y: Any, dt: Any, t: Any) -> tuple[npt.ArrayLike, float | Array, Any]:
+    """Samples, their period or times [s], and the index that they came with."""
+    period = None if dt is None else _seconds(dt)
+    index = getattr(y, "index", None)
+    index = index if hasattr(index, "to_numpy") else None
+    kind = getattr(getattr(index, "dtype", None), "kind", "")
+    own = index is not None and kind in "fMm"
+    check(t is None or period is None, "dt, t", (dt, "times"), "one of them", "leave one out")
+    if t is None and own:
+        t, name = index, "index of y"
+    else:
+        name = "t"
+    if t is None:
+        remedy = "give dt=, the sampling period in s, or t=, the times"
+        told = "given" if index is None else "given with an index that counts rows"
+        check(period is not None, "dt", dt, told, remedy)
+        assert period is not None
+        return y, period, index
+    times = _times(t, name)
+    if period is not None:
+        usual = float(np.median(np.diff(times))) if len(times) > 1 else period
+        fits = abs(period - usual) <= _NEAR * usual
+        allowed = f"{usual:.6g} s, the median step of the index of y"
+        check(fits, "dt", dt, allowed, "leave it out, or give y without its index")
+    return y, times, index
+
+
+def _seconds(dt: Any) -> float:
+    """A period as seconds."""
+    if isinstance(dt, timedelta):  # pandas.Timedelta is one
+        dt = dt / timedelta(seconds=1)
+    elif isinstance(dt, np.timedelta64):
+        dt = dt / np.timedelta64(1, "s")
+    return check_number(dt, "dt", above=0.0)
+
+
+def _times(t: Any, name: str) -> Array:
+    """Times as seconds; dates count from the first one."""
+    column = np.asarray(t)
+    if column.dtype.kind == "O":  # datetime and timedelta objects, times with a zone
+        column = _dates(column, name)
+    remedy = "give seconds, dates or durations"
+    found = ticks(column) if column.ndim == 1 else f"has the shape {column.shape}"
+    if isinstance(found, str):
+        raise HgoError(f"{name}: must be one time a sample, but {found}; {remedy}")
+    length = UNITS["s"] if found.length is None else found.length
+    return found.seconds(length, found.first() * length if found.is_date else UNITS["s"] * 0)
+
+
+def _dates(column: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
+    """Objects as datetime64 or timedelta64."""
+    durations = all(isinstance(one, timedelta) for one in column)
+    try:
+        zone = [getattr(one, "tzinfo", None) for one in column]
+        if any(zone):
+            from datetime import timezone
+
+            column = np.array([one.astimezone(timezone.utc).replace(tzinfo=None) for one in column])
+        return column.astype("timedelta64[ns]" if durations else "datetime64[ns]")
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise HgoError(
+            f"{name}: must be one time a sample ({error}); give seconds, dates or durations"
+        ) from error
