@@ -11,7 +11,9 @@ There is one run, so that no kernel has anything to share; the start is read all
 from __future__ import annotations
 
 import ctypes
+import tempfile
 from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -244,6 +246,29 @@ def in_c(
     return compiled.fastest([partial(run, kernel) for kernel in kernels])
 
 
+# The memory is doubles alone, as it is handed over.
+EXPORTED_C = """
+#include <string.h>
+void run(int64_t samples, const double *y, const double *z0, double *x_hat) {
+  observer_state state;
+  memcpy(&state, z0, sizeof state);
+  for (int64_t k = 0; k < samples; k++, x_hat += N) {
+    memcpy(x_hat, &state, N * sizeof *x_hat);
+    observer_step(&state, y[k], 0.0, T);
+  }
+}
+"""
+
+
+def exported(observer: Observer, size: Size, threads: int) -> Call:
+    """The source that `export` writes, its step called in a loop: the law's own sums, its bits."""
+    with tempfile.TemporaryDirectory() as folder:
+        observer.export(to="c", out=folder)
+        header, body = (Path(folder, f"observer.{end}").read_text("utf-8") for end in "hc")
+    source = header + body.replace('#include "observer.h"', "") + EXPORTED_C
+    return in_c(source, observer, {"N": observer.n}, size, threads)
+
+
 def case(
     name: str, observer: Observer, own: Observer, *others: Implementation, jitter: bool = False
 ) -> Workload:
@@ -268,9 +293,14 @@ def case(
 def kernels(
     source: str, observer: Observer, constants: dict[str, float]
 ) -> tuple[Implementation, ...]:
-    """The kernel in C as the processor computes it best, and with every operation rounded."""
+    """The kernel in C as the processor computes it best, with every operation rounded, and as
+    `export` writes it."""
     kernel = partial(in_c, source, observer, constants)
-    return Implementation("C", kernel), Implementation("C, rounded", compiled.rounded(kernel))
+    return (
+        Implementation("C", kernel),
+        Implementation("C, rounded", compiled.rounded(kernel)),
+        Implementation("C, exported", partial(exported, observer), bits=OURS),
+    )
 
 
 WORKLOADS = (
