@@ -4,6 +4,7 @@
 //! compiled of the same tables, takes its place where there is one, with the same bits.
 
 mod block;
+pub mod exact;
 mod feedback;
 mod interpreter;
 mod kernel;
