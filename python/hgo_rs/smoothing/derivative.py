@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from datetime import timedelta
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from hgo_rs import signals
 from hgo_rs.design.discrete import following
 from hgo_rs.design.response import innovation_gain
-from hgo_rs.errors import HgoError, check, check_integer, check_number, need
-from hgo_rs.logs.times import UNITS, ticks
+from hgo_rs.errors import HgoError, check, check_array, check_integer, check_number, need
 from hgo_rs.observers import Observer, RunResult, StandardObserver
 from hgo_rs.observers.whiteness import normal_width
 from hgo_rs.smoothing.deviation import deviation
 from hgo_rs.smoothing.samples import Array, Samples
+from hgo_rs.times import check_period, clock_of, is_clock
 from hgo_rs.tuning import Tuning, tune
 from hgo_rs.tuning.linear import stationary
 from hgo_rs.tuning.reference import butterworth
@@ -250,66 +249,28 @@ def _differing(
     return max(1.0, float(np.sqrt(square / (before + after)[order, order])))
 
 
-def _record(y: Any, dt: Any, t: Any) -> tuple[npt.ArrayLike, float | Array, Any]:
+def _record(y: Any, dt: Any, t: Any) -> tuple[Any, float | Array, Any]:
     """Samples, their period or times [s], and the index that they came with."""
-    period = None if dt is None else _seconds(dt)
+    check(t is None or dt is None, "dt, t", (dt, "times"), "one of them", "leave one out")
     index = getattr(y, "index", None)
     index = index if hasattr(index, "to_numpy") else None
-    kind = getattr(getattr(index, "dtype", None), "kind", "")
-    own = index is not None and kind in "fMm"
-    check(t is None or period is None, "dt, t", (dt, "times"), "one of them", "leave one out")
-    if t is None and own:
-        t, name = index, "index of y"
-    else:
-        name = "t"
-    if t is None:
-        remedy = "give dt=, the sampling period in s, or t=, the times"
-        told = "given" if index is None else "given with an index that counts rows"
-        check(period is not None, "dt", dt, told, remedy)
-        assert period is not None
-        return y, period, index
-    times = _times(t, name)
-    if period is not None:
-        usual = float(np.median(np.diff(times))) if len(times) > 1 else period
-        fits = abs(period - usual) <= _NEAR * usual
-        allowed = f"{usual:.6g} s, the median step of the index of y"
-        check(fits, "dt", dt, allowed, "leave it out, or give y without its index")
-    return y, times, index
+    counts = index is not None and index.dtype.kind in "iu"
+    if t is not None:
+        return y, clock_of(t) if is_clock(t) else _numbers(t), index
+    if signals.is_record(y) and not counts:
+        times, values, _ = signals.arrays(y)
+        times = _numbers(times)
+        if dt is not None:
+            period, usual = check_period(dt), float(np.median(np.diff(times)))
+            fits = abs(period - usual) <= _NEAR * usual
+            allowed = f"{usual:.6g} s, the median step of the index of y"
+            check(fits, "dt", dt, allowed, "leave it out, or give y without its index")
+        return values, times, index
+    remedy = "give dt=, the sampling period in s, or t=, the times"
+    told = "given" if index is None else "given with an index that counts rows"
+    check(dt is not None, "dt", dt, told, remedy)
+    return y, check_period(dt), index
 
 
-def _seconds(dt: Any) -> float:
-    """A period as seconds."""
-    if isinstance(dt, timedelta):  # pandas.Timedelta is one
-        dt = dt / timedelta(seconds=1)
-    elif isinstance(dt, np.timedelta64):
-        dt = dt / np.timedelta64(1, "s")
-    return check_number(dt, "dt", above=0.0)
-
-
-def _times(t: Any, name: str) -> Array:
-    """Times as seconds; dates count from the first one."""
-    column = np.asarray(t)
-    if column.dtype.kind == "O":  # datetime and timedelta objects, times with a zone
-        column = _dates(column, name)
-    remedy = "give seconds, dates or durations"
-    found = ticks(column) if column.ndim == 1 else f"has the shape {column.shape}"
-    if isinstance(found, str):
-        raise HgoError(f"{name}: must be one time a sample, but {found}; {remedy}")
-    length = UNITS["s"] if found.length is None else found.length
-    return found.seconds(length, found.first() * length if found.is_date else UNITS["s"] * 0)
-
-
-def _dates(column: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
-    """Objects as datetime64 or timedelta64."""
-    durations = all(isinstance(one, timedelta) for one in column)
-    try:
-        zone = [getattr(one, "tzinfo", None) for one in column]
-        if any(zone):
-            from datetime import timezone
-
-            column = np.array([one.astimezone(timezone.utc).replace(tzinfo=None) for one in column])
-        return column.astype("timedelta64[ns]" if durations else "datetime64[ns]")
-    except (TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise HgoError(
-            f"{name}: must be one time a sample ({error}); give seconds, dates or durations"
-        ) from error
+def _numbers(t: Any) -> Array:
+    return check_array(t, "t", remedy="give seconds, dates or durations")
