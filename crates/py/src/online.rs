@@ -9,7 +9,9 @@ use hgo_ir::CHAINS;
 use hgo_ir::MAX_INPUTS;
 use hgo_rs::estimator::Clock;
 use hgo_rs::observer::Status;
-use numpy::npyffi::{_PyArray_GET_ITEM_DATA, NPY_ARRAY_WRITEABLE};
+use numpy::npyffi::{
+    _PyArray_GET_ITEM_DATA, NPY_ARRAY_ALIGNED, NPY_ARRAY_C_CONTIGUOUS, NPY_ARRAY_WRITEABLE,
+};
 use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::intern;
 use pyo3::prelude::*;
@@ -348,7 +350,11 @@ fn call<'py>(
         }
         (law.n(), law.n_y(), law.n_u(), me.stable_dt, me.started || me.clock.time() > 0.0)
     };
-    let place = out.map(|out| place(slf, out, n)).transpose()?;
+    if let Some(out) = out
+        && place(out, n).is_none()
+    {
+        return Err(PyErr::from_value(slf.call_method1("_no_place", (out,))?).into());
+    }
     let none = py.None();
     let none = none.bind(py);
     let dt = match dt.map(|dt| (dt, dt.cast::<PyFloat>())) {
@@ -387,29 +393,28 @@ fn call<'py>(
     if !started {
         slf.call_method1(intern!(py, "_check_start"), (slf.getattr("memory")?,))?;
     }
-    let outcome = slf.try_borrow_mut()?.take(py, &Asked { verb, y: sample, u: input, dt })?;
-    let refusal = match outcome {
-        Outcome::Taken => None,
-        Outcome::Diverged => Some(slf.call_method0(intern!(py, "_divergence"))?),
+    let mut me = slf.try_borrow_mut()?;
+    let outcome = me.take(py, &Asked { verb, y: sample, u: input, dt })?;
+    if let Outcome::Taken = outcome {
+        let x_hat = me.memory.get(..n).unwrap_or(&[]);
+        let Some(out) = out else { return Ok(PyArray1::from_slice(py, x_hat)) };
+        let given = place(out, n).ok_or_else(|| {
+            refused(
+                "out was made another array during the call: the sample was taken, x_hat holds the \
+                 estimate",
+            )
+        })?;
+        write(given, x_hat)?;
+        return Ok(given.clone());
+    }
+    drop(me);
+    let error = match outcome {
         Outcome::Undefined => {
-            Some(slf.call_method1(intern!(py, "_no_value"), (sample.to_vec(), input.to_vec()))?)
+            slf.call_method1(intern!(py, "_no_value"), (sample.to_vec(), input.to_vec()))?
         }
+        _ => slf.call_method0(intern!(py, "_divergence"))?,
     };
-    if let Some(error) = refusal {
-        return Err(PyErr::from_value(error).into());
-    }
-    let me = slf.try_borrow()?;
-    let x_hat = me.memory.get(..n).unwrap_or(&[]);
-    match place {
-        None => Ok(PyArray1::from_slice(py, x_hat)),
-        Some(given) if fits(&given, n) => {
-            write(&given, x_hat)?;
-            Ok(given)
-        }
-        Some(_) => Err(refused(
-            "out was made another array during the call: the sample was taken, x_hat holds the estimate",
-        )),
-    }
+    Err(PyErr::from_value(error).into())
 }
 
 /// Numbers by one of Python's checks, which refuses what is wrong.
@@ -426,31 +431,14 @@ fn ask<'py>(
     Err(refused(&format!("{check} gave {checked}, not {} numbers", into.len())))
 }
 
-/// `out` if the estimate can be written there.
-fn place<'py>(
-    slf: &Bound<'py, Online>,
-    out: &Bound<'py, PyAny>,
-    n: usize,
-) -> Result<Bound<'py, PyArray1<f64>>> {
-    match out.cast::<PyArray1<f64>>() {
-        Ok(array) if fits(array, n) => Ok(array.clone()),
-        _ => Err(PyErr::from_value(slf.call_method1("_no_place", (out,))?).into()),
-    }
-}
-
-/// Whether n numbers can be written there. Asked again after calls to Python, which may change it.
-fn fits(array: &Bound<'_, PyArray1<f64>>, n: usize) -> bool {
-    array.cast::<PyArray1<f64>>().is_ok()
-        && array.len() == n
-        && array.is_c_contiguous()
-        && array.is_aligned()
-        && is_writeable(array)
-}
-
-#[allow(unsafe_code)] // the flag has no name in the crate numpy
-fn is_writeable(array: &Bound<'_, PyArray1<f64>>) -> bool {
+/// `out` if n numbers can be written there. Asked again after calls to Python, which may change it.
+fn place<'a, 'py>(out: &'a Bound<'py, PyAny>, n: usize) -> Option<&'a Bound<'py, PyArray1<f64>>> {
+    const WANTED: i32 = NPY_ARRAY_C_CONTIGUOUS | NPY_ARRAY_ALIGNED | NPY_ARRAY_WRITEABLE;
+    let array = out.cast::<PyArray1<f64>>().ok()?;
     // SAFETY: a Bound array is alive, and this thread is attached to the interpreter
-    unsafe { (*_PyArray_GET_ITEM_DATA(array.as_array_ptr())).flags & NPY_ARRAY_WRITEABLE != 0 }
+    #[allow(unsafe_code)] // the crate numpy has no name for these flags together
+    let flags = unsafe { (*_PyArray_GET_ITEM_DATA(array.as_array_ptr())).flags };
+    (flags & WANTED == WANTED && array.len() == n).then_some(array)
 }
 
 /// Write to an array that `place` let through.
