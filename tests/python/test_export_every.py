@@ -114,6 +114,20 @@ def chains(**manner: Any) -> Observer:
     return hgo.MultiOutputObserver(parts, model=model, allow_unstable=True)
 
 
+def filters(*orders: int) -> Callable[[], Observer]:
+    """High-gain EKFs of sampled data, an output each: one filter of all states."""
+    names = [f"q{i}" for i in range(sum(orders))]
+    sides = [f"u - sin({name}) + 0.2*q0*cos(t)" for name in names[-len(orders) :]]
+
+    def made() -> Observer:
+        model = hgo.Model(states=names, orders=list(orders), inputs=["u"], phi=sides)
+        given = {"R": 1e-4, "Q": 0.3}
+        parts = [hgo.HighGainEKF(n, theta=1.0 + i, **given) for i, n in enumerate(orders)]
+        return hgo.MultiOutputObserver(parts, model=model)
+
+    return made
+
+
 def copies(law: type[Any]) -> Callable[..., Observer]:
     def made(**manner: Any) -> Observer:
         gain = hgo.AdaptiveGain(0.05, 0.5, 0.2)
@@ -190,6 +204,7 @@ CASES: dict[str, Callable[[], Observer]] = {
     for law, (make, methods) in LAWS.items()
     for method, timing in itertools.product(methods, TIMINGS)
 }
+CASES |= {"EKFs of two outputs": filters(2, 3), "EKFs of three outputs": filters(1, 2, 2)}
 CASES |= {"sampled-data": sampled, "strict-feedback": strict_feedback, "ship": ship}
 
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from exported import STRICT, in_c, in_rust, put, run, says_ok
 
-from hgo_rs import Model, SampledDataObserver, StandardObserver
+from hgo_rs import HighGainEKF, Model, MultiOutputObserver, SampledDataObserver, StandardObserver
 from hgo_rs.errors import HgoError
-from hgo_rs.exports import sources
+from hgo_rs.exports import sources, words
 from hgo_rs.exports.program import program
 from hgo_rs.observers import Observer
 
@@ -263,3 +263,16 @@ def test_single_precision_refuses_numbers_that_it_does_not_hold() -> None:
     with pytest.raises(HgoError, match="a constant of the model = -1e"):
         sources(observer, to="c", precision="single")
     assert np.isfinite(np.float32(3.4e38))
+
+
+def test_a_memory_whose_entries_are_not_all_named_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model = Model(states=["a", "b", "c", "d"], orders=[2, 2], phi=["-a", "-c"])
+    parts = [HighGainEKF(2, R=1.0, Q=1.0)] * 2
+    observer = MultiOutputObserver(parts, model=model)
+    names = words.memory_words(observer)
+    assert len(names) == len(observer.memory) and names[-1] == ("elapsed", words.ELAPSED)
+    monkeypatch.setattr(words, "is_one", lambda spec: False)
+    with pytest.raises(HgoError, match="12 names for 15 entries of the memory"):
+        words.memory_words(observer)

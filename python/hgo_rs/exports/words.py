@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from hgo_rs import _core
+from hgo_rs.errors import HgoError
 from hgo_rs.exports.names import Names
 from hgo_rs.exports.traced import model_of
 from hgo_rs.observers import Observer
+from hgo_rs.observers.high_gain_ekf import is_one
 
 __all__ = [
     "ELAPSED",
@@ -104,7 +106,21 @@ OF_GAIN = {
 
 
 def memory_words(observer: Observer) -> list[tuple[str, str]]:
-    """A name and a meaning for every entry of the memory."""
+    """A name and a meaning for every entry of the memory.
+
+    Raises
+    ------
+    HgoError
+        A law whose memory has another number of entries.
+    """
+    words, count = _memory_words(observer), len(observer.memory)
+    if len(words) != count:
+        told = f"{len(words)} names for {count} entries of the memory"
+        raise HgoError(f"kind = {observer.spec['kind']!r} cannot be exported: {told}")
+    return words
+
+
+def _memory_words(observer: Observer) -> list[tuple[str, str]]:
     n, spec = observer.n, observer.spec
     states = list(_own_names(spec).get("states", ()))
     if len(states) < n:
@@ -123,6 +139,8 @@ def memory_words(observer: Observer) -> list[tuple[str, str]]:
         return [*words, ("elapsed", SINCE), ("period", "length of the period since then, s")]
     if spec["kind"] != "chains":
         return words + _rest_of(spec, states, count)
+    if is_one(spec):  # one covariance of all chains, one time
+        return words + _rest_of(spec["observers"][0], states, count)
     for i, chain in enumerate(spec["observers"], start=1):
         of_chain, states = states[: chain["n"]], states[chain["n"] :]
         rest = _rest_of(chain, of_chain, _core.Observer(chain).memory_len - chain["n"])
