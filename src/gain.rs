@@ -330,16 +330,12 @@ macro_rules! counts_time {
         fn initial(&self) -> T {
             T::ZERO
         }
-        #[inline(always)]
-        fn admissible(&self, s: T) -> T {
-            s
-        }
     };
 }
 
 /// Switched gain, Ahrens and Khalil (2009): ℓ while the error is large or was within the last T_d, ρℓ after.
 ///
-/// Its memory is the quiet time s, set to 0 by a sample with |e| > d.
+/// Its memory is the quiet time s ≥ 0, set to 0 by a sample with |e| > d.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SwitchedGain<T> {
@@ -396,6 +392,11 @@ impl<T: Scalar> GainLaw<T> for SwitchedGain<T> {
     fn rate<const N: usize>(&self, _: &T, e: T) -> T {
         e.abs().where_above(self.zone, T::ZERO, T::ONE)
     }
+    /// A correction takes the time that it is for, which a gap makes longer than the quiet time.
+    #[inline(always)]
+    fn admissible(&self, s: T) -> T {
+        s.max(T::ZERO)
+    }
 }
 
 /// Prescribed-time gain, Holloway and Krstic (2019): r(t) = μ₀/(T_p − t) until it reaches r_max, then r_max.
@@ -448,6 +449,10 @@ impl<T: Scalar> GainLaw<T> for PrescribedTimeGain<T> {
     #[inline(always)]
     fn rate<const N: usize>(&self, _: &T, _: T) -> T {
         T::ONE
+    }
+    #[inline(always)]
+    fn admissible(&self, s: T) -> T {
+        s
     }
 }
 

@@ -180,6 +180,57 @@ def test_chains_move_together() -> None:
     assert errors[1] < 1e-4 * errors[0]
 
 
+def switching(model: hgo.Model, orders: list[int], **manner: Any) -> Observer:
+    """Chains of gains that switch at samples, each by its own output."""
+    gains = [hgo.SwitchedGain(20.0, 5.0, 0.05 * (i + 1), 0.043) for i in range(2)]
+    parts = [hgo.StandardObserver(n, gains[n % 2], **manner) for n in orders]
+    return hgo.MultiOutputObserver(parts, model=model)
+
+
+def jumping(n_y: int) -> tuple[Any, Any]:
+    """Uneven times; samples that jump, each at a time of its own, with gaps."""
+    t = np.cumsum(np.where(np.arange(150) % 9 == 4, 0.03, 0.01))
+    y = np.stack([np.sin(2.0 * t) + (t > 0.5 + 0.3 * i) for i in range(n_y)], axis=1)
+    y[30:34] = y[60, -1] = y[90:93, 0] = np.nan
+    return t, y
+
+
+@pytest.mark.parametrize("timing", ["predictor", "current"])
+@pytest.mark.parametrize("motion", ["held", "rk4"])
+def test_chains_switch_as_each_alone_does(motion: str, timing: str) -> None:
+    manner: dict[str, Any] = {"motion": motion, "timing": timing, "method": "zoh"}
+    names = ["a", "b", "c", "d", "e"]
+    model = hgo.Model(states=names, orders=[3, 2], phi=["-sin(a) - c", "-d*e"])
+    both = switching(model, [3, 2], **manner)
+    t, y = jumping(2)
+    joint = both.run(t, y).memory
+    rows = [[0, 1, 2, 5], [3, 4, 6 + (timing == "current")]]
+    for i, (states, phi) in enumerate([(names[:3], "-sin(a) - c"), (names[3:], "-d*e")]):
+        own = hgo.Model(states=states, phi=phi)
+        gain = hgo.SwitchedGain(20.0, 5.0, 0.05 * (2 - i), 0.043)
+        alone = hgo.StandardObserver(len(states), gain, model=own, **manner)
+        memory = alone.run(t, y[:, i]).memory
+        assert np.array_equal(joint[:, rows[i]], memory[:, : len(rows[i])])
+        quiet = memory[:, len(states)]
+        assert quiet.min() == 0.0 and quiet.max() > 0.1  # it has switched
+    twin = reference.Observer(both.spec).run(t, y, None, both.initial_memory())["memory"]
+    assert np.allclose(joint, twin, rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("timing", ["predictor", "current"])
+def test_the_order_of_chains_does_not_matter(timing: str) -> None:
+    """Also where a correction is in the unit of an unknown whose slope is of another chain."""
+    manner: dict[str, Any] = {"motion": "rk4", "timing": timing, "method": "zoh"}
+    first, second = ["a", "b"], ["c", "d"]
+    side, other = "-sin(a) + c - (2 + cos(c))*p", "-c - 0.3*d*b + a"
+    one = hgo.Model(states=first + second, orders=[2, 2], phi=[side, other], unknown=["p", None])
+    two = hgo.Model(states=second + first, orders=[2, 2], phi=[other, side], unknown=[None, "p"])
+    t, y = jumping(2)
+    given = switching(one, [3, 2], **manner).run(t, y)
+    turned = switching(two, [2, 3], **manner).run(t, y[:, ::-1])
+    assert np.array_equal(given.x_hat, turned.x_hat[:, [2, 3, 4, 0, 1]])
+
+
 # --- stiff terms --------------------------------------------------------------------------------
 
 DT, FC = 1e-3, 20.0

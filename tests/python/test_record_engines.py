@@ -78,6 +78,22 @@ def test_a_kernel_takes_what_is_plain() -> None:
     assert not np.array_equal(*rows)
 
 
+def test_a_nearly_even_clock_is_the_interpreters() -> None:
+    # times such as 0.001 k differ in the last bit: kernels of some samples each would take longer
+    observer = hgo.StandardObserver(2, 20.0)._core
+    t = np.cumsum(STEP + (np.arange(900) // 31 % 2) * 2.0**-48)
+    steps = np.diff(t)
+    ends = np.flatnonzero(np.append(steps[1:] != steps[:-1], True)) + 1
+    assert np.diff(ends, prepend=0).max() == 31
+    source = observer.record_source()
+    wrong = source["text"].replace("fsub", "fadd")
+    made = llvm.compiled(wrong, "baseline")
+    kernel = _core.RecordKernel(made.get_function_address(source["name"]), source["widths"])
+    given = (t, np.sin(t)[:, None], np.zeros((900, 0)), observer.initial())
+    rows = [observer.run(*given, kernel=of)["memory"] for of in (None, kernel)]
+    assert np.array_equal(*rows)
+
+
 def test_a_kernel_that_gives_other_bits_is_told_and_not_used() -> None:
     observer = hgo.StandardObserver(3, 20.0, method="rk4")
     t, y, _ = record(observer)

@@ -40,7 +40,8 @@ pub(crate) struct Joint<'a> {
 
 impl Joint<'_> {
     /// The memory of all chains after the period dt that begins at time t. With predictor timing the samples
-    /// `y` of its beginning correct first, by these gains; else the times of the next corrections grow.
+    /// `y` of its beginning correct first, by these gains, each chain from the state where all stand; else the
+    /// times of the next corrections grow.
     pub(crate) fn advance(
         &self,
         (t, dt): (Traced, Traced),
@@ -48,11 +49,17 @@ impl Joint<'_> {
         u: &[Traced],
         sampled: Option<(&[Traced], &[Vec<Traced>])>,
     ) -> Vec<Traced> {
-        let mut before = State::read(z);
+        let held = State::read(z);
+        let mut before = held;
         for (i, chain) in self.chains.iter().enumerate() {
             if let Some((y, gains)) = sampled {
-                let given: [&[Traced]; 4] = [&chain.own(&before), &[y[i]], &[dt], &gains[i]];
-                self.put(chain, |of| &of.correct, &given, &mut before);
+                let mut own = chain.own(&held);
+                if chain.law.jumps {
+                    let e = self.call(&chain.law.innovation, &[&own, &[y[i]]], &held);
+                    own = self.call(&chain.law.jumped, &[&own, &e], &held);
+                }
+                let given: [&[Traced]; 4] = [&own, &[y[i]], &[dt], &gains[i]];
+                chain.take(self.part(chain, |of| &of.correct, &given, &held), &mut before);
             } else if let Some(elapsed) = chain.place.get(chain.law.len) {
                 before[*elapsed] += dt;
             }

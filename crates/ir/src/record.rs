@@ -49,6 +49,8 @@ impl<'a> Compiled<'a> {
 
 /// Samples that the interpreter takes before the function is tried again.
 const RARE: usize = 8;
+/// Steps of one length from which on the function is called: times such as 0.001 k differ in the last bit.
+const ALIKE: usize = 32;
 
 impl Recursion for Compiled<'_> {
     fn correct(&self, memory: &mut [f64], y: &[f64], t: f64) -> Result<Status> {
@@ -68,14 +70,18 @@ impl Recursion for Compiled<'_> {
         let innovation = if told == 0 { &mut unwanted[..] } else { innovation };
         let mut fixed = self.fixed.lock().unwrap_or_else(PoisonError::into_inner);
         let (kept_for, fixed) = &mut *fixed;
-        let (mut k, mut most) = (0, 0.0);
+        let (mut k, mut end, mut most) = (0, 0, 0.0);
         while k < t.len() {
             let from = dt.get(k..).unwrap_or_default();
-            let alike =
-                |first: &f64| from.iter().take_while(|dt| dt.to_bits() == first.to_bits()).count();
-            let end = k + from.first().map_or(0, alike);
+            if end <= k {
+                let alike = |first: &f64| {
+                    from.iter().take_while(|dt| dt.to_bits() == first.to_bits()).count()
+                };
+                end = k + from.first().map_or(0, alike);
+            }
+            let few = end - k < ALIKE;
             let sample = &given[k * p..(k + 1) * p];
-            let steady = |dt: &&f64| self.observer.is_steady(memory, sample, **dt);
+            let steady = |dt: &&f64| !few && self.observer.is_steady(memory, sample, **dt);
             if let Some(dt) = from.first().filter(steady).copied() {
                 if kept_for.to_bits() != dt.to_bits() {
                     (*kept_for, *fixed) = (dt, self.observer.fixed(dt));
@@ -99,8 +105,8 @@ impl Recursion for Compiled<'_> {
                     break;
                 }
             }
-            // a sample that is missing, a step of another length, the last of a record
-            let to = (k + RARE).min(t.len());
+            // a sample that is missing, steps of other lengths, the last of a record
+            let to = (k + if few { ALIKE } else { RARE }).min(t.len());
             let rare = self.observer.over_block(
                 memory,
                 Block {

@@ -36,7 +36,7 @@ pub struct LawTables {
     n_u: usize,
     pub initial: Vec<f64>,
     /// (z, y) → e.
-    innovation: Table,
+    pub(crate) innovation: Table,
     /// (t, z, e, u) → ż.
     rate: Table,
     /// (z, e) → what of it is due to e.
@@ -46,7 +46,7 @@ pub struct LawTables {
     /// z → z within the set that the law lives in.
     pub(crate) admissible: Table,
     /// (z, e) → z at a sample.
-    jumped: Table,
+    pub(crate) jumped: Table,
     /// Whether that moves anything.
     pub jumps: bool,
     /// If its eigenvalues are placed.

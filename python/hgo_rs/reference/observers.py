@@ -143,9 +143,11 @@ class ContinuousLaw(Law):
         return memory
 
     def clamp(self, memory: Array) -> None:
-        """r >= 1 and sigma >= 0, in place, after a step."""
+        """r >= 1, a quiet time >= 0 and sigma >= 0, in place, after a step."""
         for row in self.gain_rows:
             np.maximum(memory[row], 1.0, out=memory[row])
+        if self.gain_at is not None and isinstance(self.gain, SwitchedGain):
+            np.maximum(memory[self.gain_at], 0.0, out=memory[self.gain_at])
         if self.shape_row is not None:
             np.maximum(memory[self.shape_row], 0.0, out=memory[self.shape_row])
 
@@ -219,9 +221,9 @@ class ContinuousLaw(Law):
     def step(self, memory: Array, y: Array, u: Array | None, t: float, dt: float) -> Array:
         """One step of the scheme with y held; of a placed method, correct over dt, then predict."""
         method = self.method
-        memory = self.jumped(memory, y)
         if method in PLACED:
-            return self.moved(self.corrected(memory, y, dt), u, t, dt)
+            return self.moved(self.sampled(memory, y, dt), u, t, dt)
+        memory = self.jumped(memory, y)
         if method == "euler" or method == "staggered-euler":
             new = memory + dt * self.rate(memory, self.innovation(memory, y), u, t)
             if method == "staggered-euler":
@@ -245,15 +247,18 @@ class ContinuousLaw(Law):
         return new
 
     def corrected(self, memory: Array, y: Array, dt: float) -> Array:
-        """What the sample injects for the time ``dt`` > 0 that it ends: by Euler, or placed."""
+        """What the sample injects for the time ``dt`` > 0 that it ends."""
+        new = self.sampled(memory, y, dt)
+        self.clamp(new)
+        return new
+
+    def sampled(self, memory: Array, y: Array, dt: float) -> Array:
+        """The same before a flow over ``dt``: by Euler, or placed."""
         memory = self.jumped(memory, y)
         e = self.innovation(memory, y)
         if self.method in PLACED:
-            new = self.place(memory, e, dt)
-        else:
-            new = memory + dt * self.injection(memory, e)
-        self.clamp(new)
-        return new
+            return self.place(memory, e, dt)
+        return memory + dt * self.injection(memory, e)
 
     @property
     def n_terms(self) -> int:
@@ -1301,8 +1306,10 @@ class ChainsObserver(Law):
             law.check(memory[place])
 
     def residual(self, memory: Array, y: Array, u: Array | None, t: float) -> Array:
-        """y_i - x_hat_1 of chain i."""
-        return np.reshape(y, (self.n_y, -1)) - memory[[chain.place.start for chain in self.chains]]
+        """That of each observer, by its own output."""
+        y = np.reshape(y, (self.n_y, -1))
+        laws = zip(self.laws, self.places, y, strict=True)
+        return np.stack([law.residual(memory[place], one, u, t) for law, place, one in laws])
 
     def each(self, memory: Array, act: Callable[[int, Law, Array], Array]) -> Array:
         """Every observer's memory after what ``act(i, observer, memory)`` makes of it."""
@@ -1323,8 +1330,8 @@ class ChainsObserver(Law):
                     for law, place, one in turned
                 ]
             )
-            corrected = self.own(memory, lambda i, law, own: law.corrected(own, y[i], dt))
-            return self.together(corrected, u, t, dt)
+            sampled = self.own(memory, lambda i, law, own: law.sampled(own, y[i], dt))
+            return self.together(sampled, u, t, dt)
         return self.each(memory, lambda i, law, own: law.step(own, y[i], u, t, dt))
 
     def correct(self, memory: Array, y: Array, t: float) -> Array:
