@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
+import warnings
 from collections import OrderedDict
 from collections.abc import Callable
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, TypeGuard
 
 from hgo_rs.errors import HgoError, check_choice
 
@@ -29,8 +31,6 @@ WIDTHS = {
     "baseline": (2, "-avx,-avx2,-avx512f"),
 }
 """Numbers in a vector, and what is asked of the processor, by instruction set."""
-
-K = TypeVar("K")
 
 
 def check_engine(engine: str) -> str:
@@ -114,26 +114,79 @@ def compiled(text: str, instruction_set: str) -> Any:
     return engine
 
 
-class Kept:
-    """Kernels by their source and instruction set: the ones used last."""
+def is_compiled(
+    source: dict[str, Any] | None, most: int, wanted: bool
+) -> TypeGuard[dict[str, Any]]:
+    """Whether a source of at most so many operations is there; refused where it was asked for.
 
-    def __init__(self) -> None:
+    Raises
+    ------
+    HgoError
+        `wanted`, and the source is of Python functions, or longer.
+    """
+    if source is None:
+        refused(wanted, OF_FUNCTIONS)
+        return False
+    if source["operations"] > most:
+        told = f"for {source['operations']} operations a sample, more than the {most} that are"
+        refused(wanted, f"{told} compiled; leave engine out")
+        return False
+    return True
+
+
+class Kernel:
+    """A compiled function, with the engine that holds its code."""
+
+    def __init__(self, engine: Any, function: Any) -> None:
+        self.engine, self.function = engine, function
+        self.agrees: bool | None = None
+        """With the interpreter, bit for bit; None while nothing was compared."""
+
+
+class Kept:
+    """Kernels of a kind, by their source and instruction set: the ones used last."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
         self._lock = threading.Lock()
-        self._kernels: OrderedDict[tuple[str, str], Any] = OrderedDict()
+        self._kernels: OrderedDict[tuple[str, str], Kernel] = OrderedDict()
 
     def __contains__(self, key: tuple[str, str]) -> bool:
         return key in self._kernels
 
-    def clear(self) -> None:
-        """Forget all."""
-        self._kernels.clear()
+    def use(
+        self,
+        key: tuple[str, str],
+        make: Callable[[], Kernel],
+        agrees: Callable[[Any], bool | None],
+    ) -> Any:
+        """The function of a key, made once; None unless it gives the interpreter's bits.
 
-    def use(self, key: tuple[str, str], make: Callable[[], K], then: Callable[[K], Any]) -> Any:
-        """What `then` gives for the kernel of a key, which is made once; one caller at a time."""
+        `agrees` compares it with the interpreter, or gives None where it could not. A difference is
+        warned of once. One caller at a time.
+        """
         with self._lock:
             if key not in self._kernels:
                 self._kernels[key] = make()
                 while len(self._kernels) > KEPT:
                     self._kernels.popitem(last=False)
             self._kernels.move_to_end(key)
-            return then(self._kernels[key])
+            kernel = self._kernels[key]
+            if kernel.agrees is None:
+                kernel.agrees = agrees(kernel.function)
+                if kernel.agrees is False:
+                    warnings.warn(
+                        f"{self._what} that LLVM compiled does not give the interpreter's bits "
+                        f"(llvmlite {version()}); the interpreter takes it, with right results",
+                        RuntimeWarning,
+                        stacklevel=_callers(),
+                    )
+            return kernel.function if kernel.agrees else None
+
+
+def _callers() -> int:
+    """Calls from the one who asks up to the user's."""
+    frame, count = sys._getframe(1), 1
+    while frame.f_back and frame.f_globals["__name__"].startswith("hgo_rs."):
+        frame, count = frame.f_back, count + 1
+    return count

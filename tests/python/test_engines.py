@@ -282,7 +282,7 @@ def test_auto_compiles_a_study_that_is_repeated(monkeypatch: pytest.MonkeyPatch)
     made: list[Any] = []
     compiled = compiler.compiled
     monkeypatch.setattr(compiler, "compiled", lambda *of: made.append(of) or compiled(*of))
-    monkeypatch.setattr(llvm, "_compiled", compiler.Kept())
+    monkeypatch.setattr(llvm, "_compiled", compiler.Kept("a study"))
     monkeypatch.setattr(llvm, "_SMALL", 0.0)
     llvm._done.clear()
     same(right, hgo.simulate(**given))

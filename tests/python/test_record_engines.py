@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import equivalence_table as table
@@ -61,7 +62,7 @@ def test_a_kernel_has_the_interpreters_bits(name: str) -> None:
         same(by_one, by_other)
     kernels = compiled._compiled
     key = (observer.record_source()["text"], llvm.instructions())
-    assert kernels.use(key, lambda: None, lambda made: made.agrees)
+    assert kernels._kernels[key].agrees
 
 
 def test_a_kernel_takes_what_is_plain() -> None:
@@ -104,6 +105,30 @@ def test_a_kernel_that_gives_other_bits_is_told_and_not_used() -> None:
     with pytest.warns(RuntimeWarning, match=r"llvmlite .*interpreter takes it"):
         result = observer.run(t, y[:, 0], engine="llvm")
     assert np.array_equal(result.memory, right.memory)
+
+
+def test_a_kernel_counts_once_it_was_compared() -> None:
+    """A record without samples compares nothing; one that begins with a gap its other samples."""
+    observer = hgo.StandardObserver(3, 21.0, method="rk4")
+    t = np.arange(1300) * STEP
+    y = np.sin(t)
+    source = dict(observer._core.record_source())
+    source["text"] = source["text"].replace("fmul", "fadd")
+    observer._records._source = source
+    key = (source["text"], llvm.instructions())
+    given = {"memory0": observer.initial_memory([0.3, 0.1, 0.0]), "engine": "llvm"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for nothing in (np.full(1300, np.nan), np.where(t < 5.0, np.nan, y), y[:39]):
+            shown = observer.run(STEP, nothing, **given).memory
+            right = observer.run(STEP, nothing, **given | {"engine": "interpreter"}).memory
+            assert np.array_equal(shown, right)
+            assert compiled._compiled._kernels[key].agrees is None
+    late = np.where(t < 0.7 * t[-1], np.nan, y)
+    with pytest.warns(RuntimeWarning, match=r"llvmlite .*interpreter takes it") as told:
+        observer.run(t, late, **given)
+    assert told[0].filename == __file__
+    assert compiled._compiled._kernels[key].agrees is False
 
 
 def test_an_estimate_that_diverges_or_has_no_value_is_told_as_before() -> None:

@@ -1,13 +1,12 @@
 """Records stepped by a function that LLVM has compiled from the observer's table.
 
 The core prints the step from sample to sample; llvmlite (extra `fast`) compiles it for this
-processor. The interpreter takes what is rare: missing samples, steps of another length. The first
-samples of the first record are stepped by both, and every bit is compared before a kernel counts.
+processor. The interpreter takes what is rare: missing samples, steps of another length. Samples
+that are there are stepped by both, and every bit is compared before a kernel counts.
 """
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -22,20 +21,11 @@ interpreter, about what the compiler takes.
 _LARGEST = 5_000
 """Operations of a sample that are compiled at most."""
 _CHECKED = 512
-"""Samples that are stepped twice."""
+"""Samples that are stepped twice at most."""
+_COMPARED = 40
+"""Samples that are stepped twice at least: of fewer a kernel takes none."""
 
-
-class _Compiled:
-    """A kernel, with the engine that holds its code."""
-
-    def __init__(self, source: dict[str, Any], instructions: str) -> None:
-        self.engine = llvm.compiled(source["text"], instructions)
-        address = self.engine.get_function_address(source["name"])
-        self.kernel = _core.RecordKernel(address, source["widths"])
-        self.agrees: bool | None = None
-
-
-_compiled = llvm.Kept()
+_compiled = llvm.Kept("a record's step")
 
 
 class RecordEngine:
@@ -76,39 +66,31 @@ class RecordEngine:
         if self._source == ():
             self._source = self._core.record_source()
         source = self._source
-        if source is None:
-            return llvm.refused(wanted, llvm.OF_FUNCTIONS)
-        if source["operations"] > _LARGEST:
-            return llvm.refused(
-                wanted,
-                f"for {source['operations']} operations a sample, more than the {_LARGEST} that "
-                "are compiled; leave engine out",
-            )
+        if not llvm.is_compiled(source, _LARGEST, wanted):
+            return None
         instructions = llvm.instructions()
         key = (source["text"], instructions)
         worth = self._done * max(source["operations"], 1) >= _WORTH
         if not (wanted or worth or key in _compiled):
             return None
 
-        def checked(made: _Compiled) -> Any:
-            if made.agrees is None:
-                made.agrees = self._agrees(made.kernel, record)
-                if not made.agrees:
-                    warnings.warn(
-                        "a record's step that LLVM compiled does not give the interpreter's bits "
-                        f"(llvmlite {llvm.version()}); the interpreter takes it, with right "
-                        "results",
-                        RuntimeWarning,
-                        stacklevel=7,
-                    )
-            return made.kernel if made.agrees else None
+        def made() -> llvm.Kernel:
+            made = llvm.compiled(source["text"], instructions)
+            address = made.get_function_address(source["name"])
+            return llvm.Kernel(made, _core.RecordKernel(address, source["widths"]))
 
-        return _compiled.use(key, lambda: _Compiled(source, instructions), checked)
+        return _compiled.use(key, made, lambda kernel: self._agrees(kernel, record))
 
-    def _agrees(self, kernel: Any, record: tuple[float | Array, Array, Array, Array]) -> bool:
+    def _agrees(
+        self, kernel: Any, record: tuple[float | Array, Array, Array, Array]
+    ) -> bool | None:
+        """Whether both give the same bits, in even steps over samples that are there."""
         clock, y, u, start = record
-        first = clock if isinstance(clock, float) else clock[:_CHECKED]
-        some = (first, y[:_CHECKED], u[:_CHECKED], start)
+        there = np.flatnonzero(np.isfinite(y).all(axis=1))[:_CHECKED]
+        period = clock if isinstance(clock, float) else float(np.median(np.diff(clock)))
+        if len(there) < _COMPARED or not period > 0.0:
+            return None
+        some = (period, y[there], u[there], start)
         by_both = [self._core.run(*some, innovation=True, **of) for of in ({}, {"kernel": kernel})]
         names = ("memory", "innovation", "status", "y", "next")
         return all(len({np.asarray(of[name]).tobytes() for of in by_both}) == 1 for name in names)

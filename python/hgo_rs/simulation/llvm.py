@@ -6,7 +6,6 @@ is checked against the interpreter, bit for bit, before its results count.
 
 from __future__ import annotations
 
-import warnings
 from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any
@@ -27,20 +26,7 @@ _LARGEST = 20_000
 """Operations of a sample that are compiled at most: beyond, LLVM takes minutes."""
 
 
-class _Compiled:
-    """A kernel, with the engine that holds its code."""
-
-    def __init__(self, source: Mapping[str, Any], instructions: str) -> None:
-        self.engine = llvm.compiled(source["text"], instructions)
-        forms = [
-            (opened, distances, self.engine.get_function_address(name))
-            for opened, distances, name in source["forms"]
-        ]
-        self.kernel = _core.StudyKernel(source["runs"], forms)
-        self.agrees: bool | None = None
-
-
-_compiled = llvm.Kept()
+_compiled = llvm.Kept("a study")
 _done: OrderedDict[tuple[str, str], float] = OrderedDict()
 """Operations of studies that the interpreter took, for as many as kernels are kept."""
 
@@ -86,28 +72,18 @@ def kernel_for(spec: Mapping[str, Any], engine: str, runs: int) -> Any:
         return None
     instructions = llvm.instructions()
     source = _core.study_source(spec, llvm.WIDTHS[instructions][0])
-    if source is None:
-        return llvm.refused(wanted, llvm.OF_FUNCTIONS)
-    if source["operations"] > _LARGEST:
-        return llvm.refused(
-            wanted,
-            f"for {source['operations']} operations a sample, more than the {_LARGEST} that are "
-            "compiled; leave engine out",
-        )
+    if not llvm.is_compiled(source, _LARGEST, wanted):
+        return None
     key = (source["text"], instructions)
     if not (wanted or key in _compiled or _is_worth(key, work * source["operations"])):
         return None
 
-    def checked(made: _Compiled) -> Any:
-        if made.agrees is None:
-            made.agrees = _core.kernel_agrees(spec, made.kernel)
-            if not made.agrees:
-                warnings.warn(
-                    "a study that LLVM compiled does not give the interpreter's bits (llvmlite "
-                    f"{llvm.version()}); the interpreter takes it, with right results",
-                    RuntimeWarning,
-                    stacklevel=6,
-                )
-        return made.kernel if made.agrees else None
+    def made() -> llvm.Kernel:
+        engine = llvm.compiled(source["text"], instructions)
+        forms = [
+            (opened, distances, engine.get_function_address(name))
+            for opened, distances, name in source["forms"]
+        ]
+        return llvm.Kernel(engine, _core.StudyKernel(source["runs"], forms))
 
-    return _compiled.use(key, lambda: _Compiled(source, instructions), checked)
+    return _compiled.use(key, made, lambda kernel: _core.kernel_agrees(spec, kernel))
