@@ -163,23 +163,5 @@ where
         FilteredState { x_hat: self.chain.staggered(&old.x_hat, new.x_hat, dt), ..new }
     }
 
-    #[inline(always)]
-    fn jumped(&self, z: Self::State, e: &T) -> Self::State {
-        FilteredState { r: self.chain.gain.jumped(z.r, *e), ..z }
-    }
-
-    #[inline(always)]
-    fn admissible(&self, z: Self::State) -> Self::State {
-        FilteredState { r: self.chain.gain.admissible(z.r), ..z }
-    }
-
-    #[inline(always)]
-    fn speed(&self, z: &Self::State) -> T {
-        self.chain.gain.speed(&z.r)
-    }
-
-    #[inline(always)]
-    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
-        z.x_hat.as_slice()
-    }
+    super::of_gain_and_estimate!(FilteredState, chain.gain, e in e);
 }

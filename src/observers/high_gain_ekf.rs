@@ -16,7 +16,7 @@
 //!
 //! Boizot, Busvelle and Gauthier, Automatica 46 (2010) 1483, have the law in these terms.
 
-use super::{driven, one_row};
+use super::{driven, one_row, swept};
 use crate::Scalar;
 use crate::dual::{Dual, is_nothing, times};
 use crate::error::{DesignError, positive, require};
@@ -425,31 +425,9 @@ where
     /// The chain is swept, its last state by its unit; P is not.
     #[inline(always)]
     fn stagger(&self, old: &Self::State, mut new: Self::State, dt: T) -> Self::State {
-        let unit = self.driven.unit(&old.x_hat);
-        for i in (1..N).rev() {
-            let moved = dt * (new.x_hat[i] - old.x_hat[i]);
-            new.x_hat[i - 1] += if i + 1 == N { moved * unit } else { moved };
-        }
+        new.x_hat = swept(&old.x_hat, new.x_hat, self.driven.unit(&old.x_hat), dt);
         new
     }
 
-    #[inline(always)]
-    fn jumped(&self, z: Self::State, (e, _): &(T, T)) -> Self::State {
-        HighGainEkfState { r: self.gain.jumped(z.r, *e), ..z }
-    }
-
-    #[inline(always)]
-    fn admissible(&self, z: Self::State) -> Self::State {
-        HighGainEkfState { r: self.gain.admissible(z.r), ..z }
-    }
-
-    #[inline(always)]
-    fn speed(&self, z: &Self::State) -> T {
-        self.gain.speed(&z.r)
-    }
-
-    #[inline(always)]
-    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
-        z.x_hat.as_slice()
-    }
+    super::of_gain_and_estimate!(HighGainEkfState, gain, e in (e, _));
 }

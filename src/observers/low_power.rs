@@ -201,25 +201,7 @@ where
         new
     }
 
-    #[inline(always)]
-    fn jumped(&self, z: Self::State, e: &T) -> Self::State {
-        LowPowerState { r: self.gain.jumped(z.r, *e), ..z }
-    }
-
-    #[inline(always)]
-    fn admissible(&self, z: Self::State) -> Self::State {
-        LowPowerState { r: self.gain.admissible(z.r), ..z }
-    }
-
-    #[inline(always)]
-    fn speed(&self, z: &Self::State) -> T {
-        self.gain.speed(&z.r)
-    }
-
-    #[inline(always)]
-    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
-        z.x_hat.as_slice()
-    }
+    super::of_gain_and_estimate!(LowPowerState, gain, e in e);
 }
 
 /// Orders up to which double precision finds the gains to nine digits. Above, the way from αᵢ and βᵢ to

@@ -20,7 +20,7 @@ pub use low_power::{BlockGains, LowPower, LowPowerObserver, LowPowerState};
 pub use peaking_free::PeakingFreeObserver;
 pub use reduced_order::{ReducedOrderObserver, ReducedOrderState};
 pub use sampled_data::SampledDataObserver;
-pub use sampled_ekf::SampledEkf;
+pub use sampled_ekf::{SampledEkf, SampledEkfState};
 pub use standard::{StandardObserver, StandardState};
 
 pub use crate::saturation::{HardClip, NoSaturation, Saturation, SmoothSaturation};
@@ -344,6 +344,46 @@ fn chain<T: Scalar, const N: usize>(x: &SVector<T, N>, carries: bool) -> SVector
     let linked = |i: usize| i + 1 < N && !(carries && i + 2 == N);
     SVector::from_fn(|i, _| if linked(i) { x[i + 1] } else { T::NEG_ZERO })
 }
+
+/// Staggered sweep of a chain: xᵢ⁺ += dt·(xᵢ₊₁⁺ − xᵢ₊₁), from the bottom up, of the last state times its
+/// [slope](crate::model::Model::slope).
+#[inline(always)]
+fn swept<T: Scalar, const N: usize>(
+    old: &SVector<T, N>,
+    mut new: SVector<T, N>,
+    slope: T,
+    dt: T,
+) -> SVector<T, N> {
+    for i in (1..N).rev() {
+        let moved = dt * (new[i] - old[i]);
+        new[i - 1] += if i + 1 == N { moved * slope } else { moved };
+    }
+    new
+}
+
+/// What a law of x̂ and a gain says of both, inside its `impl ContinuousLaw`: the name of its memory, where its
+/// gain law stands, and how e is read from an innovation.
+macro_rules! of_gain_and_estimate {
+    ($state:ident, $($gain:ident).+, $e:ident in $innovation:pat) => {
+        #[inline(always)]
+        fn jumped(&self, z: Self::State, $innovation: &Self::Innovation) -> Self::State {
+            $state { r: self.$($gain).+.jumped(z.r, *$e), ..z }
+        }
+        #[inline(always)]
+        fn admissible(&self, z: Self::State) -> Self::State {
+            $state { r: self.$($gain).+.admissible(z.r), ..z }
+        }
+        #[inline(always)]
+        fn speed(&self, z: &Self::State) -> T {
+            self.$($gain).+.speed(&z.r)
+        }
+        #[inline(always)]
+        fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
+            z.x_hat.as_slice()
+        }
+    };
+}
+use of_gain_and_estimate;
 
 /// What a structure that passes one value takes in the place of the innovation e.
 #[inline(always)]

@@ -18,13 +18,26 @@ use crate::error::{DesignError, positive, require};
 use crate::factor::Factor;
 use crate::memory::Memory;
 use crate::model::Model;
-use crate::observer::{Causal, CurrentState, Observer, Status, Timing};
+use crate::observer::{Causal, Observer, Status, Timing};
 use nalgebra::{SMatrix, SVector};
+
+crate::memory_struct! {
+    /// Memory of the filter.
+    #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+    #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+    pub struct SampledEkfState<T; const N: usize, const K: usize> {
+        /// Estimate and covariance.
+        pub law: HighGainEkfState<T, (), N>,
+        /// Of each output the time since its last sample that was used, in s.
+        pub elapsed: SVector<T, K>,
+    }
+}
 
 /// High-gain EKF of N states in K chains, an output each, with M known inputs.
 ///
-/// Its memory holds the time that has passed since the last sample used; a sample after no time, as the first
-/// one at the start, corrects nothing.
+/// Its memory holds, of each output, the time that has passed since its last sample used; a sample after no
+/// time, as the first one at the start, corrects nothing. The outputs of one time may come in one call or one
+/// after the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SampledEkf<T: Scalar, Md, const N: usize, const K: usize = 1, const M: usize = 0> {
@@ -111,16 +124,17 @@ where
         })
     }
 
-    /// The correction by a sample: 1 for an output that is taken, else 0.
+    /// The correction by a sample.
     #[inline(always)]
     fn corrected(
         &self,
-        z: &HighGainEkfState<T, (), N>,
+        z: &SampledEkfState<T, N, K>,
         y: &SVector<T, K>,
-        begun: T,
     ) -> HighGainEkfState<T, (), N> {
-        let (mut x_hat, mut p) = (z.x_hat, z.p);
+        let (mut x_hat, mut p) = (z.law.x_hat, z.law.p);
         for (q, at) in self.measured.iter().enumerate() {
+            // 1 for an output that is taken, else 0
+            let begun = z.elapsed[q].where_above(T::ZERO, T::ONE, T::ZERO);
             let taken = begun - begun.while_missing(y[q]);
             let e = y[q].innovation(entry(&x_hat, *at));
             let (next, gains) = p.measured(*at, self.variance[q], taken);
@@ -143,7 +157,7 @@ where
     T: Scalar,
     Md: Model<Dual<T, N>, N, M>,
 {
-    type State = CurrentState<T, HighGainEkfState<T, (), N>>;
+    type State = SampledEkfState<T, N, K>;
     type Measurement = SVector<T, K>;
     type Input = SVector<T, M>;
     const TIMING: Timing = Timing::Current;
@@ -152,15 +166,14 @@ where
     #[inline(always)]
     fn initial(&self) -> Self::State {
         let law = HighGainEkfState { p: self.start, ..HighGainEkfState::zero() };
-        CurrentState { law, elapsed: T::ZERO }
+        SampledEkfState { law, ..SampledEkfState::zero() }
     }
 
     #[inline(always)]
     fn correct(&self, z: &mut Self::State, y: &SVector<T, K>, _: T) -> Status {
-        let begun = z.elapsed.where_above(T::ZERO, T::ONE, T::ZERO);
-        // where every output is missing, the time goes on
-        let left = y.iter().fold(z.elapsed, |left, y| left.while_missing(*y));
-        *z = CurrentState { law: self.corrected(&z.law, y, begun), elapsed: left };
+        // where an output is missing, its time goes on
+        let elapsed = SVector::from_fn(|q, _| z.elapsed[q].while_missing(y[q]));
+        *z = SampledEkfState { law: self.corrected(z, y), elapsed };
         Status::of(y)
     }
 
@@ -175,13 +188,13 @@ where
     ) -> Status {
         let (x_hat, p) = self.driven.ahead(t, (&z.law.x_hat, &z.law.p), u, dt, T::ONE);
         let law = HighGainEkfState { x_hat, p, r: () };
-        *z = CurrentState { law, elapsed: z.elapsed + dt };
+        *z = SampledEkfState { law, elapsed: z.elapsed.add_scalar(dt) };
         Status::Predicted
     }
 
     #[inline(always)]
     fn held(&self, z: &Self::State, dt: T) -> Self::State {
-        CurrentState { law: z.law, elapsed: z.elapsed + dt }
+        SampledEkfState { law: z.law, elapsed: z.elapsed.add_scalar(dt) }
     }
 
     #[inline(always)]

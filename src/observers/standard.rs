@@ -8,7 +8,7 @@
 //! Lee, Choi and Khalil (39), whose forward Euler form under a fixed step is (42) and under the
 //! decreasing steps a(k) of [`crate::schedule::StochasticApproximation`] is (44).
 
-use super::{chain, checked, driven, folded};
+use super::{chain, checked, driven, folded, swept};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
@@ -132,20 +132,15 @@ where
         self.in_unit(x_hat, SVector::from_fn(|i, _| self.k[i] * injection[i]))
     }
 
-    /// Staggered sweep of the chain: xᵢ⁺ += dt·(xᵢ₊₁⁺ − xᵢ₊₁), from the bottom up, of the last state times
-    /// its [slope](Model::slope).
+    /// [`swept`] by its model.
     #[inline(always)]
     pub(super) fn staggered(
         &self,
         old: &SVector<T, N>,
-        mut new: SVector<T, N>,
+        new: SVector<T, N>,
         dt: T,
     ) -> SVector<T, N> {
-        for i in (1..N).rev() {
-            let moved = dt * (new[i] - old[i]);
-            new[i - 1] += if i + 1 == N { moved * self.model.slope(old) } else { moved };
-        }
-        new
+        swept(old, new, self.model.slope(old), dt)
     }
 
     /// The gain law.
@@ -203,25 +198,7 @@ where
         StandardState { x_hat: self.staggered(&old.x_hat, new.x_hat, dt), ..new }
     }
 
-    #[inline(always)]
-    fn jumped(&self, z: Self::State, e: &T) -> Self::State {
-        StandardState { r: self.gain.jumped(z.r, *e), ..z }
-    }
-
-    #[inline(always)]
-    fn admissible(&self, z: Self::State) -> Self::State {
-        StandardState { r: self.gain.admissible(z.r), ..z }
-    }
-
-    #[inline(always)]
-    fn speed(&self, z: &Self::State) -> T {
-        self.gain.speed(&z.r)
-    }
-
-    #[inline(always)]
-    fn estimate<'a>(&self, z: &'a Self::State) -> &'a [T] {
-        z.x_hat.as_slice()
-    }
+    super::of_gain_and_estimate!(StandardState, gain, e in e);
 }
 
 impl<T, G, Md, const N: usize, const M: usize> Injected<T> for StandardObserver<T, G, Md, N, M>

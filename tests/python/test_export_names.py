@@ -272,7 +272,7 @@ def test_a_memory_whose_entries_are_not_all_named_is_refused(
     parts = [HighGainEKF(2, R=1.0, Q=1.0)] * 2
     observer = MultiOutputObserver(parts, model=model)
     names = words.memory_words(observer)
-    assert len(names) == len(observer.memory) and names[-1] == ("elapsed", words.ELAPSED)
-    monkeypatch.setattr(words, "is_one", lambda spec: False)
-    with pytest.raises(HgoError, match="12 names for 15 entries of the memory"):
+    assert len(names) == len(observer.memory) and names[-1] == ("elapsed_2", words.ELAPSED)
+    monkeypatch.setattr(words, "is_one_filter", lambda spec: False)
+    with pytest.raises(HgoError, match="12 names for 16 entries of the memory"):
         words.memory_words(observer)

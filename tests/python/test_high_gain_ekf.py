@@ -259,6 +259,31 @@ def test_several_outputs_share_one_covariance():
     assert np.max(np.abs(found[:, :2, 2:])) > 1e-4  # the chains are coupled
 
 
+def test_outputs_of_one_time_may_come_one_after_the_other():
+    """Each corrects once; where one is missing, its time goes on."""
+    t, y, u = record(outputs=2)
+    chains = [HighGainEKF(2, R=1e-4, Q=0.5), HighGainEKF(2, 2.0, R=4e-4, Q=1.0)]
+    at_once, apart = (MultiOutputObserver(chains, model=COUPLED) for _ in range(2))
+    for sample, control, dt in zip(y[:60], u[:60], np.diff(t), strict=False):
+        at_once.correct(sample)
+        for i in (0, 1, 0):  # a second sample of the same time has no time to correct for
+            one = np.where(np.arange(2) == i, sample, np.nan)
+            apart.correct(one)
+        assert np.array_equal(at_once.memory, apart.memory)
+        assert np.array_equal(at_once.memory[-2:] == 0.0, np.isfinite(sample))
+        for law in (at_once, apart):
+            law.predict(control, dt)
+    twin = reference.Observer(apart.spec)
+    memory, _ = twin.correct(apart.memory, [0.1, np.nan], t[60])
+    apart.correct([0.1, np.nan])
+    assert apart.memory == pytest.approx(memory, rel=1e-9, abs=1e-12)
+    memory, _ = twin.correct(apart.memory, [np.nan, 0.2], t[60])
+    before = apart.memory.copy()
+    apart.correct([np.nan, 0.2])
+    assert apart.memory == pytest.approx(memory, rel=1e-9, abs=1e-12)
+    assert abs(apart.x_hat[2] - before[2]) > 1e-3
+
+
 def test_an_unknown_is_a_state_in_its_own_unit():
     """A load d that enters by 2 d, against the state x_3 = 2 d of a chain."""
     load = Model(states=["a", "b"], unknown="d", phi="-sin(a) - 0.3*b + 2*d")

@@ -11,7 +11,7 @@ from hgo_rs.errors import HgoError
 from hgo_rs.exports.names import Names
 from hgo_rs.exports.traced import model_of
 from hgo_rs.observers import Observer
-from hgo_rs.observers.high_gain_ekf import is_one
+from hgo_rs.observers.online import is_one_filter
 
 __all__ = [
     "ELAPSED",
@@ -139,8 +139,9 @@ def _memory_words(observer: Observer) -> list[tuple[str, str]]:
         return [*words, ("elapsed", SINCE), ("period", "length of the period since then, s")]
     if spec["kind"] != "chains":
         return words + _rest_of(spec, states, count)
-    if is_one(spec):  # one covariance of all chains, one time
-        return words + _rest_of(spec["observers"][0], states, count)
+    if is_one_filter(spec):  # one covariance of all chains, then a time of each output
+        rest = _rest_of(spec["observers"][0], states, count - observer.n_y + 1)[:-1]
+        return words + rest + [(word, ELAPSED) for word in _numbered("elapsed_", observer.n_y)]
     for i, chain in enumerate(spec["observers"], start=1):
         of_chain, states = states[: chain["n"]], states[chain["n"] :]
         rest = _rest_of(chain, of_chain, _core.Observer(chain).memory_len - chain["n"])

@@ -1,11 +1,12 @@
 //! The high-gain EKF of sampled data: of one chain, or of all chains of a model with several outputs.
 
+use super::outputs;
 use crate::error::{Result, refused};
 use crate::model::{Given, OwnChains, OwnModel};
 use crate::order::MAX_INPUTS;
 use crate::spec::Spec;
 use crate::tables::{Shape, Tables, half_table, shape_of};
-use crate::trace::{self, Setting, Traced, input, inputs, named, trace};
+use crate::trace::{self, Setting, Traced, input};
 use hgo_rs::Scalar;
 use hgo_rs::dual::Dual;
 use hgo_rs::laws::Law;
@@ -117,18 +118,15 @@ where
         Ok(SampledEkf::new(&q, r, &p0, theta, orders, model()?)?)
     };
     let shape = shape_of(n_u, build)?;
-    let start = trace(setting, || {
-        let (mut z, y) = (inputs("z", shape.memory), inputs("y", chains.len()));
-        let mut first = 0;
-        for (chain, y) in chains.iter().zip(y) {
-            z[first] = trace::if_equal([trace::nothing(y), Traced::ZERO], y, z[first]);
-            first += chain.n;
-        }
-        Ok(named("z", &z))
-    })?;
+    let mut end = 0;
+    let firsts = chains.iter().map(|chain| {
+        end += chain.n;
+        end - chain.n
+    });
+    let start = outputs::start_at(&firsts.collect::<Vec<_>>(), &shape, setting)?;
     Ok(Tables {
-        // the time that has passed is no signal
-        shape: Shape { signals: shape.memory - 1, ..shape },
+        // the time that has passed is no signal; of several outputs, as of other chains, the estimates are
+        shape: Shape { signals: if K == 1 { shape.memory - 1 } else { N }, ..shape },
         correct: Some(half_table(setting, n_u, true, build)?),
         advance: half_table(setting, n_u, false, build)?,
         missing: None,

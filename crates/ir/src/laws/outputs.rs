@@ -132,6 +132,12 @@ fn entries(law: &Law, sizes: &Sizes, output: usize) -> Vec<usize> {
     entries
 }
 
+/// [`start`] where these entries of the memory, one an output, are the outputs, and none wraps.
+pub(super) fn start_at(firsts: &[usize], shape: &Shape, setting: Setting) -> Result<Table> {
+    let outputs = firsts.iter().map(|first| Output { entries: vec![*first], turn: None });
+    start(shape, &outputs.collect::<Vec<_>>(), setting)
+}
+
 /// A memory whose estimates of the outputs are first samples, where these are there, in one turn.
 fn start(shape: &Shape, outputs: &[Output], setting: Setting) -> Result<Table> {
     trace(setting, || {
