@@ -862,3 +862,15 @@ def test_a_control_system_needs_a_stable_step() -> None:
         StandardObserver(2, 20.0, **PAPER).to_control(1.0)
     with pytest.raises(HgoError, match="dt = nan"):
         StandardObserver(2, 20.0).to_control(math.nan)
+
+
+@pytest.mark.parametrize("length", ["dt", "fixed_dt"])
+@pytest.mark.parametrize("shape", [hgo_rs.Stubborn(5.0, 20.0, 1e-4), hgo_rs.DeadZone(5.0, 2.0)])
+def test_a_threshold_beside_held_gains_is_refused(length, shape, tmp_path):
+    """For the reason that it is, with remedies that work."""
+    given = {"shape": shape, "method": "zoh", "timing": "current"}
+    with pytest.raises(HgoError, match=r"shape = .*without a threshold.*held for whole periods"):
+        LowPowerObserver(3, 5.0, **given).export(to="c", out=tmp_path, **{length: 0.01})
+    LowPowerObserver(3, 5.0, **given | {"method": "rk4"}).export(to="c", out=tmp_path / "a")
+    given["timing"] = "predictor"
+    LowPowerObserver(3, 5.0, **given).export(to="c", out=tmp_path / "b", dt=0.01)

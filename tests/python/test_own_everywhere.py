@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import hgo_rs as hgo
+from hgo_rs import _core
 
 TIMINGS = ("predictor", "current")
 
@@ -132,6 +133,99 @@ def test_chains_know_time_and_input(timing: str) -> None:
             2, model=hgo.Model(states=["x", "d"], inputs=["a"], phi=phi), **chain
         ).run(t, y[:, i], a)
         assert np.array_equal(alone.x_hat, result.x_hat[:, 2 * i : 2 * i + 2])
+
+
+CHAINS = hgo.Model(states=["a", "b", "c"], orders=[2, 1], phi=["-a + c", "-c"])
+
+
+def two_outputs(law: str, timing: str = "current") -> hgo.MultiOutputObserver:
+    if law == "filter":
+        parts: list[Any] = [hgo.HighGainEKF(n, R=1e-4, Q=1.0) for n in (2, 1)]
+    else:
+        gains = hgo.AdaptiveGain(1.0, 0.1, 0.2), 20.0
+        makers = hgo.LowPowerObserver, hgo.StandardObserver
+        manner: dict[str, Any] = {"timing": timing, "method": "rk4"}
+        parts = [make(n, g, **manner) for make, n, g in zip(makers, (2, 1), gains, strict=True)]
+    return hgo.MultiOutputObserver(parts, model=CHAINS)
+
+
+@pytest.mark.parametrize("law", ["chains", "filter"])
+def test_errors_of_several_outputs_are_of_estimates(law: str) -> None:
+    plant = hgo.Plant(states=["a", "b", "c"], drift=["b", "-a + c", "-c"], output=["a", "c"])
+    given = {
+        "dt": 0.01,
+        "steps": 50,
+        "x0": [1.0, 0.3, 0.5],
+        "runs": 2,
+        "noise": hgo.NormalNoise(std=0.01),
+    }
+    both = [
+        hgo.simulate(plant, two_outputs(law), backend=backend, **given)
+        for backend in ("rust", "numpy")
+    ]
+    for name in ("rms", "max", "mean", "peak"):
+        ours, theirs = (getattr(result, name) for result in both)
+        assert ours.shape[-1] == 3
+        assert np.allclose(ours, theirs, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("law", ["chains", "filter"])
+def test_times_of_corrections_are_checked_of_each_output(law: str) -> None:
+    observer = two_outputs(law)
+    start = observer.initial_memory()
+    y = np.full((20, 2), 0.2)
+    times = [len(start) - 2, len(start) - 1]
+    if law == "chains":  # x_hat (3), eta, r and the time of the first, the time of the second
+        times = [5, 6]
+    shown = observer.run(0.01, y)
+    rest = np.delete(shown.memory, [0, 1, 2, *times], axis=1)
+    assert np.array_equal(shown.auxiliary, rest)
+    for at in times:
+        assert np.allclose(shown.memory[1:, at], 0.0)
+        wrong = start.copy()
+        wrong[at] = -0.1
+        with pytest.raises(hgo.HgoError, match=rf"memory\[{at}\] = -0.1: must be >= 0"):
+            observer.memory = wrong
+    # a first correction for too long a time, of one output
+    waits = start.copy()
+    waits[times[1]] = 5.0
+    if law == "filter":
+        assert observer.run(0.01, y, memory0=waits).x_hat.shape == (20, 3)
+        return
+    with pytest.raises(hgo.HgoError, match=r"before sample 0.*standard observer by rk4"):
+        observer.run(0.01, y, memory0=waits)
+    y[0, 1] = np.nan  # nothing is corrected for that time
+    assert observer.run(0.01, y, memory0=waits).x_hat.shape == (20, 3)
+
+
+def test_what_several_outputs_and_filters_do_not_take_is_told_in_a_line() -> None:
+    both = two_outputs("chains")
+    for figure in (both.bandwidth, both.noise_gain, both.peaking, both.settling):
+        with pytest.raises(hgo.HgoError, match="'chains': must be a law of one output; ask"):
+            figure()
+    with pytest.raises(hgo.HgoError, match=r"wrap = 6.28: must be left out; give it where"):
+        hgo.MultiOutputObserver([], model=CHAINS, wrap=6.28)  # type: ignore[arg-type]
+    with pytest.raises(hgo.HgoError, match=r"shape = .*must be left out: P holds"):
+        hgo.HighGainEKF(2, R=1.0, Q=1.0, shape=hgo.Stubborn(5.0, 20.0))  # type: ignore[arg-type]
+
+
+def test_another_timing_of_several_outputs_is_that_of_each() -> None:
+    with pytest.raises(hgo.HgoError, match="make the observer of each output with timing="):
+        two_outputs("chains").with_timing("predictor")
+
+
+def test_a_slope_that_a_correction_cannot_know_is_refused() -> None:
+    """Also where a spec comes without the class that sees to it."""
+    model = hgo.Model(states=["q", "v"], inputs=["u"], unknown="d", phi="u - q + (2 + cos(q))*d")
+    spec = hgo.StandardObserver(3, 5.0, model=model).spec
+    table = spec["model"]["table"]
+    _core.Observer(spec)
+    at = len(table["outputs"]) - 1
+    for index in (0, table["inputs"].index("u[0]")):
+        outputs = [*table["outputs"][:at], index]
+        wrong = {**spec, "model": {**spec["model"], "table": {**table, "outputs": outputs}}}
+        with pytest.raises(ValueError, match="slope of an unknown depends on time or an input"):
+            _core.Observer(wrong)
 
 
 # --- models without a value ---------------------------------------------------------------------

@@ -86,6 +86,15 @@ impl OwnModel {
                 table.outputs.len()
             )));
         }
+        // a correction is told neither time nor input
+        let moves = table.depends(|i| i == 0 || (1 + n..1 + n + n_u).contains(&i));
+        let slopes = table.outputs.iter().rev().take(unknown.len()).rev().zip(&unknown);
+        if slopes.into_iter().any(|(slope, of)| *of && moves[*slope]) {
+            return Err(refused(
+                "the slope of an unknown depends on time or an input: it must depend on states and \
+                 parameters only; take the whole term as the unknown and divide its estimate",
+            ));
+        }
         Ok(Self { form, n, n_u, table, parameters, orders, n_z, unknown })
     }
 

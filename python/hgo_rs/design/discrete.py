@@ -152,6 +152,9 @@ def continuous(observer: Mapping[str, Any], *, gain: float | None = None) -> Con
     ``observer``: the spec of a law of one chain; saturations are at rest.
     ``gain``: the value [1/s] at which a gain that moves is frozen; needed there, refused elsewhere.
     """
+    several = observer.get("kind") == "chains"
+    remedy = "ask the observer of each output by itself, as it was made for MultiOutputObserver"
+    check(not several, "kind", "chains", "a law of one output", remedy, DesignError)
     kind = choice(observer, "kind", tuple(LAWS))
     if not LAWS[kind].continuous:
         allowed = "a law in continuous time"

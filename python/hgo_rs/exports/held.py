@@ -134,6 +134,8 @@ def held_gains(
     HgoError
         A sampling period that is missing where gains depend on it; a gain that moves.
     """
+    for law in _laws(spec):
+        _check_threshold(law)
     found = [_holds(law) for law in _laws(spec)]
     if fixed is not None:
         dt, found = fixed, [_counted(law) for law in _laws(spec)]
@@ -182,6 +184,20 @@ def _in_blocks(law: Mapping[str, Any]) -> bool:
 def _counted(law: Mapping[str, Any]) -> bool:
     """Whether a law's gains are held where the period is fixed: for each count of periods."""
     return _placed(law) and law["gain"]["law"] == "constant" and law.get("timing") == "current"
+
+
+def _check_threshold(law: Mapping[str, Any]) -> None:
+    """Refuse held gains beside a threshold that moves over a time for which none is held."""
+    shape = law.get("shape") or {}
+    moves = "decay" in shape and law.get("timing") == "current"
+    check(
+        not (moves and _placed(law) and _in_blocks(law)),
+        "shape",
+        shape.get("law", shape.get("kind")),
+        f"without a threshold in an export of the {law['kind']} law under {law['method']} with "
+        "current timing: its gains are held for whole periods, its threshold moves over any time",
+        'choose method="rk4", timing="predictor", or the standard law',
+    )
 
 
 def _holds(law: Mapping[str, Any]) -> bool:

@@ -6,7 +6,7 @@ stands) that `step` moves. `run` works on a memory of its own and leaves the obj
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
@@ -198,14 +198,16 @@ class Observer(OnlineObserver):
 
         k, longest = track["longest_step"]
         where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
-        if self._core.is_current and self._law_len < len(begin) and not track["missing"][0]:
+        steps: list[tuple[str, float, Mapping[str, Any]]]
+        steps = [(where, longest, self.spec)] if longest > 0.0 else []
+        for at, law, outputs in self._waiting:
             # the first sample corrects over the time that its begin has waited
-            waited = float(begin[self._law_len])
-            if waited > longest:
-                longest, where = waited, f"before sample 0 (t = {time(0):g} s), "
-        if longest > 0.0:
+            waited, missing = float(begin[at]), np.isnan(track["y"][0, outputs]).all()
+            if waited > 0.0 and not missing:
+                steps.append((f"before sample 0 (t = {time(0):g} s), ", waited, law))
+        for where, length, law in steps:
             try:
-                self._check_dt(longest, allow)
+                self._check_dt(length, allow, law)
             except DesignError as error:
                 raise DesignError(f"{where}{error}") from None
         memory = track["memory"]
@@ -234,7 +236,7 @@ class Observer(OnlineObserver):
             clock,
             track.get("innovation"),
             x_hat=memory[:, : self.n],
-            auxiliary=memory[:, self.n : self._law_len],
+            auxiliary=self._auxiliary(memory),
             missing=track["missing"],
             gain=self.gains(memory),
             y=track["y"],

@@ -16,11 +16,10 @@ from hgo_rs.observers import arguments
 from hgo_rs.observers.arguments import Gain
 from hgo_rs.observers.base import Observer
 from hgo_rs.observers.gains import WITH_R
+from hgo_rs.observers.online import EKF as KIND
+from hgo_rs.observers.online import SAMPLED
 from hgo_rs.observers.records import Array
 from hgo_rs.observers.turns import turn
-
-KIND = "high-gain-ekf"
-SAMPLED = "sampled"
 
 
 class HighGainEKF(Observer):
@@ -61,6 +60,8 @@ class HighGainEKF(Observer):
         As in `StandardObserver`.
     allow_unstable : bool
         Let a run go on beyond bounds.
+    shape : None
+        Of other laws: P holds for all of the innovation.
 
     The memory holds x_hat, then P as L and D of P = L D L', L unit lower triangular, row by row
     with D on the diagonal, so that P stays positive; `covariance` gives P.
@@ -86,8 +87,11 @@ class HighGainEKF(Observer):
         timing: str = DEFAULT_TIMING,
         wrap: float | None = None,
         allow_unstable: bool = False,
+        shape: None = None,
     ) -> None:
         law = LAWS[KIND]
+        remedy = "gate= of run() passes over outliers; or take a law of constant gains"
+        check(shape is None, "shape", shape, "left out: P holds for all of the innovation", remedy)
         n = arguments.order(n, least=min(law.orders), most=max(law.orders))
         remedy = "give theta, or gain"
         check(gain is None or theta is None, "theta", theta, "given without gain", remedy)
@@ -148,14 +152,6 @@ def covariance(memory: npt.ArrayLike, n: int) -> Array:
     d = np.diagonal(lower, axis1=-2, axis2=-1).copy()
     lower[..., np.arange(n), np.arange(n)] = 1.0
     return np.asarray((lower * d[..., None, :]) @ np.swapaxes(lower, -1, -2))
-
-
-def is_one(spec: Any) -> bool:
-    """Whether an observer remembers a covariance: of its chain, or of all chains."""
-    chains = spec.get("observers")
-    if chains:
-        return all(one["kind"] == KIND and one["method"] == SAMPLED for one in chains)
-    return bool(spec["kind"] == KIND)
 
 
 def _one(value: Any) -> Any:

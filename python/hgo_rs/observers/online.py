@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cached_property
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
 
 TAMER = "choose a smaller step or gain, another method, or allow_unstable=True to look at it"
 _HUGE = 1e100  # beyond it a step overflows, whatever the model
-_MADE = "_core", "_records"  # what a copy makes anew from its spec
+_MADE = "_core", "_records", "_waiting"  # what a copy makes anew from its spec
 
 
 class OnlineObserver(_core.Online):
@@ -160,9 +163,32 @@ class OnlineObserver(_core.Online):
 
     @property
     def _law_len(self) -> int:
-        """Entries of the memory without what current timing holds beside the law's own."""
+        """Entries of the memory without what current timing holds behind the law's own."""
         held = int(self.spec.get("timing") == "current")
         return int(self._core.memory_len) - held
+
+    @cached_property
+    def _waiting(self) -> tuple[tuple[int, Mapping[str, Any], list[int]], ...]:
+        """Where the memory holds the times that next corrections are for, with the law that
+        corrects and its outputs; none with predictor timing.
+        """
+        end, chains = int(self._core.memory_len), self.spec.get("observers", ())
+        timed = chains or "timing" in self.spec
+        if not (timed and self._core.is_current):
+            return ()
+        if not chains or is_one_filter(self.spec):
+            return tuple((end - self.n_y + i, self.spec, [i]) for i in range(self.n_y))
+        rests = [int(_core.Observer(chain).memory_len) - chain["n"] for chain in chains]
+        ends = [self.n + end - 1 for end in accumulate(rests)]
+        pairs = zip(ends, chains, strict=True)
+        return tuple((end, chain, [i]) for i, (end, chain) in enumerate(pairs))
+
+    def _auxiliary(self, memory: Array) -> Array:
+        """What memories (..., m) hold beside estimates and times, the gain included."""
+        times = [at for at, _, _ in self._waiting]
+        if not times or times[0] == self._law_len:
+            return memory[..., self.n : self._law_len]
+        return np.delete(memory, [*range(self.n), *times], axis=-1)
 
     def with_timing(self, timing: str) -> Self:
         """The same observer with this timing, at its initial memory; itself if that is its own.
@@ -174,7 +200,10 @@ class OnlineObserver(_core.Online):
         """
         if check_choice("timing", timing, TIMINGS) == self.timing:
             return self
-        check("timing" in self.spec, "timing", timing, repr(self.timing), "this law has no other")
+        remedy = "this law has no other"
+        if self.spec["kind"] == "chains":
+            remedy = "make the observer of each output with timing="
+        check("timing" in self.spec, "timing", timing, repr(self.timing), remedy)
         other = type(self).__new__(type(self))
         own = {name: value for name, value in self.__dict__.items() if name not in _MADE}
         other.__dict__.update(own)
@@ -325,11 +354,11 @@ class OnlineObserver(_core.Online):
             raise HgoError(f"memory of shape {values.shape}: {allowed}")
         finite = bool(np.all(np.isfinite(values)))
         check(finite, "memory", memory, "finite", "leave out NaN and infinity, or call reset()")
-        if self.spec.get("timing") == "current":
-            elapsed = float(values[self._law_len])
+        for at, _, _ in self._waiting:
+            elapsed = float(values[at])
             allowed = ">= 0, the time that the next correction is for [s]"
             remedy = "keep what memory shows, or 0 at a start; an input is told to predict(u, dt)"
-            check(elapsed >= 0.0, f"memory[{self._law_len}]", elapsed, allowed, remedy)
+            check(elapsed >= 0.0, f"memory[{at}]", elapsed, allowed, remedy)
         return values
 
     def _no_place(self, out: Any) -> HgoError:
@@ -398,8 +427,22 @@ class OnlineObserver(_core.Online):
             "no value for, as max(v, 1e-3) does for a state v"
         )
 
-    def _check_dt(self, dt: float, allow_unstable: bool) -> None:
-        check_step(self.spec, dt, allow_unstable=allow_unstable)
+    def _check_dt(
+        self, dt: float, allow_unstable: bool, spec: Mapping[str, Any] | None = None
+    ) -> None:
+        """Refuse a step [s] of the observer, or a correction of one of its chains for so long."""
+        check_step(spec or self.spec, dt, allow_unstable=allow_unstable)
+
+
+EKF, SAMPLED = "high-gain-ekf", "sampled"
+
+
+def is_one_filter(spec: Mapping[str, Any]) -> bool:
+    """Whether an observer remembers one covariance: of its chain, or of all chains."""
+    chains = spec.get("observers")
+    if chains:
+        return all(one["kind"] == EKF and one["method"] == SAMPLED for one in chains)
+    return bool(spec["kind"] == EKF)
 
 
 def _lift(spec: dict[str, Any]) -> float:

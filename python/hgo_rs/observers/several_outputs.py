@@ -11,8 +11,9 @@ from hgo_rs.errors import check
 from hgo_rs.models import Model
 from hgo_rs.observers import arguments
 from hgo_rs.observers.base import Observer
-from hgo_rs.observers.high_gain_ekf import HighGainEKF, covariance, is_one
+from hgo_rs.observers.high_gain_ekf import HighGainEKF, covariance
 from hgo_rs.observers.listed import HighGainObserver
+from hgo_rs.observers.online import is_one_filter
 from hgo_rs.observers.records import Array
 
 
@@ -33,8 +34,8 @@ class MultiOutputObserver(Observer):
         Of the form of chains: `Model(states=..., orders=[n_1, n_2, ...], phi=[phi_1, phi_2, ...])`.
     allow_unstable : bool
         As in `StandardObserver`.
-
-    An output that wraps is said where its observer is made: `StandardObserver(2, 40, wrap=2*pi)`.
+    wrap : None
+        Said where the observer of that output is made: `StandardObserver(2, 40, wrap=2*pi)`.
 
     High-gain EKFs by method "sampled", one for each output, are one filter: its covariance is of
     all states, the other chains' slopes are in it, and a sample of one output corrects all of them.
@@ -50,8 +51,15 @@ class MultiOutputObserver(Observer):
     """
 
     def __init__(
-        self, observers: Sequence[Observer], *, model: Model, allow_unstable: bool = False
+        self,
+        observers: Sequence[Observer],
+        *,
+        model: Model,
+        allow_unstable: bool = False,
+        wrap: None = None,
     ) -> None:
+        remedy = "give it where the observer of that output is made"
+        check(wrap is None, "wrap", wrap, "left out", remedy)
         chains = getattr(model, "orders", ())
         remedy = "write Model(states=..., orders=[...], phi=[...])"
         check(bool(chains), "model", model, "a Model of chains", remedy)
@@ -81,7 +89,7 @@ class MultiOutputObserver(Observer):
             Observers that remember no covariance.
         """
         remedy = "HighGainEKF(..., method='sampled') for every output has one"
-        check(is_one(self.spec), "covariance", None, "of high-gain EKFs", remedy)
+        check(is_one_filter(self.spec), "covariance", None, "of high-gain EKFs", remedy)
         return covariance(self.memory if memory is None else memory, self.n)
 
 

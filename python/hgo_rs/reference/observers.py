@@ -774,7 +774,8 @@ class SampledEkf(Law):
     """The high-gain EKF of sampled data, of one chain or of all chains of a model.
 
     Between samples x_hat and P by the model; K = P C'(C P C' + R/theta)^-1.
-    Memory: x_hat (n), P as L and D of L D L' (n (n + 1)/2), the time since the last sample used.
+    Memory: x_hat (n), P as L and D of L D L' (n (n + 1)/2), of each output the time
+    since its last sample used.
     """
 
     is_current = True
@@ -793,7 +794,7 @@ class SampledEkf(Law):
         self.n_u, self.may_be_undefined = model.n_u, model.kind == "own"
         self.first = np.cumsum([0, *orders[:-1]])
         self.rows = self.n + self.n * (self.n + 1) // 2
-        self.memory_len = self.rows + 1
+        self.memory_len = self.rows + self.n_y
         self.a = covariance.shift(orders)
         q, self.p0 = np.zeros_like(self.a), np.zeros_like(self.a)
         for first, order, (one, _, p0) in zip(self.first, orders, noises, strict=True):
@@ -804,8 +805,8 @@ class SampledEkf(Law):
 
     @property
     def signals(self) -> int:
-        """All but the time."""
-        return self.rows
+        """All but the time; of several outputs the estimates, as of other chains."""
+        return self.rows if self.n_y == 1 else self.n
 
     def initial(self) -> Array:
         memory = np.zeros(self.memory_len)
@@ -821,7 +822,7 @@ class SampledEkf(Law):
         """By the samples that there are; nothing for no time."""
         new, n = memory.copy(), self.n
         y = np.reshape(y, (self.n_y, -1))
-        present = np.isfinite(y) & (memory[-1] > 0.0)
+        present = np.isfinite(y) & (memory[self.rows :] > 0.0)
         for given in np.unique(present, axis=1).T:
             some = np.all(present == given[:, None], axis=0)
             if given.any():
@@ -830,7 +831,7 @@ class SampledEkf(Law):
                 e = y[given][:, some] - memory[rows][:, some]
                 x_hat, p = covariance.corrected(memory[:n, some], p, e, rows, self.r[given])
                 new[:n, some], new[n : self.rows, some] = x_hat, covariance.held(p)
-        new[-1] = np.where(np.isfinite(y).any(axis=0), 0.0, memory[-1])
+        new[self.rows :] = np.where(np.isfinite(y), 0.0, memory[self.rows :])
         return new
 
     def predict(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
@@ -849,7 +850,7 @@ class SampledEkf(Law):
         n = self.n
         p = covariance.covariance(memory[n : self.rows], n)
         x_hat, p = covariance.moved(free, a, self.q, memory[:n], p, t, dt)
-        return np.vstack([x_hat, covariance.held(p), memory[-1] + dt])
+        return np.vstack([x_hat, covariance.held(p), memory[self.rows :] + dt])
 
 
 class PeakingFreeObserver(LowPowerObserver):

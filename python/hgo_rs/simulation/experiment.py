@@ -334,8 +334,10 @@ def plan(
         spec["settle"] = check_number(settle, "settle", above=0.0)
     if histogram is not None:
         spec["histogram"] = _window(check_array(histogram, "histogram"), "histogram", period, steps)
-    # a ship's filters are no signals, nor is what current timing holds beside the law's memory
-    entries = observer.n if isinstance(plant, Ship) else observer._law_len
+    # a ship's filters are no signals, nor what chains hold behind their estimates, nor what current
+    # timing holds beside the law's memory
+    behind = isinstance(plant, Ship) or observer.spec["kind"] == "chains"
+    entries = observer.n if behind else observer._law_len
     sizes = (entries if errors else 0, len(loop.columns), m)
     shapes = _shapes(spec, sizes, n_y, len(loop.signals))
     return Experiment(ReadOnlyDict(spec), observer.n, shapes, loop)

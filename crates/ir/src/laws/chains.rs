@@ -52,7 +52,7 @@ pub(super) fn tables(spec: &Spec<'_>, setting: Setting) -> Result<Tables> {
     }
     let current = chains.first().is_some_and(|of| of.shape.current);
     let (n, n_y, n_u, memory) = (own.n, chains.len(), own.n_u, rest);
-    let shape = Shape { n, n_y, n_u, memory, signals: memory, current, initial };
+    let shape = Shape { n, n_y, n_u, memory, signals: n, current, initial };
     let several = Several { own: &own, chains: &chains, place: &place, shape: &shape, setting };
     let corrects = chains.iter().all(|of| of.correct.is_some());
     let half = |of: &Tables| of.correct.clone().unwrap_or_default();
