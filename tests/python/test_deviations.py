@@ -242,3 +242,16 @@ def test_refusals(observer, given, told):
     bare = StandardObserver(2, 9.0).run(DT, np.sin(np.arange(99.0)))
     with pytest.raises(HgoError, match="deviation"):
         bare.band()
+
+
+def test_deviations_follow_the_inputs_that_act():
+    """A spring whose stiffness is the input: its mean over a period, given or asked for."""
+    model = Model(states=["q", "v"], inputs=["k"], phi="-k*q - 2*v")
+    t = DT * np.arange(600)
+    y, k = np.sin(t), 400.0 * (1.0 + np.sign(np.sin(40.0 * t)))
+    observer = StandardObserver(2, 10.0, model=model)
+    means = np.append(0.5 * (k[1:] + k[:-1]), k[-1])
+    asked = observer.run(t, y, k, input_hold="mean", **KNOWN)
+    given = observer.run(t, y, means, **KNOWN)
+    assert np.array_equal(asked.deviation, given.deviation)
+    assert not np.allclose(asked.deviation, observer.run(t, y, k, **KNOWN).deviation, rtol=1e-2)

@@ -116,9 +116,9 @@ class Observer(OnlineObserver):
             What steps, with the same bits: "auto" compiles the step by LLVM (extra `fast`) once
             this observer has had samples enough for it, some millions of a law of order two.
         noise, model_error : float or (n_y,), optional
-            Standard deviation of the samples' noise, sqrt(R), and the square root of the intensity
-            Q of white noise in the last state of each chain, as `tune` finds them: for `deviation`
-            of the result.
+            Standard deviations, not variances, as `tune` finds them, for `deviation` of the result:
+            sqrt(R) of the samples' noise [unit of y], and sqrt(Q), Q the intensity of white noise
+            in the last state of each chain [its unit per sqrt(s)].
         gate : float, optional
             With noise and model error: a sample whose innovation is more than this number of its
             standard deviations is an outlier; it is predicted over and marked in `gated`. It takes
@@ -252,7 +252,7 @@ class Observer(OnlineObserver):
             both = noise is not None and model_error is not None
             remedy = "hgo_rs.tune finds both in a log"
             check(both, "noise, model_error", (noise, model_error), "given together", remedy)
-            spread = upward.call("deviation", self, result, told, noise, model_error)
+            spread = upward.call("deviation", self, result, applied, noise, model_error)
             result.__dict__["deviation"] = frozen(spread)
         if track["missing"].any():  # for the error to expect after the gaps
             result.__dict__["_run_of"] = (self, applied.copy())
