@@ -51,6 +51,21 @@ def arrays(t_or_dt: Any, y: Any = None, u: Any = None) -> tuple[Any, Any, Any]:
     return (clock_of(t_or_dt) if is_clock(t_or_dt) else t_or_dt), y, u
 
 
+Given = Any
+"""A `Log`, a frame or series with its times, (t, y) or (t, y, u)."""
+
+
+def of_log(log: Given, parameter: str = "log") -> tuple[Any, Any, Any]:
+    """Times [s] or a period, samples and inputs of one whole record; errors as of `arrays`."""
+    if is_record(log):
+        return arrays(log)
+    several = isinstance(log, (tuple, list)) or (isinstance(log, np.ndarray) and log.ndim > 1)
+    fits = several and len(log) in (2, 3)
+    allowed = "a Log, a frame or series with its times, (t, y) or (t, y, u)"
+    check(fits, parameter, log, allowed, "give these arrays as a tuple")
+    return arrays(*log)
+
+
 def _is_log(log: Any) -> bool:
     return all(hasattr(log, name) for name in ("t", "y", "u", "starts"))
 

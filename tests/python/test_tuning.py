@@ -196,7 +196,7 @@ def test_the_figure_and_the_table(tmp_path: Path) -> None:
         (lambda: tune(standard, 1e-5, DT, cutoff=9.0, ells=[]), "three gains or more"),
         (lambda: tune({}, 1e-5, DT, cutoff=9.0), "at least one observer"),
         (lambda: tune(3, 1e-5, DT, cutoff=9.0), "build = 3"),  # type: ignore[arg-type]
-        (lambda: tune(standard, (np.arange(9.0),)), "must be .t, y. or .t, y, u."),
+        (lambda: tune(standard, (np.arange(9.0),)), "must be a Log, .*.t, y. or .t, y, u."),
         (
             lambda: tune(standard, (np.zeros(99), np.zeros(99))),
             "t at samples 0 and 1 = .*increasing",

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from hgo_rs.errors import HgoError, check_choice, check_integer, explain
+from hgo_rs.errors import HgoError, check, check_choice, check_integer, explain
 from hgo_rs.exports.names import check_name
 from hgo_rs.exports.program import PERIODS, period_of, program
 from hgo_rs.exports.vector import Log
@@ -103,6 +103,8 @@ def export(
         units=units,
         fixed_dt=fixed_dt,
     )
+    named = isinstance(out, (str, Path))
+    check(named, "out", out, "a path", 'name a folder, such as "firmware"')
     folder = Path(out)
     contents = {file: text.encode() for file, text in texts.items()}
     if to == "fmu":

@@ -252,8 +252,7 @@ class Observer(OnlineObserver):
             both = noise is not None and model_error is not None
             remedy = "hgo_rs.tune finds both in a log"
             check(both, "noise, model_error", (noise, model_error), "given together", remedy)
-            spread = upward.call("deviation", self, result, applied, noise, model_error)
-            result.__dict__["deviation"] = frozen(spread)
+            self._deviate(result, applied, noise, model_error)
         if track["missing"].any():  # for the error to expect after the gaps
             result.__dict__["_run_of"] = (self, applied.copy())
         return result
@@ -261,6 +260,12 @@ class Observer(OnlineObserver):
     @cached_property
     def _records(self) -> RecordEngine:
         return RecordEngine(self._core)
+
+    def _deviate(self, result: RunResult, u: Any, noise: Any, model_error: Any) -> None:
+        """Give a result of this observer its deviations; u as it was applied."""
+        u = records.inputs(u if self.n_u else None, len(result.y), self.n_u)
+        spread = upward.call("deviation", self, result, u, noise, model_error)
+        result.__dict__["deviation"] = frozen(spread)
 
     def _gap_error(self, result: RunResult, u: Array, gaps: Sequence[Gap]) -> Array:
         """What gaps cost a result of this observer, (number of gaps, n)."""

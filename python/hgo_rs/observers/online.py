@@ -276,6 +276,11 @@ class OnlineObserver(_core.Online):
             return True
         return self._core.begin(self._core.initial(), np.zeros(self.n_y)) is not None
 
+    @property
+    def _usual_start(self) -> str:
+        """Where it begins on a record of which nothing else is known."""
+        return "first-sample" if self._begins else "zero"
+
     def _begun(self, memory: Array, y0: Array) -> Array:
         """A memory with its estimates of the outputs at first samples, NaN where there is none."""
         if self.spec["kind"] == "reduced-order":

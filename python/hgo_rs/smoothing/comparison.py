@@ -141,7 +141,15 @@ def compare(
     HgoError
         What `smooth` and `Observer.run` refuse; shapes that do not fit; an unknown baseline.
     """
+    remedy = 'give names with them, such as {"mine": observer}'
+    named = observers is None or isinstance(observers, Mapping)
+    check(named, "observers", observers, "a dict of observers", remedy)
     given = dict(observers or {})
+    listed = baselines is None or (
+        isinstance(baselines, Iterable) and not isinstance(baselines, str)
+    )
+    remedy = 'write ["Kalman, random jerk"], or () for none'
+    check(listed, "baselines", baselines, "a list of names", remedy)
     known = model if model is not None else _model_of(given.values())
     motion = Motion(known, None if known is not None else 3)
     samples = Samples.of(log, len(motion.orders), motion.n_u)
@@ -242,11 +250,7 @@ def _estimate(name: str, one: Any, samples: Samples, motion: Motion) -> tuple[Ar
         told = f"{samples.u.shape[1]}, those of the model that is compared"
         raise HgoError(explain(f"inputs of {name!r}", one.n_u, told, "give both the same model"))
     if one.n_y == len(motion.orders):
-        start = np.zeros(one.n)
-        chains = [part["n"] for part in one.spec.get("observers", [])] or [one.n]
-        for channel, first in enumerate(np.cumsum([0, *chains[:-1]]).tolist()):
-            start[first] = samples.first(channel)
-        run = one.run(samples.t, samples.y, u, x_hat0=start)
+        run = one.run(samples.t, samples.y, u, start=one._usual_start)
         names = getattr(one.model, "states", None)
         return _placed(np.array(run.x_hat), names, motion, 0), rule
     told = f"{len(motion.orders)}, those of the model that is compared"

@@ -138,7 +138,12 @@ def fit(
     remedy = "write Model(..., parameters={...})"
     fits = isinstance(model, Model) and bool(model.parameters)
     check(fits, "model", model, "a Model with parameters", remedy)
-    names = tuple(model.parameters) if parameters is None else tuple(parameters)
+    listed = parameters is None or (
+        isinstance(parameters, Sequence) and not isinstance(parameters, str)
+    )
+    remedy = f'write ["{next(iter(model.parameters))}"]'
+    check(listed, "parameters", parameters, "a list of names", remedy)
+    names = tuple(model.parameters if parameters is None else parameters)
     check(len(names) > 0, "parameters", parameters, "one name or more", "name some")
     for name in names:
         check_choice("parameters", name, tuple(model.parameters))

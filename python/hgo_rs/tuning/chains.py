@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
-from hgo_rs.errors import HgoError, check, check_array, check_integer
-from hgo_rs.logs import Log
+from hgo_rs.errors import HgoError, check, check_integer
 from hgo_rs.models import Model
 from hgo_rs.observers import HighGainEKF, MultiOutputObserver, Observer, StandardObserver
+from hgo_rs.signals import Given
 from hgo_rs.tuning.offers import damped_half, with_load
-from hgo_rs.tuning.record import MOST, Record, busiest
+from hgo_rs.tuning.record import MOST, Record, busiest, longest
 from hgo_rs.tuning.reference import Reference, Source, butterworth, find
 from hgo_rs.tuning.result import Array, Tuning
 
@@ -33,16 +32,15 @@ _REACH = 24  # steps of one gain in a sweep, at most
 _SPAN = 1e-3, 5.0  # of ell dt
 
 
-def outputs(log: Any) -> int:
+def outputs(log: Given) -> int:
     """How many outputs a log has."""
-    y = log.y if isinstance(log, Log) else log[1] if len(log) > 1 else ()
-    shape = np.shape(y)
-    return shape[1] if len(shape) == 2 else 1
+    _, y, *_ = longest(log)
+    return y.shape[1] if y.ndim == 2 else 1
 
 
 def tune_chains(
     build: Model | ChainsBuild | Mapping[str, ChainsBuild],
-    log: Log | Sequence[npt.ArrayLike],
+    log: Given,
     states: Any,
     skip: float | None,
     progress: Callable[[int, int], object] | None = None,
@@ -157,18 +155,15 @@ def _filter(
     return build
 
 
-def _records(log: Log | Sequence[npt.ArrayLike], skip: float | None) -> list[Record]:
+def _records(log: Given, skip: float | None) -> list[Record]:
     """One record for each output, of the same rows."""
-    if isinstance(log, Log):
-        log = max(log.pieces, key=lambda piece: len(piece.t))
-        log = (log.t, log.y) if log.u is None else (log.t, log.y, log.u)
-    clock, y = check_array(log[0], "t"), check_array(log[1], "y")
+    clock, y, u, whole = longest(log)
     t = clock if clock.ndim else float(clock) * np.arange(len(y), dtype=np.float64)
     check(t.shape == (len(y),), "shape of t", t.shape, f"({len(y)},)", "give a time a sample")
     rows = busiest(y, 0, MOST)
-    some = [t[rows], *(check_array(u, "u")[rows] for u in log[2:])]
-    made = [Record.of((some[0], column, *some[1:]), skip) for column in y[rows].T]
-    return [replace(record, whole=len(y)) for record in made]
+    some = None if u is None else u[rows]
+    made = [Record.of((t[rows], column, some), skip) for column in y[rows].T]
+    return [replace(record, whole=whole) for record in made]
 
 
 def _model_of(

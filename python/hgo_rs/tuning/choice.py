@@ -16,13 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, check, check_integer, check_number
-from hgo_rs.logs import Log
 from hgo_rs.models import System
+from hgo_rs.signals import Given
 from hgo_rs.times import check_period
 from hgo_rs.tuning.candidate import Candidate
 from hgo_rs.tuning.chains import outputs, tune_chains
 from hgo_rs.tuning.offers import LARGEST, Build, offered, sources
-from hgo_rs.tuning.record import Given, Record
+from hgo_rs.tuning.record import Record
 from hgo_rs.tuning.reference import find
 from hgo_rs.tuning.result import Tuning
 
@@ -33,7 +33,7 @@ class TuningWarning(UserWarning):
 
 def tune(
     build: Build | Mapping[str, Build] | System | None,
-    log_or_noise: Given,
+    log_or_noise: Given | float,
     dt: float | None = None,
     *,
     cutoff: float | None = None,
@@ -113,13 +113,15 @@ def tune(
         fewer than three gains that are not refused.
     """
     asked = {"cutoff": cutoff, "settling": settling}
-    if isinstance(log_or_noise, (Log, tuple, list)) and outputs(log_or_noise) > 1:
+    of_noise = isinstance(log_or_noise, (int, float, np.number))
+    log: Any = None if of_noise else log_or_noise
+    if not of_noise and outputs(log) > 1:
         others = {**asked, "model_error": model_error, "ells": ells, "dt": dt}
         for name, value in others.items():
             check(value is None, name, value, "left out with several outputs", "leave it out")
         remedy = "give a Model of chains, or gains -> MultiOutputObserver"
         check(build is not None, "build", build, "a model of chains", remedy)
-        result = tune_chains(cast("Any", build), log_or_noise, state, skip, progress)
+        result = tune_chains(cast("Any", build), log, state, skip, progress)
         for text in result.warnings:
             warnings.warn(text, TuningWarning, stacklevel=2)
         return result
@@ -141,8 +143,8 @@ def tune(
         check(callable(make), "build", make, "callable", "give ell -> observer")
 
     record, known = None, (math.nan, math.nan)
-    if isinstance(log_or_noise, (Log, tuple, list)):
-        record = Record.of(log_or_noise, skip)
+    if not of_noise:
+        record = Record.of(log, skip)
         step = record.dt
         if dt is not None:
             given = check_period(dt)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,10 +11,8 @@ import numpy.typing as npt
 from hgo_rs.errors import check, check_array, check_number
 from hgo_rs.logs import Log
 from hgo_rs.observers import Observer, RunResult
+from hgo_rs.signals import Given, of_log
 from hgo_rs.tuning.result import Array
-
-Given = float | Log | Sequence[npt.ArrayLike]
-"""A log, (t, y) or (t, y, u), or a noise level."""
 
 _LEAST = 50  # samples
 MOST = 12_288
@@ -42,7 +40,8 @@ class Record:
     period : float or None
         The sampling period, where it was given in place of times.
     whole : int
-        Samples of the log, of which a long one's busiest stretch is looked at.
+        Samples of the log, of which the longest piece, and of a long one the busiest stretch, is
+        looked at.
     turn : float or None
         What an estimate of y is known up to, where y was unwrapped.
     """
@@ -59,14 +58,9 @@ class Record:
     turn: float | None = None
 
     @classmethod
-    def of(cls, log: Log | Sequence[npt.ArrayLike], skip: float | None) -> Record:
+    def of(cls, log: Given, skip: float | None) -> Record:
         """A log as arrays; of one whose clock starts again the longest piece."""
-        if isinstance(log, Log):
-            log = max(log.pieces, key=lambda piece: len(piece.t))
-            log = (log.t, log.y) if log.u is None else (log.t, log.y, log.u)
-        fits = len(log) in (2, 3)
-        check(fits, "log_or_noise", f"{len(log)} arrays", "(t, y) or (t, y, u)", "give these")
-        clock, y = check_array(log[0], "t"), check_array(log[1], "y")
+        clock, y, inputs, whole = longest(log)
         y = y[:, 0] if y.ndim == 2 and y.shape[1] == 1 else y
         one = y.ndim == 1 and clock.shape in ((), y.shape)
         shapes = f"{clock.shape}, {y.shape}"
@@ -91,14 +85,12 @@ class Record:
         check(there >= _LEAST, name, there, f">= {_LEAST}", longer)
         usual = float(np.median(np.diff(t[np.isfinite(y)])))
         u = None
-        if len(log) == 3:
-            u = check_array(log[2], "u")
-            u = u[:, None] if u.ndim == 1 else u
+        if inputs is not None:
+            u = inputs[:, None] if inputs.ndim == 1 else inputs
             fits = u.ndim == 2 and len(u) == len(y)
             check(fits, "shape of u", u.shape, f"({len(y)}, n_u)", "give a row a sample")
         some = busiest(y, int(np.searchsorted(t, t[0] + start)), MOST)
-        whole = len(y)
-        if some != slice(0, whole):
+        if some != slice(0, len(y)):
             t, y, u = t[some], y[some], None if u is None else u[some]
             start = min(start, float(t[-1] - t[0]) / 20.0)
         judged = _judged(t, y, usual, start)
@@ -116,11 +108,6 @@ class Record:
         return replace(self, y=y, turn=turn)
 
     @property
-    def first(self) -> float:
-        """The first sample that is not missing."""
-        return float(self.y[np.argmax(np.isfinite(self.y))])
-
-    @property
     def smallest(self) -> float:
         """Differences of y below this are rounding of its numbers."""
         return float(np.finfo(np.float64).eps * np.max(np.abs(self.y[self.judged])))
@@ -132,15 +119,15 @@ class Record:
 
         ``spare``: inputs are kept from a model that has none, in place of a refusal.
         """
-        if start is None:
-            start = np.zeros(observer.n)
-            start[0] = self.first
+        begin: dict[str, Any] = (
+            {"start": observer._usual_start} if start is None else {"x_hat0": start}
+        )
         clock = self.t if self.period is None else self.period
         # Whether inputs fit is for the observer to say.
         u = None if self.u is None else self.u if self.u.shape[1] > 1 else self.u[:, 0]
         if spare and not observer.n_u:
             u = None
-        return observer.run(clock, self.y, u, x_hat0=start)
+        return observer.run(clock, self.y, u, **begin)
 
     def moves(self, n: int) -> None:
         """Refuse a record that stands still."""
@@ -176,6 +163,18 @@ class Record:
         """The step of y where most samples move by one of it or not at all; else 0."""
         step, counts = self.increments()
         return step if step and np.mean(counts <= 1.0) > 0.5 else 0.0
+
+
+def longest(log: Given) -> tuple[Array, Array, Array | None, int]:
+    """t or a period, y, u and the number of samples of a log; of one whose clock starts again the
+    arrays are those of its longest piece.
+    """
+    whole = len(log.t) if isinstance(log, Log) else 0
+    if isinstance(log, Log):
+        log = max(log.pieces, key=lambda piece: len(piece.t))
+    t, y, u = of_log(log, "log_or_noise")
+    clock, y = check_array(t, "t"), check_array(y, "y")
+    return clock, y, None if u is None else check_array(u, "u"), whole or len(np.atleast_1d(y))
 
 
 def busiest(y: Array, first: int, most: int) -> slice:

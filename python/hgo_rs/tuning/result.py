@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, check, need
 from hgo_rs.observers import Observer, RunResult
+from hgo_rs.signals import Given, of_log
 from hgo_rs.tuning.report import report
 
 if TYPE_CHECKING:
@@ -154,26 +155,19 @@ class Tuning:
         """What was tried, what was found, and why this gain and structure were chosen."""
         return report(self)
 
-    def run(self, log: Any) -> RunResult:
-        """The chosen observer over a log: (t, y), (t, y, u) or a `Log`, from rest at the first
+    def run(self, log: Given) -> RunResult:
+        """The chosen observer over a log: (t, y), (t, y, u) or a `Log`, begun at the first
         sample; with the deviations of its estimates where noise and model error are
         known and the law has them.
         """
-        given = (log.t, log.y, log.u) if hasattr(log, "pieces") else tuple(log)
-        t, y, u = (*given, None)[:3]
-        columns = np.atleast_2d(np.asarray(y, dtype=np.float64).T)
-        start = np.zeros(self.observer.n)
-        begins = np.cumsum([0, *(getattr(self.observer.model, "orders", ())[:-1])])
-        for begin, column in zip(begins.tolist(), columns, strict=False):
-            start[begin] = column[np.argmax(np.isfinite(column))]
-        record = (t, y, u if self.observer.n_u else None)
+        t, y, u = of_log(log)
+        observer, u = self.observer, u if self.observer.n_u else None
+        result = observer.run(t, y, u, start=observer._usual_start)
         noise, model_error = self.noise, self.model_error  # of several outputs one each
         if np.isfinite(noise).all() and np.isfinite(model_error).all() and np.all(noise > 0.0):
             with contextlib.suppress(HgoError):  # of a law or a model without deviations
-                return self.observer.run(
-                    *record, x_hat0=start, noise=noise, model_error=model_error
-                )
-        return self.observer.run(*record, x_hat0=start)
+                observer._deviate(result, u, noise, model_error)
+        return result
 
     def columns(self) -> dict[str, Any]:
         """The curves of all structures, one below the other, as named columns."""
