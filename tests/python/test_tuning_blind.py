@@ -245,6 +245,7 @@ def test_the_models_slopes_are_in_noise_and_model_error() -> None:
     assert result.model_error == pytest.approx(1.0, rel=0.35)
 
 
+@pytest.mark.filterwarnings("ignore::hgo_rs.TuningWarning")
 def test_a_long_record_is_judged_by_its_busiest_stretch() -> None:
     t = np.arange(40_000) * 1e-3
     y = np.where(t < 20.0, 0.0, np.sin(4.0 * t)) + 1e-3 * np.random.default_rng(1).normal(
@@ -252,6 +253,57 @@ def test_a_long_record_is_judged_by_its_busiest_stretch() -> None:
     )
     record = Record.of((t, y), None)
     assert len(record.t) == 12_288 and record.t[0] > 18.0 and record.whole == 40_000
+    result = tune(lambda ell: StandardObserver(2, ell), (t, y), ells=[5.0, 10.0, 20.0, 40.0])
+    (told,) = [text for text in result.remarks if "samples" in text]
+    first, last = f"t = {record.t[0]:.6g} s", f"to {record.t[-1]:.6g} s"
+    assert told.startswith("27712 of the log's 40000 samples") and first in told and last in told
+    assert told in result.report()
+
+
+@pytest.mark.filterwarnings("ignore::hgo_rs.TuningWarning")
+def test_the_longest_piece_is_said() -> None:
+    t = np.arange(3000) * 1e-3
+    y = np.sin(9.0 * t) + 1e-3 * np.random.default_rng(1).normal(size=t.size)
+    names = {"time": "t", "output": "q", "input": None}
+    clock = np.where(t < 1.0, t, t - 1.0)
+    log = Log(clock, y, None, names, "axis.csv", np.zeros(3000, bool), (0, 1000))
+    result = tune(lambda ell: StandardObserver(2, ell), log, ells=[20.0, 40.0, 80.0])
+    assert any(text.startswith("1000 of the log's 3000 samples") for text in result.remarks)
+    again = tune(lambda ell: StandardObserver(2, ell), (t[:2000], y[1000:]), ells=[20, 40, 80])
+    np.testing.assert_allclose(again.curves[""].measured, result.curves[""].measured, rtol=1e-6)
+    assert not any("samples" in text for text in again.remarks)
+
+
+DRIVEN = hgo.Model(states=["q", "v"], inputs=["u"], phi="u - 0.5*v")
+PAIR = hgo.Model(
+    states=["a", "b", "c", "d"], inputs=["u"], orders=[2, 2], phi=["u - 0.5*b", "-u - 0.5*d"]
+)
+
+
+@pytest.mark.parametrize("model", [DRIVEN, hgo.InputGain(1.0), PAIR])
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (lambda u: None, "u is missing: .* 1 known input"),
+        (lambda u: np.where(np.arange(u.size) == 7, np.nan, u), "u at sample 7 is not finite"),
+        (lambda u: np.column_stack([u, u]), r"u of shape \(2000, 2\): must be \(2000, 1\)"),
+        (lambda u: u[:-1], r"u.* \(1999.*must be \(2000, "),
+    ],
+)
+def test_a_model_with_inputs_is_not_given_up_for_none(model, spoil, told) -> None:
+    t = np.arange(2000) * 2e-3
+    u = np.sign(np.sin(4.0 * t))
+    y = np.cumsum(np.cumsum(u)) * 4e-6 + 1e-4 * np.random.default_rng(0).normal(size=t.size)
+    y = np.column_stack([y, -y]) if model is PAIR else y
+    with pytest.raises(hgo.HgoError, match=told):
+        tune(model, (t, y, spoil(u)))
+
+
+def test_inputs_that_nothing_takes_are_said() -> None:
+    t = np.arange(2000) * 2e-3
+    y = np.sin(4.0 * t) + 1e-3 * np.random.default_rng(0).normal(size=t.size)
+    assert any(text.startswith("u: ") for text in tune(None, (t, y, y)).remarks)
+    assert not any(text.startswith("u: ") for text in tune(None, (t, y)).remarks)
 
 
 def test_a_load_is_judged_by_what_it_means() -> None:

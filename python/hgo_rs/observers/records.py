@@ -108,7 +108,8 @@ def inputs(u: npt.ArrayLike | None, count: int, n_u: int) -> Array:
             )
         return np.empty((count, 0))
     if u is None:
-        raise HgoError(f"u is missing: this observer's model has {n_u} known input(s)")
+        told = f"this observer's model has {n_u} known input(s); give (N, {n_u})"
+        raise HgoError(f"u is missing: {told}")
     values = floats(u, "u")
     if values.ndim < 2 and values.size == count * n_u and 1 in (count, n_u):
         values = values.reshape(count, n_u)

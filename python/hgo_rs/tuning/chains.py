@@ -19,7 +19,7 @@ from hgo_rs.models import Model
 from hgo_rs.observers import HighGainEKF, MultiOutputObserver, Observer, StandardObserver
 from hgo_rs.signals import Given
 from hgo_rs.tuning.offers import damped_half, with_load
-from hgo_rs.tuning.record import MOST, Record, busiest, longest
+from hgo_rs.tuning.record import MOST, Record, busiest, check_inputs, longest
 from hgo_rs.tuning.reference import Reference, Source, butterworth, find
 from hgo_rs.tuning.result import Array, Tuning
 
@@ -70,6 +70,8 @@ def tune_chains(
     orders = model.orders
     told = f"{len(orders)}, a column for each chain of the model"
     check(len(records) == len(orders), "outputs of the log", len(records), told, "name them")
+    if model.n_u:
+        check_inputs(log, model.n_u)
     wanted = _wanted(states, orders)
     remarks: list[str] = []
     judge = _Judge(records, wanted, _smoothed(records, model, wanted, remarks), orders)
@@ -111,7 +113,7 @@ def tune_chains(
         bounds=bounds,
         judged_by="; ".join(of.name for of in each),
         tried=tuple((name, cast("Any", found[name][0]), found[name][1]) for name in order),
-        remarks=tuple(remarks),
+        remarks=(*remarks, *filter(None, [records[0].part])),
         **several,
     )
 

@@ -22,7 +22,7 @@ from hgo_rs.times import check_period
 from hgo_rs.tuning.candidate import Candidate
 from hgo_rs.tuning.chains import outputs, tune_chains
 from hgo_rs.tuning.offers import LARGEST, Build, offered, sources
-from hgo_rs.tuning.record import Record
+from hgo_rs.tuning.record import Record, check_inputs
 from hgo_rs.tuning.reference import find
 from hgo_rs.tuning.result import Tuning
 
@@ -113,6 +113,7 @@ def tune(
         fewer than three gains that are not refused.
     """
     asked = {"cutoff": cutoff, "settling": settling}
+    free = build is None or isinstance(build, System)
     of_noise = isinstance(log_or_noise, (int, float, np.number))
     log: Any = None if of_noise else log_or_noise
     if not of_noise and outputs(log) > 1:
@@ -131,7 +132,6 @@ def tune(
         if value is not None
     }
     check(len(targets) < 2, "cutoff, settling", targets, "given one at a time", "leave one out")
-    free = build is None or isinstance(build, System)
     structures: dict[str, Build]
     if build is None or isinstance(build, System):
         asked_of = 1 if state is None else check_integer(state, "state", least=1, most=LARGEST)
@@ -144,6 +144,8 @@ def tune(
 
     record, known = None, (math.nan, math.nan)
     if not of_noise:
+        if isinstance(build, System) and build.n_u:
+            check_inputs(log, build.n_u)
         record = Record.of(log, skip)
         step = record.dt
         if dt is not None:
@@ -217,7 +219,9 @@ def tune(
             return float(np.nanmin(candidates[name].curve.innovation))
         return candidates[name].point(reached[name])["error"]
 
-    best = min(reached, key=cost)
+    costs = {name: cost(name) for name in reached}
+    ranked = sorted(costs, key=costs.__getitem__)
+    best = ranked[0]
     chosen = candidates[best]
     if record is not None and reference is not None:
         chosen.refine(record)
@@ -233,6 +237,11 @@ def tune(
     said = [] if free else remarks  # of structures that nobody asked for the report alone tells
     if not targets:
         said += chosen.at_an_edge(ell)
+    left = []
+    if record is not None and record.u is not None and free and not chosen.any.n_u:
+        left.append("u: the observer chosen takes no inputs")
+    if record is not None and record.part:
+        left.append(record.part)
     whiteness = math.nan
     if record is not None:
         whiteness, doubts = chosen.doubts(ell, record, bool(targets))
@@ -257,6 +266,6 @@ def tune(
         quantisation=0.0 if record is None else record.step(),
         horizon=math.nan if reference is None else reference.horizon,
         judged_by="" if reference is None else reference.name,
-        tried=tuple((name, reached[name], cost(name)) for name in sorted(reached, key=cost)),
-        remarks=tuple(remarks),
+        tried=tuple((name, reached[name], costs[name]) for name in ranked),
+        remarks=(*remarks, *left),
     )

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from hgo_rs.errors import check, check_array, check_number
 from hgo_rs.logs import Log
-from hgo_rs.observers import Observer, RunResult
+from hgo_rs.observers import Observer, RunResult, records
 from hgo_rs.signals import Given, of_log
 from hgo_rs.tuning.result import Array
 
@@ -100,6 +100,17 @@ class Record:
         back = _judged(t[-1] - t[::-1], y[::-1], usual, start)[::-1]
         return cls(t, y, u, usual, start, judged, judged & back, period, whole)
 
+    @property
+    def part(self) -> str:
+        """What of the log is looked at; empty where all of it is."""
+        if len(self.y) == self.whole:
+            return ""
+        return (
+            f"{self.whole - len(self.y)} of the log's {self.whole} samples: looked at were those "
+            f"from t = {self.t[0]:.6g} s to {self.t[-1]:.6g} s, where y moves most in the longest "
+            "piece"
+        )
+
     def unwrapped(self, turn: float) -> Record:
         """The record with y going on over its turns, each step the shorter way round."""
         there = np.isfinite(self.y)
@@ -175,6 +186,13 @@ def longest(log: Given) -> tuple[Array, Array, Array | None, int]:
     t, y, u = of_log(log, "log_or_noise")
     clock, y = check_array(t, "t"), check_array(y, "y")
     return clock, y, None if u is None else check_array(u, "u"), whole or len(np.atleast_1d(y))
+
+
+def check_inputs(log: Given, n_u: int) -> None:
+    """Refuse a log without the inputs of a model, or with others."""
+    _, y, given, _ = longest(log)
+    u = records.inputs(given, len(y), n_u)
+    records.check_inputs(u)
 
 
 def busiest(y: Array, first: int, most: int) -> slice:
