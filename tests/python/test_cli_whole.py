@@ -96,6 +96,91 @@ def test_compare(axis, capsys):
     assert "the smoothed state" in capsys.readouterr().out and Path("all.svg").exists()
 
 
+def test_two_observers_of_one_name_are_both_compared(axis, capsys):
+    for folder, gain in (("slow", "3.0"), ("fast", "12.0")):
+        Path(folder).mkdir()
+        Path(folder, "axis.toml").write_text(MODEL.replace("12.0", gain))
+    files = ("slow/axis.toml", "fast/axis.toml")
+    words = ("compare", "axis.csv", *(w for file in files for w in ("--observer", file)))
+    assert run(*words, "--truth", "v=v", "--out", "all.csv") == 0
+    rows = dict(row.rsplit(",", 1) for row in Path("all.csv").read_text().splitlines())
+    own = [float(rows[f'"{file}","as given"']) for file in files]
+    for file, error in zip(files, own, strict=True):
+        alone = ("compare", "axis.csv", "--observer", file, "--truth", "v=v", "--out", "one.csv")
+        assert run(*alone) == 0
+        assert float(Path("one.csv").read_text().splitlines()[1].rsplit(",", 1)[1]) == error
+    assert own[0] != own[1]
+    capsys.readouterr()
+    assert run("compare", "axis.csv", "--observer", "axis.toml", "--observer", "axis.toml") == 2
+    assert "--observer = 'axis.toml': must be given once" in capsys.readouterr().err
+
+
+def test_a_truth_beside_an_output_that_is_converted(axis, capsys):
+    """The output in mm and turned round; the truth as it stands."""
+    data = np.genfromtxt("axis.csv", delimiter=",", skip_header=1)
+    data[:, 1] = 5.0 - 1e3 * data[:, 1]
+    np.savetxt("mm.csv", data, delimiter=",", header="t,q,u,v", comments="")
+    log = "scale = { q = -1e-3 }, offset = { q = 5e-3 }"
+    Path("mm.toml").write_text(MODEL.replace('input = "u"', f'input = "u", {log}'))
+    errors = []
+    for name in ("axis", "mm"):
+        words = ("compare", f"{name}.csv", "--observer", f"{name}.toml", "--truth", "v=v")
+        assert run(*words, "--out", f"{name}.table.csv") == 0
+        rows = Path(f"{name}.table.csv").read_text().splitlines()
+        errors.append(float(rows[1].rsplit(",", 1)[1]))
+    assert errors[1] == pytest.approx(errors[0], rel=1e-6)
+
+
+TURNING = """\
+format = 1
+observer = "standard"
+gain = 12.0
+wrap = 360.0
+log = { time = "t", output = "deg" }
+[model]
+states = ["q", "v"]
+phi = "-0.2*v"
+"""
+
+
+def test_the_wrap_of_a_file_is_kept(tmp_path, monkeypatch, capsys):
+    """An axis that turns some ten times, in degrees: as the same one whose angle goes on."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(1)
+    t = np.arange(2000) * 4e-3
+    v = 600.0 * np.exp(-0.2 * t) + np.cumsum(rng.standard_normal(2000))
+    q = np.cumsum(v) * 4e-3
+    y = q + 0.5 * rng.standard_normal(2000)
+    table = np.c_[t, np.mod(y, 360.0), y, v]
+    np.savetxt("axis.csv", table, delimiter=",", header="t,deg,whole,v", comments="")
+    Path("axis.toml").write_text(TURNING)
+    plain = TURNING.replace("wrap = 360.0\n", "").replace('"deg"', '"whole"')
+    Path("plain.toml").write_text(plain)
+
+    def last(*words):
+        assert run(*words, "--out", "out.csv") == 0
+        return Path("out.csv").read_text().splitlines()
+
+    def table_of(name):
+        rows = last("smooth", "axis.csv", "--config", name)
+        return np.array([[float(cell or "nan") for cell in row.split(",")] for row in rows[1:]])
+
+    wrapped, whole = table_of("axis.toml"), table_of("plain.toml")
+    assert "goes on over turns of 360" in capsys.readouterr().out
+    np.testing.assert_allclose(wrapped[:, 3:], whole[:, 3:], rtol=1e-6, atol=1e-9)
+    errors = {}
+    for name in ("axis", "plain"):
+        words = ("--observer", f"{name}.toml", "--truth", "v=v", "--truth", "q=whole")
+        rows = last("compare", "axis.csv", *words)
+        errors[name] = [[float(cell) for cell in row.rsplit(",", 2)[1:]] for row in rows[1:]]
+    np.testing.assert_allclose(errors["axis"], errors["plain"], rtol=1e-6)
+    assert run("tune", "axis.csv", "--config", "axis.toml", "--out", "new.toml") == 0
+    new = hgo.load("new.toml")
+    assert new.observer().wrap == (360.0,) and new.data["log"] == {"time": "t", "output": "deg"}
+    estimated = hgo.estimate("axis.csv", "new.toml")
+    assert np.sqrt(np.mean((estimated.x_hat[300:, 1] - v[300:]) ** 2)) < 8.0
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [

@@ -2,6 +2,7 @@
 a day of turning in single precision, here and on the chip; what is refused and warned of.
 """
 
+import contextlib
 import warnings
 
 import exported
@@ -549,3 +550,47 @@ def test_a_turn_that_noise_fills_is_not_tuned_for():
     wrapped = np.mod(noisy, TURN)
     plain = hgo.tune(lambda ell: hgo.StandardObserver(2, ell), (T, noisy))
     assert hgo.tune(build, (T, wrapped)).ell == pytest.approx(plain.ell, rel=1e-6)
+
+
+# --- whole records -----------------------------------------------------------------------------
+
+Y = np.mod(ANGLE, TURN)[:3000] + 1e-3 * np.random.default_rng(3).standard_normal(3000)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: hgo.smooth(None, (DT, Y), order=2),
+        lambda: hgo.fit(hgo.Model(states=["q", "v"], parameters={"b": 0.5}, phi="-b*v"), (DT, Y)),
+        lambda: hgo.compare((DT, Y), {"own": hgo.StandardObserver(2, 40.0)}, baselines=()),
+        lambda: hgo.tune(None, (DT, Y)),
+        lambda: hgo.tune(lambda ell: hgo.StandardObserver(2, ell), (DT, Y)),
+    ],
+)
+def test_turns_that_nobody_told_of_are_warned_of(call):
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        with contextlib.suppress(HgoError):  # of what the jumps look like
+            call()
+    (turn,) = [w for w in seen if w.category is TurnWarning]
+    assert turn.filename == __file__
+    told = str(turn.message)
+    assert "jumps by nearly 6.283185307179586, as an angle" in told
+    assert "numpy.unwrap(y, period=6.283185307179586)" in told
+
+
+def test_a_comparison_is_up_to_whole_turns():
+    """Of an observer that wraps, over a wrapped record, with a wrapped truth: as without turns."""
+    true = np.column_stack([ANGLE, np.gradient(ANGLE, DT)])[:3000]
+    y = true[:, 0] + 1e-3 * np.random.default_rng(3).standard_normal(3000)
+    wrapped, plain = hgo.StandardObserver(2, 40.0, wrap=TURN), hgo.StandardObserver(2, 40.0)
+    model = hgo.Model(states=["q", "v"], phi="0")
+    for truth in (None, true):
+        turned = None if truth is None else np.column_stack([np.mod(true[:, 0], TURN), true[:, 1]])
+        ours = hgo.compare((DT, np.mod(y, TURN)), {"own": wrapped}, model=model, truth=turned)
+        whole = hgo.compare((DT, y), {"own": plain}, model=model, truth=truth)
+        assert ours.methods == whole.methods
+        np.testing.assert_allclose(ours.error, whole.error, rtol=1e-5)
+    both = {"a": wrapped, "b": hgo.StandardObserver(2, 40.0, wrap=360.0)}
+    with pytest.raises(HgoError, match=r"wrap of 'b' = 360.0: must be 6.28"):
+        hgo.compare((DT, y), both)

@@ -12,20 +12,18 @@ import click
 import numpy as np
 
 from hgo_rs import observers, plots
-from hgo_rs.cli.places import can_draw, check_places
-from hgo_rs.cli.reproduce import OutputError
+from hgo_rs.cli.places import can_draw, check_places, tell_written, written
 from hgo_rs.cli.terminal import say, unknown
 from hgo_rs.config import FORMAT, OBSERVERS, Config, load
 from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING
 from hgo_rs.errors import HgoError, printable
-from hgo_rs.files import together
 from hgo_rs.logs import Log, LogSummary, TableWriter, read_chunks, run_chunks
-from hgo_rs.logs.estimation import check_fit, told_turn
+from hgo_rs.logs.estimation import check_fit, column_of
 from hgo_rs.logs.table import names_of
 from hgo_rs.logs.write import check_writable_format
 from hgo_rs.observers import Gap, HighGainEKF, HighGainObserver, Observer, RunResult
 from hgo_rs.observers.labels import Labels
-from hgo_rs.observers.turns import Jumps, nearest
+from hgo_rs.observers.turns import Jumps, nearest, told_turn
 from hgo_rs.times import UNITS
 
 
@@ -175,26 +173,16 @@ def estimate_command(
             return 0
         except _TurnFound as found:
             say(str(found))
-            told = _wrapping(told, found)
+            told = told.wrapping(found.output, found.turn)
 
 
 class _TurnFound(Exception):
     """An output shows a turn of which the observer does not know: to run again, knowing it."""
 
     def __init__(self, source: str, name: str, turn: float, output: int) -> None:
-        told = told_turn(source, name, turn).partition("; say")[0]
+        told = told_turn(column_of(source, name), turn)
         super().__init__(f"{told}: it is taken to wrap there; --wrap none if it does not")
         self.turn, self.output = turn, output
-
-
-def _wrapping(told: Config, found: _TurnFound) -> Config:
-    """The configuration with the turn of one output."""
-    inner = told.data.get("observers")
-    if inner is None:
-        return told.replace(wrap=found.turn)
-    turning = [dict(table) for table in inner]
-    turning[found.output]["wrap"] = found.turn
-    return told.replace(observers=turning)
 
 
 def _estimate(
@@ -234,33 +222,26 @@ def _estimate(
             yield chunk
 
     piece = -1
-    try:
-        with together(list(results.values())) as opened:
-            files = dict(zip(results, opened, strict=True))
-            with TableWriter(out, files["--out"]) as writer:
-                for chunk, result in run_chunks(
-                    law, seen(read_chunks(log, **arguments)), start=told.start
-                ):
-                    piece += len(chunk.starts)
-                    split = arguments.get("resets") == "split"
-                    writer.write(_columns(chunk, result, piece if split else None))
-                    gaps.add(result)
-                    if draw:
-                        trace.add(chunk, result)
-            if draw:
-                drawn = trace.draw(law, arguments["output"], told.data["observer"])
-                plots.save(drawn, figure, files["--figure"])
-            if save_config is not None:
-                files["--save-config"].write(told.to_toml().encode())
-    except OSError as error:
-        named = error.filename or ", ".join(map(str, results.values()))
-        raise OutputError(f"cannot write {named}: {error.strerror or error}") from error
+    with written(results) as files:
+        with TableWriter(out, files["--out"]) as writer:
+            for chunk, result in run_chunks(
+                law, seen(read_chunks(log, **arguments)), start=told.start
+            ):
+                piece += len(chunk.starts)
+                split = arguments.get("resets") == "split"
+                writer.write(_columns(chunk, result, piece if split else None))
+                gaps.add(result)
+                if draw:
+                    trace.add(chunk, result)
+        if draw:
+            drawn = trace.draw(law, arguments["output"], told.data["observer"])
+            plots.save(drawn, figure, files["--figure"])
+        if save_config is not None:
+            files["--save-config"].write(told.to_toml().encode())
     say(f"{printable(str(log))}: {summary.describe()}")
     say(f"run by {_law(law)}")
     gaps.tell()
-    if not draw:
-        click.echo("no figure: pip install 'hgo_rs[plot]'", err=True)
-    say(f"written: {', '.join(printable(str(path)) for path in results.values())}")
+    tell_written(results, draw)
 
 
 def _law(law: Observer) -> str:

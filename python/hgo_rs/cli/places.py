@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
+
+import click
 
 from hgo_rs import plots
 from hgo_rs.cli.reproduce import OutputError
-from hgo_rs.errors import HgoError, MissingExtraError
+from hgo_rs.cli.terminal import say
+from hgo_rs.errors import HgoError, MissingExtraError, printable
+from hgo_rs.files import together
 
 
 def can_draw(figure: Path | None) -> bool:
@@ -59,3 +65,22 @@ def _check_writable(path: Path) -> None:
             path.unlink()
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+@contextmanager
+def written(results: Mapping[str, Path]) -> Iterator[dict[str, IO[bytes]]]:
+    """Open files by their options, all written or none; what was written is told."""
+    try:
+        with together(list(results.values())) as opened:
+            yield dict(zip(results, opened, strict=True))
+    except OSError as error:
+        named = error.filename or ", ".join(map(str, results.values()))
+        raise OutputError(f"cannot write {named}: {error.strerror or error}") from error
+
+
+def tell_written(results: Mapping[str, Path], draws: bool = True) -> None:
+    """The end of a command: what it wrote; ``draws``: whether figures can be drawn."""
+    if not draws:
+        click.echo("no figure: pip install 'hgo_rs[plot]'", err=True)
+    if results:
+        say(f"written: {', '.join(printable(str(path)) for path in results.values())}")

@@ -6,19 +6,21 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import Any, TypeVar
 
 import click
 
 from hgo_rs.cli.places import check_places
-from hgo_rs.cli.reproduce import OutputError
 from hgo_rs.cli.terminal import say
 from hgo_rs.config import Config, load
 from hgo_rs.errors import HgoError, printable
-from hgo_rs.files import together
 from hgo_rs.logs import Log, read_log
+from hgo_rs.logs.table import names_of
 from hgo_rs.models import System
+from hgo_rs.observers import Observer
+from hgo_rs.observers.records import Array
 from hgo_rs.times import UNITS
 
 _COLUMNS = ("time", "unit", "output", "input")
@@ -78,35 +80,63 @@ class Asked:
             raise HgoError(told_so)
         return cls(log, config, told, arguments)
 
-    @property
-    def model(self) -> System | None:
-        """The model of the file, whose gain may be left out: it is not what is taken."""
+    @cached_property
+    def _observer(self) -> Observer | None:
+        """That of the file, whose gain may be left out: it is not what is taken."""
         if self.told is None:
             return None
         gained = any(key in self.told.data for key in ("gain", "epsilon", "observers"))
-        return (self.told if gained else self.told.replace(gain=1.0)).observer().model
+        return (self.told if gained else self.told.replace(gain=1.0)).observer()
+
+    @property
+    def model(self) -> System | None:
+        """The model of the file."""
+        return None if self._observer is None else self._observer.model
+
+    @property
+    def turns(self) -> dict[str, float]:
+        """The turns of outputs that wrap for the observer of the file."""
+        lengths = () if self._observer is None else self._observer.wrap
+        names = names_of(self.arguments["output"], "output")
+        return {name: turn for name, turn in zip(names, lengths, strict=False) if turn is not None}
 
     def read(self, results: Mapping[str, Path]) -> Log:
-        """The log, told of, once it is sure that results can be written."""
+        """The log, told of, once it is sure that results can be written.
+
+        Outputs that wrap are unwrapped.
+        """
         check_places(results, {"the log itself": self.path, "the file of --config": self.config})
-        recorded = read_log(self.path, **{"time": None, **self.arguments})
+        scale = self.arguments.get("scale", {})
+        own = {name: turn / abs(scale.get(name, 1.0)) for name, turn in self.turns.items()}
+        arguments = {"time": None, **self.arguments}
+        if own:
+            arguments["unwrap"] = own | arguments.get("unwrap", {})
+        recorded = read_log(self.path, **arguments)
         say(f"{printable(str(self.path))}: {recorded.describe()}")
+        for name, turn in self.turns.items():
+            say(f"{name!r} goes on over turns of {turn:g}, the wrap of {self.config}")
         return recorded
+
+    def column(self, name: str) -> Array:
+        """Another column of the log, a value a sample."""
+        arguments = {"time": None, **self.arguments, "output": name}
+        arguments.pop("input", None)
+        for key in ("unwrap", "scale", "offset"):  # of this column alone
+            told = arguments.pop(key, {})
+            arguments |= {key: {name: told[name]}} if name in told else {}
+        return read_log(self.path, **arguments).y
+
+    def saved(self, observer: Observer) -> Config:
+        """The file of an observer for this log, whose outputs wrap as those of --config do."""
+        config = Config.of(observer, **self.arguments)
+        for i, name in enumerate(names_of(self.arguments["output"], "output")):
+            if name in self.turns:
+                config = config.wrapping(i, self.turns[name])
+        return config
 
 
 def _one(given: tuple[str, ...]) -> Any:
     return given[0] if len(given) == 1 else list(given)
-
-
-@contextmanager
-def written(results: Mapping[str, Path]) -> Iterator[dict[str, IO[bytes]]]:
-    """Open files by their options, all written or none; what was written is told."""
-    try:
-        with together(list(results.values())) as opened:
-            yield dict(zip(results, opened, strict=True))
-    except OSError as error:
-        named = error.filename or ", ".join(map(str, results.values()))
-        raise OutputError(f"cannot write {named}: {error.strerror or error}") from error
 
 
 @contextmanager

@@ -10,11 +10,9 @@ from typing import Any
 import click
 
 from hgo_rs import plots
-from hgo_rs.cli.places import can_draw
-from hgo_rs.cli.recorded import Asked, of_log, written
+from hgo_rs.cli.places import can_draw, tell_written, written
+from hgo_rs.cli.recorded import Asked, of_log
 from hgo_rs.cli.terminal import say
-from hgo_rs.config import Config
-from hgo_rs.errors import printable
 from hgo_rs.logs import Log
 from hgo_rs.models import System
 from hgo_rs.tuning import Tuning, TuningWarning, tune
@@ -74,16 +72,14 @@ def tune_command(
     if not drawn:
         results.pop("--figure", None)
     with written(results) as files:
-        saved = Config.of(result.observer, **asked.arguments).to_toml()
+        saved = asked.saved(result.observer).to_toml()
         files["--out"].write(saved.encode())
         if drawn:
             plots.save(result.plot(), figure, files["--figure"])
         if table is not None:
             files["--table"].write(_table(result).encode())
     say(result.report())
-    if not draw:
-        click.echo("no figure: pip install 'hgo_rs[plot]'", err=True)
-    say(f"written: {', '.join(printable(str(path)) for path in results.values())}")
+    tell_written(results, draw)
     return 0
 
 

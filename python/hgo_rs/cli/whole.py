@@ -8,25 +8,15 @@ from typing import Any
 import click
 
 from hgo_rs import plots
-from hgo_rs.cli.places import can_draw
-from hgo_rs.cli.recorded import Asked, counted, of_log, written
+from hgo_rs.cli.places import can_draw, tell_written, written
+from hgo_rs.cli.recorded import Asked, counted, of_log
 from hgo_rs.cli.terminal import say
 from hgo_rs.config import load
-from hgo_rs.errors import HgoError, printable
+from hgo_rs.errors import HgoError, check
 from hgo_rs.models import Model
 from hgo_rs.smoothing import compare, fit, smooth
 
 _PATH = click.Path(path_type=Path)
-
-
-def _told(text: str, results: dict[str, Path], draw: bool) -> int:
-    """The end of a command: its table, and what it wrote."""
-    say(text)
-    if not draw:
-        click.echo("no figure: pip install 'hgo_rs[plot]'", err=True)
-    if results:
-        say(f"written: {', '.join(printable(str(path)) for path in results.values())}")
-    return 0
 
 
 @click.command("smooth", short_help="States of a recorded log by all of its samples.")
@@ -63,7 +53,9 @@ def smooth_command(
         found.write_csv(files["--out"])
         if draw:
             plots.save(found.plot(), figure, files["--figure"])
-    return _told(str(found), results, draw)
+    say(str(found))
+    tell_written(results, draw)
+    return 0
 
 
 @click.command("fit", short_help="Parameters of a model from a recorded log.")
@@ -98,7 +90,9 @@ def fit_command(
         values = {**asked.told.data["model"], "parameters": dict(found.model.parameters)}
         with written(results) as files:
             files["--out"].write(asked.told.replace(model=values).to_toml().encode())
-    return _told(str(found), results, True)
+    say(str(found))
+    tell_written(results)
+    return 0
 
 
 @click.command("compare", short_help="Observers and other filters on a recorded log.")
@@ -127,9 +121,9 @@ def compare_command(
 ) -> int:
     """Compare observers and other filters on the recorded LOG.
 
-    Each --observer is run as its file says, beside a filtered difference, Savitzky-Golay,
-    alpha-beta-gamma and Kalman filters, tuned by the log alone. They are judged by the smoothed
-    state, or by the columns of --truth.
+    Each --observer begins at the first sample, wherever its file has it start, beside a filtered
+    difference, Savitzky-Golay, alpha-beta-gamma and Kalman filters, tuned by the log alone. They
+    are judged by the smoothed state, or by the columns of --truth.
 
     \b
     Example: what `hgo tune` chose, beside other filters
@@ -141,7 +135,7 @@ def compare_command(
     results: dict[str, Path] = {} if out is None else {"--out": out}
     results |= {} if figure is None else {"--figure": figure}
     recorded = asked.read(results)
-    given = {path.stem: load(path).observer() for path in observers}
+    given = _named(observers)
     found = compare(recorded, given, model=asked.model, truth=_truth(asked, truth), skip=skip)
     if results:
         with written(results) as files:
@@ -149,21 +143,31 @@ def compare_command(
                 files["--out"].write(found.to_csv().encode())
             if draw and figure is not None:
                 plots.save(found.plot(), figure, files["--figure"])
-    return _told(str(found), results, True)
+    say(str(found))
+    tell_written(results)
+    return 0
+
+
+def _named(files: tuple[Path, ...]) -> dict[str, Any]:
+    """Observers by the names of their files, by their whole paths where these are the same."""
+    stems = [path.stem for path in files]
+    names = [
+        stem if stems.count(stem) == 1 else str(path)
+        for path, stem in zip(files, stems, strict=True)
+    ]
+    for name in names:
+        check(names.count(name) == 1, "--observer", name, "given once", "leave the second one out")
+    return {name: load(path).observer() for name, path in zip(names, files, strict=True)}
 
 
 def _truth(asked: Asked, pairs: tuple[str, ...]) -> Any:
     """Columns of the log by the states that they show."""
     if not pairs:
         return None
-    from hgo_rs.logs import read_log
-
     found = {}
     for pair in pairs:
         state, _, column = pair.partition("=")
         if not state or not column:
             raise HgoError(f"--truth {pair}: must be STATE=COL; write for example v=velocity")
-        arguments = {**asked.arguments, "output": column}
-        arguments.pop("input", None)
-        found[state] = read_log(asked.path, **{"time": None, **arguments}).y
+        found[state] = asked.column(column)
     return found

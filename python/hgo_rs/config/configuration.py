@@ -217,6 +217,14 @@ class Config:
             data["log"] = {**data.get("log", {}), **log}
         return Config(plain(data), self.source, self._lines)
 
+    def wrapping(self, output: int, turn: float) -> Config:
+        """This configuration with the turn of an output."""
+        if "observers" not in self.data:
+            return self.replace(wrap=turn)
+        inner = [dict(table) for table in self.data["observers"]]
+        inner[output]["wrap"] = turn
+        return self.replace(observers=inner)
+
     def without(self, key: str) -> Config:
         """This configuration without a key at its head."""
         data = {name: value for name, value in self.data.items() if name != key}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import warnings
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -17,9 +16,9 @@ from hgo_rs.errors import DesignError, HgoError, check_choice, printable
 from hgo_rs.logs.log import Log
 from hgo_rs.logs.read import read_log
 from hgo_rs.logs.table import DataError, names_of
-from hgo_rs.observers import Observer, RunResult, TurnWarning
+from hgo_rs.observers import Observer, RunResult
 from hgo_rs.observers.records import STARTS, first_of
-from hgo_rs.observers.turns import ANGLES, Jumps
+from hgo_rs.observers.turns import warn_of_turns
 
 
 def estimate(log: str | Path | Log, config: str | Path | Config) -> RunResult:
@@ -65,22 +64,14 @@ def estimate(log: str | Path | Log, config: str | Path | Config) -> RunResult:
 
 def _warn_of_turns(observer: Observer, log: Log) -> None:
     """Warn of an output that shows a turn of which the observer does not know."""
-    names = names_of(log.names["output"], "output")
-    columns = log.y.reshape(len(log.t), -1).T
-    for name, column, turn in zip(names, columns, observer.wrap, strict=True):
-        found = None if turn else Jumps().add(column)
-        if found:
-            warnings.warn(told_turn(log.source, name, found), TurnWarning, stacklevel=3)
+    names = [column_of(log.source, name) for name in names_of(log.names["output"], "output")]
+    remedy = "say wrap = {} of the observer, or unwrap = {{ ... }} of the log"
+    warn_of_turns(log.y.reshape(len(log.t), -1), observer.wrap, names, remedy, stacklevel=3)
 
 
-def told_turn(source: str, name: str, turn: float) -> str:
-    """What is said of an output that jumps by turns."""
-    shown = f"{turn:.0f}" if turn == round(turn) else repr(turn)
-    what = "an angle" if turn in ANGLES else f"a counter of {round(np.log2(turn))} bits"
-    return (
-        f"{printable(source)}: {printable(name)!r} jumps by nearly {shown}, as {what} that "
-        f"begins again; say wrap = {shown} of the observer, or unwrap = {{ ... }} of the log"
-    )
+def column_of(source: str, name: str) -> str:
+    """A column of a file, in words."""
+    return f"{printable(source)}: {printable(name)!r}"
 
 
 def _begins_at_first(observer: Observer, start: str | None) -> bool:

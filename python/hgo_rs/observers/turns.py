@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,13 @@ def nearest(values: npt.ArrayLike, lengths: npt.ArrayLike) -> Array:
     return np.asarray(given - np.where(np.isfinite(length), whole, 0.0))
 
 
+def unwrapped(y: Array, length: float) -> Array:
+    """Samples (N,) that go on over their turns, each step the shorter way round; NaN: missing."""
+    out, there = y.copy(), np.isfinite(y)
+    out[there] = np.unwrap(y[there], period=length)
+    return out
+
+
 def check_motion(y: Array, lengths: tuple[float | None, ...], stacklevel: int) -> None:
     """Warn of neighbours among samples (N, n_y) so far apart that their direction is in doubt."""
     for channel, length in enumerate(lengths):
@@ -79,6 +86,37 @@ COUNTERS = tuple(2.0**bits for bits in (8, 10, 12, 14, 16, 20, 24, 32))
 ANGLES = (2.0 * np.pi, 360.0)
 """Turns of angles in rad and in degrees."""
 _FEWEST = 8
+UNWRAP = "unwrap it: numpy.unwrap(y, period={0}), or read_log(..., unwrap={{...: {0}}})"
+"""Remedy of `warn_of_turns` where no observer is given that could know of the turn."""
+
+
+def told_turn(name: str, length: float) -> str:
+    """What is said of an output that jumps by turns."""
+    what = "an angle" if length in ANGLES else f"a counter of {round(np.log2(length))} bits"
+    return f"{name} jumps by nearly {shown(length)}, as {what} that begins again"
+
+
+def shown(length: float) -> str:
+    """A turn, to the last digit."""
+    return f"{length:.0f}" if length == round(length) else repr(float(length))
+
+
+def warn_of_turns(
+    y: Array,
+    lengths: Sequence[float | None],
+    names: Sequence[str],
+    remedy: str,
+    stacklevel: int,
+) -> None:
+    """Warn of outputs among samples (N, n_y) that show a turn although none is known of them.
+
+    ``remedy``: with {} where the turn stands.
+    """
+    for name, column, length in zip(names, y.T, lengths, strict=True):
+        found = None if length else Jumps().add(column)
+        if found:
+            told = f"{told_turn(name, found)}; {remedy.format(shown(found))}"
+            warnings.warn(told, TurnWarning, stacklevel=stacklevel + 1)
 
 
 class Jumps:

@@ -12,11 +12,12 @@ import numpy as np
 from hgo_rs.errors import HgoError, check, check_array, check_choice, check_number, explain, need
 from hgo_rs.models import System
 from hgo_rs.observers import Observer
+from hgo_rs.observers.turns import nearest
 from hgo_rs.smoothing import baselines as built_in
 from hgo_rs.smoothing.motion import Motion
 from hgo_rs.smoothing.result import Smoothed
 from hgo_rs.smoothing.samples import Array, Given, Samples
-from hgo_rs.smoothing.smoother import smooth
+from hgo_rs.smoothing.smoother import of_samples
 from hgo_rs.tuning import Tuning
 
 if TYPE_CHECKING:
@@ -124,7 +125,9 @@ def compare(
     log : Log, (t, y) or (t, y, u)
         As in `smooth`.
     observers : dict of name -> Observer, Tuning or (N, n) array, optional
-        An observer starts at rest at the first sample; an array holds estimates of your own.
+        An observer starts at the first sample, wherever its memory stands; an array holds
+        estimates of your own. An output that wraps for one of them is unwrapped for all, and its
+        state is judged up to whole turns.
     model : System, optional
         Of the smoothed state and of the extended Kalman filter. Default: that of the first
         observer which has one.
@@ -139,7 +142,13 @@ def compare(
     Raises
     ------
     HgoError
-        What `smooth` and `Observer.run` refuse; shapes that do not fit; an unknown baseline.
+        What `smooth` and `Observer.run` refuse; shapes that do not fit; an unknown baseline;
+        observers with different turns.
+
+    Warns
+    -----
+    TurnWarning
+        An output that jumps by a turn of which no observer knows.
     """
     remedy = 'give names with them, such as {"mine": observer}'
     named = observers is None or isinstance(observers, Mapping)
@@ -152,10 +161,12 @@ def compare(
     check(listed, "baselines", baselines, "a list of names", remedy)
     known = model if model is not None else _model_of(given.values())
     motion = Motion(known, None if known is not None else 3)
-    samples = Samples.of(log, len(motion.orders), motion.n_u)
+    turns = _turns(given, len(motion.orders))
+    samples = Samples.of(log, len(motion.orders), motion.n_u).unwrapped(turns)
+    samples.warn_of_turns(stacklevel=2)
     length = float(samples.t[-1] - samples.t[0])
     start = _SKIP * length if skip is None else check_number(skip, "skip", least=0.0, below=length)
-    states, true, deviation, judged_by = _truth(truth, known, log, motion, samples)
+    states, true, deviation, judged_by = _truth(truth, motion, samples)
     usual = built_in.BASELINES if known is not None else tuple(built_in.DIFFERENTIATORS)
     wanted = usual if baselines is None else tuple(baselines)
     for name in wanted:
@@ -179,7 +190,9 @@ def compare(
     late = samples.t - samples.t[0] >= start
     kept = [motion.names.index(name) for name in states]
     chosen = {name: x[:, kept] for name, x in estimates.items()}
-    errors = np.array([_error(x, true, late) for x in chosen.values()])
+    lengths = np.full(motion.n, math.nan)
+    lengths[list(motion.first)] = [math.nan if turn is None else turn for turn in turns]
+    errors = np.array([_error(x, true, late, lengths[kept]) for x in chosen.values()])
     return Comparison(
         states=states,
         methods=tuple(chosen),
@@ -195,6 +208,20 @@ def compare(
     )
 
 
+def _turns(observers: Mapping[str, Any], count: int) -> list[float | None]:
+    """The turn of each output, as the observers that know one say."""
+    found: list[float | None] = [None] * count
+    for name, one in observers.items():
+        observer = one.observer if isinstance(one, Tuning) else one
+        own = observer.wrap if isinstance(observer, Observer) and observer.n_y == count else ()
+        for i, turn in enumerate(own):
+            fits = turn is None or found[i] in (None, turn)
+            allowed = f"{found[i]}, as of the observers before"
+            check(fits, f"wrap of {name!r}", turn, allowed, "give all the same turn")
+            found[i] = turn or found[i]
+    return found
+
+
 def _model_of(observers: Iterable[Any]) -> System | None:
     """The first model that an observer has."""
     for one in observers:
@@ -206,12 +233,12 @@ def _model_of(observers: Iterable[Any]) -> System | None:
 
 
 def _truth(
-    truth: Any, model: System | None, log: Given, motion: Motion, samples: Samples
+    truth: Any, motion: Motion, samples: Samples
 ) -> tuple[tuple[str, ...], Array, Array, str]:
     """States, their true values (N, states), their deviations, and what they are."""
     names, count = motion.names, len(samples.t)
     if truth is None:
-        truth = smooth(model, log, order=None if model is not None else 3)
+        truth = of_samples(motion, samples)
     if isinstance(truth, Smoothed):
         fits = truth.x.shape == (count, motion.n) and truth.states == names
         remedy = "smooth this log with the model that is compared"
@@ -292,10 +319,14 @@ def _baseline(
     return out, rule
 
 
-def _error(x: Array, true: Array, late: Any) -> Array:
-    """RMS of x - true over the samples at which the truth is known; NaN without an estimate."""
+def _error(x: Array, true: Array, late: Any, lengths: Array) -> Array:
+    """RMS of x - true over the samples at which the truth is known; NaN without an estimate.
+
+    ``lengths``: turns up to which a state is known, NaN where it has none.
+    """
     with np.errstate(all="ignore"):
-        square = np.where(np.isfinite(true) & late[:, None], (x - true) ** 2, math.nan)
+        off = nearest(x - true, lengths)
+        square = np.where(np.isfinite(true) & late[:, None], off**2, math.nan)
     there = np.isfinite(true) & late[:, None]
     missing = np.any(np.isnan(x) & there, axis=0) | ~there.any(axis=0)
     total = np.nansum(square, axis=0) / np.maximum(there.sum(axis=0), 1)

@@ -132,6 +132,11 @@ def fit(
     HgoError
         What `smooth` refuses; a name that is no parameter; a parameter of which the record does
         not tell.
+
+    Warns
+    -----
+    TurnWarning
+        As `smooth`.
     """
     from scipy.optimize import minimize
 
@@ -149,6 +154,7 @@ def fit(
         check_choice("parameters", name, tuple(model.parameters))
     motion = Motion(model)
     samples = Samples.of(log, len(motion.orders), motion.n_u)
+    samples.warn_of_turns(stacklevel=2)
     given_r = None if R is None else motion.variances(R)
     given_q = None if Q is None else motion.intensity(Q)
     remarks: list[str] = []

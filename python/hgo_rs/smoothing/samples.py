@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import check
-from hgo_rs.observers import records
+from hgo_rs.observers import records, turns
 from hgo_rs.signals import Given, of_log
 
 __all__ = ["Array", "Given", "Samples"]
@@ -48,6 +49,20 @@ class Samples:
             name = f"samples of output {channel + 1} that are not missing"
             check(there >= LEAST, name, there, f">= {LEAST}", "give a longer log")
         return cls(np.array(t), np.array(y), np.array(u))
+
+    def unwrapped(self, lengths: Sequence[float | None]) -> Samples:
+        """The same with outputs that go on over their turns; None: one that has none."""
+        columns = [
+            column if length is None else turns.unwrapped(column, length)
+            for column, length in zip(self.y.T, lengths, strict=True)
+        ]
+        return replace(self, y=np.column_stack(columns))
+
+    def warn_of_turns(self, stacklevel: int) -> None:
+        """Warn of outputs that jump by a turn of which nobody knows."""
+        count = self.y.shape[1]
+        names = [f"y{i + 1}" for i in range(count)] if count > 1 else ["y"]
+        turns.warn_of_turns(self.y, [None] * count, names, turns.UNWRAP, stacklevel + 1)
 
     @property
     def dt(self) -> Array:

@@ -79,10 +79,28 @@ def smooth(
     HgoError
         A model of another form or of Python functions; shapes that do not fit; fewer than 20
         samples; times that do not increase; a filter that diverges.
+
+    Warns
+    -----
+    TurnWarning
+        An output that jumps by the turn of an angle or a counter.
     """
     check_choice("structure", structure, ("auto", "model"))
     motion = Motion(model, order)
     samples = Samples.of(log, len(motion.orders), motion.n_u)
+    samples.warn_of_turns(stacklevel=2)
+    return of_samples(motion, samples, R, Q, structure, progress)
+
+
+def of_samples(
+    motion: Motion,
+    samples: Samples,
+    R: Any = None,
+    Q: Any = None,
+    structure: str = "auto",
+    progress: Callable[[int], None] | None = None,
+) -> Smoothed:
+    """As `smooth`."""
     r = None if R is None else motion.variances(R)
     q = None if Q is None else motion.intensity(Q)
     remarks: list[str] = []

@@ -17,6 +17,7 @@ import numpy as np
 from hgo_rs.errors import HgoError, check, check_integer
 from hgo_rs.models import Model
 from hgo_rs.observers import HighGainEKF, MultiOutputObserver, Observer, StandardObserver
+from hgo_rs.observers.turns import UNWRAP, warn_of_turns
 from hgo_rs.signals import Given
 from hgo_rs.tuning.offers import damped_half, with_load
 from hgo_rs.tuning.record import MOST, Record, busiest, check_inputs, longest
@@ -62,6 +63,9 @@ def tune_chains(
     model: Any = build
     if not free:
         model, turns = _model_of(structures, records)
+    names = [f"y{i + 1}" for i in range(len(records))]
+    whole = np.column_stack([record.y for record in records])
+    warn_of_turns(whole, turns, names, UNWRAP, stacklevel=3)
     records = [
         record if turn is None else record.unwrapped(turn)
         for record, turn in zip(records, turns, strict=False)

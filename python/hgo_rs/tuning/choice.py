@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, check, check_integer, check_number
 from hgo_rs.models import System
+from hgo_rs.observers.turns import UNWRAP, warn_of_turns
 from hgo_rs.signals import Given
 from hgo_rs.times import check_period
 from hgo_rs.tuning.candidate import Candidate
@@ -100,6 +101,8 @@ def tune(
 
     Warns
     -----
+    TurnWarning
+        An output that jumps by the turn of an angle or a counter, of which no observer knows.
     TuningWarning
         The least error at the lowest or highest gain tried; a record that white noise and white
         model error do not explain, or of which a coarse step of y is all the noise; gains or
@@ -186,6 +189,7 @@ def tune(
     if record is not None:
         check(len(turns) == 1, "wrap", turns, "the same for all structures", "give all the same")
         turn = turns.pop()
+        warn_of_turns(record.y[:, None], [turn], ["y"], UNWRAP, stacklevel=2)
         record = record if turn is None else record.unwrapped(turn)
         record.moves(order)
         models = {

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from hgo_rs.errors import check, check_array, check_number
 from hgo_rs.logs import Log
-from hgo_rs.observers import Observer, RunResult, records
+from hgo_rs.observers import Observer, RunResult, records, turns
 from hgo_rs.signals import Given, of_log
 from hgo_rs.tuning.result import Array
 
@@ -113,10 +113,7 @@ class Record:
 
     def unwrapped(self, turn: float) -> Record:
         """The record with y going on over its turns, each step the shorter way round."""
-        there = np.isfinite(self.y)
-        y = self.y.copy()
-        y[there] = np.unwrap(y[there], period=turn)
-        return replace(self, y=y, turn=turn)
+        return replace(self, y=turns.unwrapped(self.y, turn), turn=turn)
 
     @property
     def smallest(self) -> float:
