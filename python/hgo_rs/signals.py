@@ -133,7 +133,7 @@ def _index(held: Any, remedy: str = "give the times: (t, y)") -> np.ndarray:
     if values.dtype.kind not in "iuf" or counts or getattr(index, "nlevels", 1) > 1:
         what = "counts its rows" if counts else f"holds {values.dtype}"
         raise HgoError(f"the index {what}: must be the times of the samples; {remedy}")
-    return _numbers(values, str(index.name or "index"))
+    return _numbers(values, str(index.name or "times of the index"))
 
 
 def _times_of(frame: Any, names: list[Any]) -> tuple[Any, np.ndarray]:

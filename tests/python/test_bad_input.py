@@ -198,7 +198,7 @@ CASES = {
     "y of two channels": (lambda: run(y=np.ones((3, 2))), "y of shape (3, 2)", "(N,)"),
     "y of none": (lambda: run(y=[]), "y of shape (0", "N >= 1"),
     "y a number": (lambda: run(y=3.0), "y of shape ()", "(N,)"),
-    "y None": (lambda: run(y=None), "y of shape ()", "(N,)"),
+    "y None": (lambda: run(y=None), "y = None", "give the samples"),
     "y of a text": (lambda: run(y="abc"), "y = 'abc'", "array of numbers"),
     "y ragged": (lambda: run(y=[[1.0], [1.0, 2.0]]), "y = [[1.0], [1.0, 2.0]]", "NaN"),
     "y complex": (lambda: run(y=[1j, 1.0, 2.0]), "y = [1j, 1.0, 2.0]", "numbers"),

@@ -85,6 +85,6 @@ def test_what_is_missing_or_in_the_way_is_told(
     assert "--output is needed" in capsys.readouterr().err
     assert run("tune", path, "--time", "t", "--output", "q", "--out", path) == 2
     assert "is the log itself" in capsys.readouterr().err
-    assert run("tune", path, "--time", "t", "--output", "q", "--state", "7") == 2
-    assert "state = 7" in capsys.readouterr().err
+    assert run("tune", path, "--time", "t", "--output", "q", "--state", "13") == 2
+    assert "state = 13" in capsys.readouterr().err
     assert not Path("axis.observer.toml").exists()

@@ -64,3 +64,8 @@ def test_a_record_is_taken_in_every_form(tuned: hgo.Tuning) -> None:
     wanted = tuned.observer.run(T, Y, start="first-sample").x_hat
     for log in ((T, Y), [T, Y], (T, Y, None), np.array([T, Y])):
         assert np.array_equal(tuned.run(log).x_hat, wanted)
+    pd = pytest.importorskip("pandas")
+    frame, series = pd.DataFrame({"t": T, "q": Y}), pd.Series(Y, index=T)
+    for log in (frame, series):
+        assert np.array_equal(tuned.run(log).x_hat, wanted)
+    assert np.array_equal(hgo.smooth(MODEL, frame).x, hgo.smooth(MODEL, (T, Y)).x)

@@ -122,7 +122,7 @@ def compare(
 
     Parameters
     ----------
-    log : Log, (t, y) or (t, y, u)
+    log : Log, frame, (t, y) or (t, y, u)
         As in `smooth`.
     observers : dict of name -> Observer, Tuning or (N, n) array, optional
         An observer starts at the first sample, wherever its memory stands; an array holds

@@ -118,7 +118,7 @@ def fit(
     ----------
     model : Model
         As in `smooth`; the search starts at its values.
-    log : Log, (t, y) or (t, y, u)
+    log : Log, frame, (t, y) or (t, y, u)
         As in `smooth`.
     parameters : names, optional
         What is to be found. Default: all parameters.

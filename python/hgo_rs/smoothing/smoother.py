@@ -51,9 +51,9 @@ def smooth(
     model : Model, InputGain or None
         Of one chain or several, or triangular; made of expressions. None: a chain of order
         `order` whose last derivative is white noise.
-    log : Log, (t, y) or (t, y, u)
+    log : Log, frame, (t, y) or (t, y, u)
         t (N,) [s], or a period; y (N,) or (N, n_y), NaN where a sample is missing; u (N,) or
-        (N, n_u), each held until the next sample.
+        (N, n_u), each held until the next sample. A frame or series holds its times.
     R : float or (n_y,), optional
         Variance of the noise of a sample [unit of y^2]. Default: what makes the record most
         likely.

@@ -68,7 +68,7 @@ def tune(
         A model, of which structures and poles are offered, or None: nothing is known. Or
         ell -> observer with that constant gain; a gain that is refused is left out, with a warning.
         For several outputs a model of chains, or gains (p,) -> `MultiOutputObserver`.
-    log_or_noise : Log, (t, y), (t, y, u), or float
+    log_or_noise : Log, frame, (t, y), (t, y, u), or float
         A record (t: (N,) times or a period [s]; y: (N,) or (N, p); u: (N, n_u)), or the standard
         deviation of the measurement noise, white from sample to sample. Of a record of over 12288
         samples the stretch is looked at in which y moves most.
