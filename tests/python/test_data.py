@@ -119,7 +119,7 @@ def test_unknown_column_names_the_nearest(tmp_path):
 def test_unknown_file_and_format(tmp_path):
     write(tmp_path, "t,q\n0,1\n", "axis_run1.csv")
     assert "nearest: axis_run1.csv" in refusal(tmp_path / "axis_run2.csv", "t", "q")
-    assert "unknown format '.xlsx'" in refusal(write(tmp_path, "", "log.xlsx"), "t", "q")
+    assert "unknown format '.docx'" in refusal(write(tmp_path, "", "log.docx"), "t", "q")
     (tmp_path / "folder.csv").mkdir()
     assert "is a folder" in refusal(tmp_path / "folder.csv", "t", "q")
 

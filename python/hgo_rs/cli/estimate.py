@@ -152,7 +152,7 @@ def estimate_command(
     figure: Path | None,
     **options: Any,
 ) -> int:
-    """Run an observer over the recorded LOG (CSV, Parquet, .mat, .npz).
+    """Run an observer over the recorded LOG (CSV, Parquet, .mat, .npz, ROS bags and more).
 
     Empty cells and NaN are missing samples: the observer predicts over them. Uneven steps are
     honoured. Options may be repeated for several columns.

@@ -20,7 +20,7 @@ _MAT_SIZES = {"logical": 1, "single": 4} | {
 
 
 @dataclass(frozen=True)
-class _Array:
+class Array:
     """An array of a file: its variable, the way to it inside, its shape and its size in bytes."""
 
     variable: str
@@ -34,7 +34,7 @@ def read_npz(path: Path, wanted: list[str]) -> Table:
         (1, 0): np.lib.format.read_array_header_1_0,
         (2, 0): np.lib.format.read_array_header_2_0,
     }
-    found: dict[str, _Array] = {}
+    found: dict[str, Array] = {}
     other: list[str] = []
     try:
         with zipfile.ZipFile(path) as archive:
@@ -49,16 +49,16 @@ def read_npz(path: Path, wanted: list[str]) -> Table:
                     other.append(f"{name} holds Python objects: save its arrays by their names")
                 for way, inner, kind in _fields(dtype, shape):
                     if kind in _COLUMN_KINDS:
-                        found[".".join([name, *way])] = _Array(name, way, inner, info.file_size)
+                        found[".".join([name, *way])] = Array(name, way, inner, info.file_size)
             home = _home(path, wanted, found, other)
-            _check_size(path, home, wanted)
+            check_size(path, home, wanted)
         with np.load(path, allow_pickle=False) as file:
             held = {name: file[name] for name in {home[name][0].variable for name in wanted}}
     except (OSError, DataError):
         raise
     except Exception as error:  # not a zip file, pickled objects, truncated members
         raise DataError(f"{path} is not a readable .npz file: {error}") from error
-    return _taken(held, home, wanted)
+    return taken(held, home, wanted)
 
 
 def _fields(
@@ -77,7 +77,7 @@ def _fields(
 def read_mat(path: Path, wanted: list[str]) -> Table:
     import scipy.io
 
-    found: dict[str, _Array] = {}
+    found: dict[str, Array] = {}
     other: list[str] = []
     held: dict[str, Any] = {}
     try:
@@ -85,30 +85,26 @@ def read_mat(path: Path, wanted: list[str]) -> Table:
         for name, shape, kind in listed:
             if kind == "double" or kind in _MAT_SIZES:
                 size = math.prod(shape) * _MAT_SIZES.get(kind, 8)
-                found[name] = _Array(name, (), shape, size)
+                found[name] = Array(name, (), shape, size)
             elif kind in ("opaque", "object", "function"):
                 told = f"{name} is a MATLAB object: save struct(...) or table2struct(..., "
                 other.append(told + "'ToScalar', true) of it")
         nested = [name for name, _, kind in listed if kind in ("struct", "cell")]
-        if nested and not set(wanted) <= _columns_of(found).keys():
+        if nested and not set(wanted) <= columns_of(found).keys():
             held = scipy.io.loadmat(path, variable_names=nested, simplify_cells=True)
             for name in nested:
                 for way, array in _nested(held[name]):
-                    found[name + _shown(way)] = _Array(name, way, array.shape, array.nbytes)
+                    found[name + _shown(way)] = Array(name, way, array.shape, array.nbytes)
         home = _home(path, wanted, found, other)
         needed = {home[name][0].variable for name in wanted} - held.keys()
-        _check_size(path, home, wanted)
+        check_size(path, home, wanted)
         if needed:
             held |= scipy.io.loadmat(path, variable_names=list(needed))
     except (OSError, DataError):
         raise
-    except NotImplementedError as error:
-        raise DataError(
-            f"{path} is a MATLAB 7.3 (HDF5) file; save it with -v7 to read it here"
-        ) from error
     except Exception as error:  # scipy raises many kinds on broken files
         raise DataError(f"{path} is not a readable .mat file: {error}") from error
-    return _taken(held, home, wanted)
+    return taken(held, home, wanted)
 
 
 def _nested(value: Any) -> Iterator[tuple[tuple[str | int, ...], np.ndarray]]:
@@ -131,17 +127,17 @@ def _shown(way: tuple[str | int, ...]) -> str:
 
 
 def _home(
-    path: Path, wanted: list[str], found: Mapping[str, _Array], other: list[str]
-) -> dict[str, tuple[_Array, int | None]]:
+    path: Path, wanted: list[str], found: Mapping[str, Array], other: list[str]
+) -> dict[str, tuple[Array, int | None]]:
     """Each column's array and its place there; refuses what is not there."""
-    home = _columns_of(found)
+    home = columns_of(found)
     require(path, wanted, list(home), f" ({'; '.join(other[:3])})" if other else "")
     return home
 
 
-def _columns_of(found: Mapping[str, _Array]) -> dict[str, tuple[_Array, int | None]]:
+def columns_of(found: Mapping[str, Array]) -> dict[str, tuple[Array, int | None]]:
     """Each column's array, and its place there; single numbers and cubes hold none."""
-    home: dict[str, tuple[_Array, int | None]] = {}
+    home: dict[str, tuple[Array, int | None]] = {}
     for name, array in found.items():
         sizes = [size for size in array.shape if size != 1]
         if len(sizes) == 1 and sizes[0] >= 2:
@@ -151,9 +147,7 @@ def _columns_of(found: Mapping[str, _Array]) -> dict[str, tuple[_Array, int | No
     return home
 
 
-def _check_size(
-    path: Path, home: Mapping[str, tuple[_Array, int | None]], wanted: list[str]
-) -> None:
+def check_size(path: Path, home: Mapping[str, tuple[Array, int | None]], wanted: list[str]) -> None:
     """Refuse what would not fit into memory, before it is unpacked."""
     import psutil
 
@@ -166,8 +160,8 @@ def _check_size(
         )
 
 
-def _taken(
-    held: Mapping[str, Any], home: Mapping[str, tuple[_Array, int | None]], wanted: list[str]
+def taken(
+    held: Mapping[str, Any], home: Mapping[str, tuple[Array, int | None]], wanted: list[str]
 ) -> Table:
     columns = {}
     for name in wanted:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import numpy as np
 
+from hgo_rs.errors import HgoError, need
+from hgo_rs.logs import bags, excel, hdf5, mf4, tdms, ulog
 from hgo_rs.logs.arrays import read_mat, read_npz
-from hgo_rs.logs.parquet import PARQUET, read_parquet
-from hgo_rs.logs.table import CHUNK, DataError, Table, as_integers
+from hgo_rs.logs.parquet import ARROW, read_arrow
+from hgo_rs.logs.recording import Recording
+from hgo_rs.logs.table import CHUNK, RECORDINGS, DataError, Table, as_integers, require, row
 from hgo_rs.logs.text import TEXT, read_text
 
 
@@ -19,8 +23,8 @@ def tables(path: Path, wanted: list[str], rows: int) -> Iterator[Table]:
     try:
         if suffix in TEXT:
             yield from read_text(path, wanted, rows)
-        elif suffix in PARQUET:
-            yield from read_parquet(path, wanted, rows)
+        elif suffix in ARROW:
+            yield from read_arrow(path, wanted, rows)
         else:
             yield _same_length(path, whole(path, wanted))
     except OSError as error:
@@ -30,6 +34,11 @@ def tables(path: Path, wanted: list[str], rows: int) -> Iterator[Table]:
 def whole(path: Path, wanted: list[str]) -> Table:
     """All of the wanted columns; those of `.npz` and `.mat` may differ in length."""
     suffix = path.suffix.lower()
+    if kind := recording_kind(path):
+        with recording(path, kind) as found:
+            require(path, wanted, list(found.clocks))
+            columns = found.load(list(dict.fromkeys(wanted)))
+            return Table(dict(columns), row, found.remarks)
     if suffix == ".npz":
         return read_npz(path, wanted)
     if suffix == ".mat":
@@ -47,6 +56,66 @@ def whole(path: Path, wanted: list[str]) -> Table:
         return blocks[i].where(index - (int(ends[i - 1]) if i else 0))
 
     return Table(columns, where, blocks[0].remarks)
+
+
+_OPENED: dict[str, tuple[str, Callable[[Path], AbstractContextManager[Recording]]]] = {
+    "a ROS bag": ("rosbags", bags.opened),
+    "a ULog file": ("pyulog", ulog.opened),
+    "an HDF5 file": ("h5py", hdf5.opened),
+    "a TDMS file": ("nptdms", tdms.opened),
+    "an MDF file": ("asammdf", mf4.opened),
+    "an Excel workbook": ("openpyxl", excel.opened),
+}
+"""The library that reads each kind of `RECORDINGS`, and how a file is opened."""
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_IN_MAT = 512
+"""Where HDF5 begins in a MATLAB file of version 7.3."""
+
+
+def recording_kind(path: Path) -> str | None:
+    """Which of `RECORDINGS` a file is; None: another format."""
+    suffix = path.suffix.lower()
+    if is_bag_folder(path):
+        return "a ROS bag"
+    if suffix == ".mat":
+        with path.open("rb") as file:
+            file.seek(_IN_MAT)
+            return "an HDF5 file" if file.read(len(_HDF5)) == _HDF5 else None
+    return next((kind for kind, suffixes in RECORDINGS.items() if suffix in suffixes), None)
+
+
+def is_bag_folder(path: Path) -> bool:
+    """A bag of ROS 2 is a folder of data and metadata."""
+    return path.is_dir() and (path / "metadata.yaml").is_file()
+
+
+@contextmanager
+def recording(path: Path, kind: str) -> Iterator[Recording]:
+    """An open file of the extra `logs`."""
+    library, opened = _OPENED[kind]
+    need(library, f"{path}: {kind} is read by {library}", "logs")
+    try:
+        with opened(path) as found:
+            yield found
+    except (OSError, HgoError) as error:
+        if isinstance(error, HgoError) or error.errno is not None:
+            raise
+        raise DataError(f"{path} is not a readable {kind.split(' ', 1)[1]}: {error}") from error
+    except Exception as error:  # the libraries raise many kinds on files that are cut off
+        what = f"{type(error).__name__}: {error}"
+        raise DataError(f"{path} is not a readable {kind.split(' ', 1)[1]}: {what}") from error
+
+
+def clocks_of(path: Path, columns: list[str]) -> list[str] | None:
+    """The column of the times of each column; None where the file does not say it of all."""
+    kind = recording_kind(path)
+    if kind is None:
+        return None
+    with recording(path, kind) as found:
+        require(path, columns, list(found.clocks))
+        clocks = [found.clocks[column] for column in columns]
+    told = [clock for clock in clocks if clock is not None]
+    return told if len(told) == len(clocks) else None
 
 
 def joined(parts: list[np.ndarray]) -> np.ndarray:

@@ -1,8 +1,9 @@
 """Recorded logs in.
 
-`read_log` reads CSV, `.npz`, `.mat` and Parquet; `read_chunks` reads CSV and Parquet piece by
-piece, in constant memory. CSV and `.npz` need NumPy alone, `.mat` needs SciPy, Parquet needs
-pyarrow (the extra `data`).
+`read_log` reads CSV, `.npz`, `.mat`, Parquet and Feather, and by the libraries of the extra `logs`
+ROS bags, MCAP, ULog, HDF5, TDMS, MDF and Excel; `read_chunks` reads CSV, Parquet and Feather piece
+by piece, in constant memory. CSV and `.npz` need NumPy alone, `.mat` needs SciPy, Parquet and
+Feather need pyarrow (the extras `data` and `logs`).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from hgo_rs.errors import nearest
 from hgo_rs.logs.clock import Clock
 from hgo_rs.logs.columns import Conversion, Converted
-from hgo_rs.logs.formats import tables
+from hgo_rs.logs.formats import clocks_of, is_bag_folder, tables
 from hgo_rs.logs.log import Log, LogSummary
 from hgo_rs.logs.merged import merged
 from hgo_rs.logs.table import (
@@ -59,9 +60,11 @@ def read_log(
         The file; its suffix says the format.
     time, output, input
         Column names; a list for several outputs or inputs. `time` may be None if `dt` or `schedule`
-        is given. A list of times, one for each output (and, if you like, one for each input after
-        them), says that they were sampled at times of their own: the log then has a row for every
-        time at which there is a sample, NaN where an output has none, and inputs held.
+        is given, or if the file says which clock a signal has (bags, ULog, MDF, waveforms in TDMS):
+        every signal is then taken with its own. A list of times, one for each output (and, if you
+        like, one for each input after them), says that they were sampled at times of their own: the
+        log then has a row for every time at which there is a sample, NaN where an output has none,
+        and inputs held.
     dt
         Sampling period, s. With `time` too, the recorded times only have to agree with it (to half
         a period), and exact multiples of `dt` take their place.
@@ -142,14 +145,19 @@ def read_chunks(
     the last chunk.
     """
     path = Path(path)
+    outputs = names_of(output, "output")
+    inputs = [] if input is None else names_of(input, "input")
+    if time is None and dt is None and schedule is None:
+        check_file(path)
+        clocks = clocks_of(path, [*outputs, *inputs])
+        if clocks is not None:
+            time = clocks[0] if len(set(clocks)) == 1 else clocks
     if unit is not None and not isinstance(unit, str) and len(unit) == 1:
         (unit,) = unit
     several = time is not None and not isinstance(time, str)
     one = None if several else cast("str | None", unit)
     clock = Clock(path, time, dt, one, resets, schedule)
     check_file(path)
-    outputs = names_of(output, "output")
-    inputs = [] if input is None else names_of(input, "input")
     converted = Converted([*outputs, *inputs], unwrap, scale, offset)
     if time is not None and not isinstance(time, str):
         if dt is not None or resets == "split":
@@ -193,6 +201,8 @@ def check_file(path: Path) -> None:
     if not there:
         near = nearest(path.name, siblings(path))
         raise DataError(f"no file {path}" + (f"; nearest: {', '.join(near)}" if near else ""))
+    if is_bag_folder(path):
+        return
     if folder:
         raise DataError(f"{path} is a folder; name a file ({', '.join(READABLE)})")
     if path.suffix.lower() not in READABLE:

@@ -10,7 +10,19 @@ import numpy as np
 
 from hgo_rs.errors import HgoError, nearest
 
-READABLE = (".csv", ".txt", ".tsv", ".dat", ".npz", ".mat", ".parquet", ".pq")
+RECORDINGS = {
+    "a ROS bag": (".bag", ".mcap", ".db3"),
+    "a ULog file": (".ulg", ".ulog"),
+    "an HDF5 file": (".h5", ".hdf5", ".hdf"),
+    "a TDMS file": (".tdms",),
+    "an MDF file": (".mf4", ".mdf"),
+    "an Excel workbook": (".xlsx", ".xlsm"),
+}
+"""Files that the libraries of the extra `logs` read, by their suffixes."""
+READABLE = (
+    *(".csv", ".txt", ".tsv", ".dat", ".npz", ".mat", ".parquet", ".pq", ".feather", ".arrow"),
+    *(suffix for suffixes in RECORDINGS.values() for suffix in suffixes),
+)
 CHUNK = 65_536
 """Rows of a chunk."""
 
