@@ -190,10 +190,12 @@ def _check_threshold(law: Mapping[str, Any]) -> None:
     """Refuse held gains beside a threshold that moves over a time for which none is held."""
     shape = law.get("shape") or {}
     moves = "decay" in shape and law.get("timing") == "current"
+    if not (moves and _placed(law) and _in_blocks(law)):
+        return
     check(
-        not (moves and _placed(law) and _in_blocks(law)),
+        False,
         "shape",
-        shape.get("law", shape.get("kind")),
+        shape["law"],
         f"without a threshold in an export of the {law['kind']} law under {law['method']} with "
         "current timing: its gains are held for whole periods, its threshold moves over any time",
         'choose method="rk4", timing="predictor", or the standard law',
