@@ -88,7 +88,7 @@ test-rust: $(VENV)/stamp-venv
 	$(CARGO) clippy --quiet $(LIBM) -- -D warnings
 	$(CARGO) clippy --quiet $(LIBM),serde,defmt -- -D warnings
 	$(call say,cargo test)
-	$(CARGO) test --quiet --profile checked -p hgo-rs -p hgo-ir --features hgo-rs/serde,hgo-rs/defmt
+	$(CARGO) test --quiet --profile checked -p hgo-rs -p hgo-ir -p hgo-logs --features hgo-rs/serde,hgo-rs/defmt
 	$(call say,cargo test --release: sums that the compiler makes vectors of)
 	$(CARGO) test --quiet --release --test vectors
 
@@ -131,7 +131,7 @@ firmware:
 	@$(PYTHON) firmware/tools/firmware.py --out out
 
 docs:
-	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps -p hgo-rs -p hgo-ir
+	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps -p hgo-rs -p hgo-ir -p hgo-logs
 
 wheel: $(VENV)/stamp-venv
 	$(BIN)/maturin build --release --out dist

@@ -10,6 +10,7 @@ __all__ = [
     "Online",
     "RecordKernel",
     "StudyKernel",
+    "TextReader",
     "coefficients_from_poles",
     "coupled_paths",
     "ekf_covariances",
@@ -30,10 +31,15 @@ __all__ = [
     "run_single",
     "simulate",
     "study_source",
+    "text_cells",
+    "text_is_idle",
+    "text_kind",
+    "text_lines",
     "trace_step",
 ]
 
 _Array = npt.NDArray[np.float64]
+_Column = tuple[npt.NDArray[Any], npt.NDArray[np.uint64], npt.NDArray[np.int64]]
 _Pairs = list[tuple[float, float]]
 
 @final
@@ -176,3 +182,26 @@ def run_single(
     u: npt.ArrayLike,
     memory0: npt.ArrayLike,
 ) -> list[list[float]]: ...
+
+@final
+class TextReader:
+    def __new__(
+        cls,
+        delimiter: int | None,
+        width: int,
+        columns: list[tuple[int, str]],
+        line: int,
+        trailing: bool,
+    ) -> Self: ...
+    @property
+    def commas(self) -> bool: ...
+    @property
+    def line(self) -> int: ...
+    def read(
+        self, block: bytes, begin: int, most: int, last: bool
+    ) -> tuple[list[_Column], npt.NDArray[np.uint64], int] | dict[str, Any]: ...
+
+def text_cells(line: bytes, delimiter: int | None) -> list[bytes] | None: ...
+def text_is_idle(line: bytes) -> bool: ...
+def text_kind(cell: bytes, commas: bool) -> str | None: ...
+def text_lines(columns: list[npt.NDArray[Any]]) -> bytes: ...

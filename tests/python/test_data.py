@@ -1,6 +1,9 @@
 """Logs in every format; errors that name file, line and remedy."""
 
+import csv
+import math
 import os
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +13,7 @@ from hypothesis import strategies as st
 
 from hgo_rs.errors import HgoError
 from hgo_rs.logs import DataError, LogSummary, TableWriter, read_chunks, read_log, write_table
+from hgo_rs.logs.formats import tables
 from hgo_rs.logs.read import CHUNK
 from hgo_rs.logs.text import LINE
 
@@ -84,7 +88,8 @@ def test_longest_gap_without_one(tmp_path):
         ("t,q\n0,1\n1,abc\n2,3\n", "line 3, column 'q': 'abc' is not a number"),
         ("t,q\n0,1\n\n# c\n1\n2,3\n", "line 5: 1 cell where 2 cells are expected"),
         ("t,q\n0,1\n1,2,3\n", "line 3: 3 cells where 2 cells are expected"),
-        ("t;q\n0;1\n1;2,5\n", "line 3, column 'q': '2,5' is not a number; write a decimal point"),
+        ("t;q\n0.5;1\n1;2,5\n", "line 3, column 'q': '2,5' is not a number; write a decimal point"),
+        ("t;q\n0,5;1\n1;2.5\n", "line 3, column 'q': '2.5' is not a number; write a decimal comma"),
         ("t,q\n0,1\n1,1_000\n", "line 3, column 'q': '1_000' is not a number"),
         ('t,q\n0,"1\n2"\n1,2\n', "line 2, column 'q': '1\\n2' is not a number"),
         ('t,q\n0,1\n1,"2\n', "line 3: unexpected end of data"),
@@ -771,15 +776,6 @@ def test_names_from_a_file_do_nothing_to_a_terminal(tmp_path):
 # --- chunks ----------------------------------------------------------------------------------
 
 
-def outcome(read):
-    try:
-        chunks = read()
-    except DataError as error:
-        return str(error)
-    y = np.concatenate([c.y for c in chunks])
-    return np.concatenate([c.t for c in chunks]).tobytes() + y.tobytes()
-
-
 @settings(deadline=None)
 @given(
     st.lists(
@@ -790,19 +786,51 @@ def outcome(read):
     ),
     st.integers(1, 4),
 )
-def test_the_fast_way_and_chunks_are_the_slow_way(tmp_path_factory, lines, rows):
-    """NumPy's parser and any cutting into chunks give what looking at every cell gives."""
+def test_lines_are_read_as_python_reads_them(tmp_path_factory, lines, rows):
+    """Cells of the module csv, numbers of `float`; any cutting into chunks gives the same."""
     path = tmp_path_factory.mktemp("fuzz") / "log.csv"
     path.write_text("t,q\n0,1\n" + "\n".join(lines), encoding="utf-8", newline="")
-    options = {"unit": "s", "resets": "split"}
-    fast = outcome(lambda: list(read_chunks(path, "t", "q", **options)))
-    cut = outcome(lambda: list(read_chunks(path, "t", "q", **options, rows=rows)))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("hgo_rs.logs.text._fast", lambda *_: None)
-        slow = outcome(lambda: list(read_chunks(path, "t", "q", **options)))
-    assert fast == slow
-    if isinstance(slow, bytes) or isinstance(cut, bytes):  # which error comes first may differ
-        assert cut == slow
+    whole = outcome(lambda: [table_of(path, 10**6)])
+    cut = outcome(lambda: list(tables(path, ["t", "q"], rows)))
+    wanted = by_python(lines)
+    if wanted is None:
+        assert isinstance(whole, str) and isinstance(cut, str)
+    else:
+        assert whole == cut == wanted
+
+
+def table_of(path, rows):
+    (table,) = tables(path, ["t", "q"], rows)
+    return table
+
+
+def outcome(read):
+    try:
+        found = read()
+    except DataError as error:
+        return str(error)
+    return b"".join(np.concatenate([t.columns[n] for t in found]).tobytes() for n in ("t", "q"))
+
+
+def by_python(lines):
+    """The bytes of both columns; None: a line that is refused."""
+    values = [[0.0, 1.0]]
+    try:
+        for cells in records(line + "\n" for line in lines):
+            if len(cells) != 2 or any("_" in cell for cell in cells):
+                return None
+            empty = [cell.strip().casefold() in ("", "na", "nan") for cell in cells]
+            pairs = zip(cells, empty, strict=True)
+            values.append([math.nan if none else float(cell) for cell, none in pairs])
+    except (csv.Error, ValueError):
+        return None
+    return np.array(values).T.tobytes()
+
+
+def records(lines):
+    """The cells of lines that begin no comment."""
+    while first := next((line for line in lines if line.strip() and line.lstrip()[0] != "#"), ""):
+        yield next(csv.reader(chain([first], lines), skipinitialspace=True, strict=True))
 
 
 def test_lines_are_counted_over_chunks_comments_and_quotes(tmp_path):

@@ -7,6 +7,7 @@ mod errors;
 mod functions;
 mod interrupt;
 mod kernel;
+mod logs;
 mod observers;
 mod online;
 mod record;
@@ -28,6 +29,8 @@ mod _core {
     use crate::functions::{coupled_paths, elementary_source, filtered, mean_covariance, random};
     #[pymodule_export]
     use crate::kernel::{RecordKernel, StudyKernel, study_source};
+    #[pymodule_export]
+    use crate::logs::{TextReader, text_cells, text_is_idle, text_kind, text_lines};
     #[pymodule_export]
     use crate::observers::Observer;
     #[pymodule_export]

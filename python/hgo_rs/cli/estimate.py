@@ -19,6 +19,7 @@ from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING
 from hgo_rs.errors import HgoError, printable
 from hgo_rs.logs import Log, LogSummary, TableWriter, read_chunks, run_chunks
 from hgo_rs.logs.estimation import check_fit, column_of
+from hgo_rs.logs.streams import stem_of
 from hgo_rs.logs.table import names_of
 from hgo_rs.logs.write import check_writable_format
 from hgo_rs.observers import Gap, HighGainEKF, HighGainObserver, Observer, RunResult
@@ -161,7 +162,7 @@ def estimate_command(
     Example: velocity and acceleration from a measured position
       hgo estimate axis.csv --time t --output q --observer low-power --order 3 --gain 60
     """
-    out = out if out is not None else Path(f"{log.stem}.estimates.csv")
+    out = out if out is not None else Path(f"{stem_of(log)}.estimates.csv")
     check_writable_format(out)
     draw = can_draw(figure)
     figure = figure if figure is not None else out.with_suffix(".png")

@@ -14,6 +14,7 @@ from hgo_rs.cli.places import can_draw, tell_written, written
 from hgo_rs.cli.recorded import Asked, of_log
 from hgo_rs.cli.terminal import say
 from hgo_rs.logs import Log
+from hgo_rs.logs.streams import stem_of
 from hgo_rs.models import System
 from hgo_rs.tuning import Tuning, TuningWarning, tune
 
@@ -59,7 +60,7 @@ def tune_command(
       hgo tune axis.csv --time t --output q
       hgo estimate axis.csv --config axis.observer.toml
     """
-    out = out if out is not None else Path(f"{log.stem}.observer.toml")
+    out = out if out is not None else Path(f"{stem_of(log)}.observer.toml")
     draw = can_draw(figure)
     figure = figure if figure is not None else out.with_suffix(".png")
     asked = Asked.of(log, config, dt, columns)

@@ -13,6 +13,7 @@ from hgo_rs.cli.recorded import Asked, counted, of_log
 from hgo_rs.cli.terminal import say
 from hgo_rs.config import load
 from hgo_rs.errors import HgoError, check
+from hgo_rs.logs.streams import stem_of
 from hgo_rs.models import Model
 from hgo_rs.smoothing import compare, fit, smooth
 
@@ -41,7 +42,7 @@ def smooth_command(
     Example: velocity and acceleration of a measured position, no model
       hgo smooth axis.csv --time t --output q
     """
-    out = out if out is not None else Path(f"{log.stem}.smooth.csv")
+    out = out if out is not None else Path(f"{stem_of(log)}.smooth.csv")
     draw = can_draw(figure)
     figure = figure if figure is not None else out.with_suffix(".png")
     asked = Asked.of(log, config, dt, columns)

@@ -60,6 +60,7 @@ class Clock:
         self._first = math.nan  # of the log [s], from the recorded origin
         self._grain = 0.0  # what the recorded numbers resolve [s]
         self._sample, self._zero = 0, math.nan  # of the piece, where dt is given
+        self._grid, self._repeats = math.inf, False  # least step; whether times are repeated
 
     def __call__(self, table: Table) -> tuple[np.ndarray, tuple[int, ...]]:
         """Times of the block, and where pieces begin in it."""
@@ -110,7 +111,7 @@ class Clock:
                 self.remarks += (f"times {self.time!r} have a unit of their own, not {self.unit}",)
                 self.unit = None
         else:
-            self.length = UNITS[self._found_unit(found)]
+            self.length = UNITS[self._found_unit(found, table)]
         self._first = float(found.first() * self.length)
         if found.length is None and abs(found.first() * self.length) >= times.FARTHEST:
             self._refuse_unit(
@@ -122,15 +123,18 @@ class Clock:
             there = np.abs(values[np.isfinite(values)])
             self._grain = float(np.spacing(there.max())) * float(self.length)
 
-    def _found_unit(self, found: Ticks) -> str:
+    def _found_unit(self, found: Ticks, table: Table) -> str:
         assert isinstance(self.time, str)
+        label = self.time
+        if times.named_unit(told := f"t [{table.units.get(label, '')}]")[0]:
+            label = told
         if self.unit is not None:
-            named, _ = times.named_unit(self.time)
+            named, _ = times.named_unit(label)
             if named not in (None, self.unit):
                 told = f"times {self.time!r} are taken in {self.unit}, though the name says {named}"
                 self.remarks += (told,)
         else:
-            self.unit, why = times.named_unit(self.time)
+            self.unit, why = times.named_unit(label)
             if why:
                 raise DataError(
                     f"{self.path}: the unit of the time {self.time!r} cannot be told: {why}; say "
@@ -177,7 +181,7 @@ class Clock:
             self._begin = float(t[0])
             self._pieces = 1
         before = np.r_[t[:1] - 1.0 if self._last is None else self._last[0], t[:-1]]
-        back = np.flatnonzero(t <= before).tolist()
+        back = np.flatnonzero(t <= before if self.dt is None else t < before).tolist()
         inner = np.diff(t)
         newest_first = len(inner) > 1 and bool(np.mean(inner < 0.0) > 0.75)
         usual = float(np.median(inner)) if len(inner) > 1 else math.inf
@@ -188,10 +192,11 @@ class Clock:
             reset = reset and k - since > 1 and not newest_first  # one row is no piece
             bits = self._wrapped(fell, usual)
             if not (reset and self.split):
+                remedy = self._remedy(fell, bits, reset, newest_first) if fell else _repeated(t)
                 where = table.where(k - 1) if k else self._last[1] if self._last else ""
                 raise DataError(
                     f"{self.path}, {table.where(k)}: time {t[k]:.12g} does not come after "
-                    f"{before[k]:.12g} ({where}); {self._remedy(fell, bits, reset, newest_first)}"
+                    f"{before[k]:.12g} ({where}); {remedy}"
                 )
             if bits:
                 self.remarks += (
@@ -205,7 +210,9 @@ class Clock:
         self._rows += len(t)
         self._last = (float(t[-1]), table.where(len(t) - 1))
         steps = t - before
+        self._repeats = self._repeats or bool(np.any(steps == 0.0))
         steps[starts] = 0.0
+        self._grid = min(self._grid, float(np.min(steps, initial=math.inf, where=steps > 0.0)))
         self._check_steps(steps, table)
         return tuple(starts)
 
@@ -227,8 +234,6 @@ class Clock:
                 "the clock was set back: cut the log there, or take it as pieces with "
                 'resets = "split"'
             )
-        if fell == 0.0:
-            return "time must increase: remove repeated rows, or write times with all their digits"
         return "time must increase: sort the log or remove repeated rows"
 
     def _check_steps(self, steps: np.ndarray, table: Table) -> None:
@@ -287,6 +292,10 @@ class Clock:
         """What is wrong with the whole log."""
         if self.time is None or self._last is None:
             return
+        if self._repeats and math.isinf(self._grid):
+            raise DataError(
+                f"{self.path}: the time {self.time!r} stands still; leave it out, dt is enough"
+            )
         if len(self._steps) >= (WINDOW // 10 if self._windows else 1):
             self._check_median(float(np.median(self._steps)))
         if self._pieces > 1 and self._count < 2:
@@ -303,13 +312,18 @@ class Clock:
     def _regular(self, t: np.ndarray, starts: tuple[int, ...], table: Table) -> np.ndarray:
         """Exact multiples of dt from the begin of each piece on."""
         assert self.dt is not None
+        coarse = self._repeats and self._grid > 1.5 * self.dt
+        within = self._grid if coarse else 0.5 * self.dt
+        if coarse and math.isfinite(within):
+            told = f"times {self.time!r} resolve {within:.3g} s only: samples lie dt apart"
+            self.remarks += (told,) if told not in self.remarks else ()
         out = np.empty_like(t)
         edges = [*starts, len(t)] if 0 in starts else [0, *starts, len(t)]
         for a, b in itertools.pairwise(edges):
             if a in starts:
                 self._sample, self._zero = 0, float(t[a])
             out[a:b] = self._zero + self.dt * np.arange(self._sample, self._sample + b - a)
-            off = np.abs(t[a:b] - out[a:b]) > 0.5 * self.dt
+            off = np.abs(t[a:b] - out[a:b]) > within * (1.0 + 1e-9)
             if off.any():
                 k = a + int(np.argmax(off))
                 raise DataError(
@@ -322,11 +336,26 @@ class Clock:
         return out
 
 
+def _repeated(t: np.ndarray) -> str:
+    """What to do about times that stand still: in some rows, or since they are coarse."""
+    steps = np.diff(t)
+    moves = np.flatnonzero(steps > 0.0)
+    if len(moves) > 1 and np.all(steps >= 0.0) and len(moves) < 0.9 * len(steps):
+        usual = (t[moves[-1]] - t[moves[0]]) / (moves[-1] - moves[0])
+        return (
+            f"the times resolve {steps[moves].min():.3g} s only: say dt, the sampling period, on "
+            f"average {usual:.4g} s"
+        )
+    return "time must increase: remove repeated rows, or write times with all their digits"
+
+
 def moment(first: Fraction, found: Ticks, clock: Clock) -> str:
     """A time as its column writes it."""
     assert clock.length is not None
     nanoseconds = math.floor(first / UNITS["ns"])
     if found.is_date and abs(nanoseconds) < 2**63:
         return str(np.datetime64(nanoseconds, "ns"))
+    if found.length is not None and not found.is_date:
+        return f"{float(first):.12g} s"
     count = first / clock.length
     return str(count) if count.denominator == 1 else f"{float(count):.17g}"

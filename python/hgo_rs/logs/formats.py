@@ -13,13 +13,14 @@ from hgo_rs.logs import bags, excel, hdf5, mf4, tdms, ulog
 from hgo_rs.logs.arrays import read_mat, read_npz
 from hgo_rs.logs.parquet import ARROW, read_arrow
 from hgo_rs.logs.recording import Recording
+from hgo_rs.logs.streams import suffix_of
 from hgo_rs.logs.table import CHUNK, RECORDINGS, DataError, Table, as_integers, require, row
 from hgo_rs.logs.text import TEXT, read_text
 
 
 def tables(path: Path, wanted: list[str], rows: int) -> Iterator[Table]:
     """The wanted columns, in blocks of about so many rows where the format allows it."""
-    suffix = path.suffix.lower()
+    suffix = suffix_of(path)
     try:
         if suffix in TEXT:
             yield from read_text(path, wanted, rows)
@@ -33,7 +34,7 @@ def tables(path: Path, wanted: list[str], rows: int) -> Iterator[Table]:
 
 def whole(path: Path, wanted: list[str]) -> Table:
     """All of the wanted columns; those of `.npz` and `.mat` may differ in length."""
-    suffix = path.suffix.lower()
+    suffix = suffix_of(path)
     if kind := recording_kind(path):
         with recording(path, kind) as found:
             require(path, wanted, list(found.clocks))
@@ -55,7 +56,7 @@ def whole(path: Path, wanted: list[str]) -> Table:
         i = int(np.searchsorted(ends, index, side="right"))
         return blocks[i].where(index - (int(ends[i - 1]) if i else 0))
 
-    return Table(columns, where, blocks[0].remarks)
+    return Table(columns, where, blocks[-1].remarks, blocks[0].units)
 
 
 _OPENED: dict[str, tuple[str, Callable[[Path], AbstractContextManager[Recording]]]] = {

@@ -56,7 +56,7 @@ def merged(
         at = np.flatnonzero(kept)  # the rest pads the shorter columns
         if not len(at):
             raise DataError(f"{path}: column {name!r} holds no time")
-        own = Table({name: table.columns[name][at]}, rows_at(table, at))
+        own = Table({name: table.columns[name][at]}, rows_at(table, at), units=table.units)
         clock.learn(clock.ticks(own), own)
         parts[name] = (clock, clock.ticks(own), at)
     origin = _common_origin([(clock, found) for clock, found, _ in parts.values()])

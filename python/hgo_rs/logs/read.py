@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,16 +20,20 @@ from hgo_rs.logs.columns import Conversion, Converted
 from hgo_rs.logs.formats import clocks_of, is_bag_folder, tables
 from hgo_rs.logs.log import Log, LogSummary
 from hgo_rs.logs.merged import merged
+from hgo_rs.logs.parts import timed
+from hgo_rs.logs.streams import STDIN, suffix_of
 from hgo_rs.logs.table import (
     CHUNK,
     READABLE,
     Columns,
     DataError,
+    by_name,
     names_of,
     refuse,
     siblings,
     values_of,
 )
+from hgo_rs.logs.text import TEXT
 from hgo_rs.observers import StochasticApproximation
 
 
@@ -50,9 +54,13 @@ def read_log(
     """Read a time column, output columns and, if named, input columns.
 
     A CSV file may have a header or none (its columns are then named 0, 1, 2, ...), be separated by
-    tabs, semicolons, commas or blanks, and hold comment lines (#). A first line of whole numbers is
-    a header where the lines after it are written, or go on, otherwise; it is refused where it could
-    be either. A 2-D variable `q` of an `.npz` or `.mat` file has the columns `q[0]`, `q[1]`, ...
+    tabs, semicolons, commas, bars or blanks, and hold comment lines (#, %, //). What stands above
+    the header is passed over; names may stand in a comment, units below the header. A first line of
+    whole numbers is a header where the lines after it are written, or go on, otherwise; it is
+    refused where it could be either. Numbers have decimal points or, not between commas, decimal
+    commas. Times may be dates (2024-03-05T09:07:03.25+01:00) or times of day. Text is UTF-8, UTF-16
+    or, where it is neither, cp1252; it may be packed by gzip. `path` = "-" is standard input. A 2-D
+    variable `q` of an `.npz` or `.mat` file has the columns `q[0]`, `q[1]`, ...
 
     Parameters
     ----------
@@ -61,13 +69,14 @@ def read_log(
     time, output, input
         Column names; a list for several outputs or inputs. `time` may be None if `dt` or `schedule`
         is given, or if the file says which clock a signal has (bags, ULog, MDF, waveforms in TDMS):
-        every signal is then taken with its own. A list of times, one for each output (and, if you
-        like, one for each input after them), says that they were sampled at times of their own: the
-        log then has a row for every time at which there is a sample, NaN where an output has none,
-        and inputs held.
+        every signal is then taken with its own; "secs+nsecs" and "date+time" are the sum of two
+        columns. A list of times, one for each output (and, if you like, one for each input after
+        them), says that they were sampled at times of their own: the log then has a row for every
+        time at which there is a sample, NaN where an output has none, and inputs held.
     dt
         Sampling period, s. With `time` too, the recorded times only have to agree with it (to half
-        a period), and exact multiples of `dt` take their place.
+        a period, or to the resolution of times that are repeated since they are coarse), and exact
+        multiples of `dt` take their place.
     unit
         Unit of the time column: s, ms, us, ns, min, h or d; a list for several time columns.
         Default: what the column's name says (`t_ms`, `time [us]`, `TimeUS`, `millis`), the unit
@@ -145,29 +154,33 @@ def read_chunks(
     the last chunk.
     """
     path = Path(path)
+    output, input = by_name(output), by_name(input)
     outputs = names_of(output, "output")
     inputs = [] if input is None else names_of(input, "input")
     if time is None and dt is None and schedule is None:
         check_file(path)
-        clocks = clocks_of(path, [*outputs, *inputs])
-        if clocks is not None:
-            time = clocks[0] if len(set(clocks)) == 1 else clocks
+        own = clocks_of(path, [*outputs, *inputs])
+        if own is not None:
+            time = own[0] if len(set(own)) == 1 else own
+    several = time is not None and not isinstance(time, (str, int))
+    clocks: Any = by_name(time)
     if unit is not None and not isinstance(unit, str) and len(unit) == 1:
         (unit,) = unit
-    several = time is not None and not isinstance(time, str)
     one = None if several else cast("str | None", unit)
-    clock = Clock(path, time, dt, one, resets, schedule)
+    clock = Clock(path, clocks, dt, one, resets, schedule)
     check_file(path)
     converted = Converted([*outputs, *inputs], unwrap, scale, offset)
-    if time is not None and not isinstance(time, str):
+    if several:
         if dt is not None or resets == "split":
             raise DataError("time: several columns go without dt and resets; leave these out")
-        yield merged(path, list(time), output, input, unit, converted)
+        yield merged(path, clocks, output, input, unit, converted)
         return
-    names = {"time": time, "output": output, "input": input}
-    wanted = [*([] if time is None else [time]), *outputs, *inputs]
+    names = {"time": clocks, "output": output, "input": input}
+    wanted = [*([] if time is None else [clocks]), *outputs, *inputs]
     summary = LogSummary()
-    for table in filter(len, tables(path, wanted, CHUNK if rows is None else rows)):
+    many = CHUNK if rows is None else rows
+    found = tables(path, wanted, many) if time is None else timed(path, clocks, wanted[1:], many)
+    for table in filter(len, found):
         t, starts = clock(table)
         signals = {name: values_of(table, path, name) for name in [*outputs, *inputs]}
         for name in outputs:
@@ -194,6 +207,8 @@ def read_chunks(
 
 def check_file(path: Path) -> None:
     """Refuse what is not there, is no file of known format, or might never end."""
+    if path == STDIN:
+        return
     try:
         there, folder, regular = path.exists(), path.is_dir(), path.is_file()
     except OSError as error:
@@ -205,10 +220,12 @@ def check_file(path: Path) -> None:
         return
     if folder:
         raise DataError(f"{path} is a folder; name a file ({', '.join(READABLE)})")
-    if path.suffix.lower() not in READABLE:
-        suffix = path.suffix.lower()
+    suffix = suffix_of(path)
+    if suffix not in READABLE or (path.suffix.lower() == ".gz" and suffix not in TEXT):
+        suffix = "".join(path.suffixes[-2:] if path.suffix.lower() == ".gz" else [suffix])
         raise DataError(f"{path}: unknown format {suffix!r}; known: {', '.join(READABLE)}")
     if not regular:
         raise DataError(
-            f"{path} is a pipe or a device, which may have no end; write what it gives to a file"
+            f"{path} is a pipe or a device, which may have no end; write what it gives to a file, "
+            "or hand it on standard input as -"
         )

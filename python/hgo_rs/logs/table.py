@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,16 +27,30 @@ READABLE = (
 CHUNK = 65_536
 """Rows of a chunk."""
 
-Columns = str | Sequence[str]
+Columns = str | int | Sequence[str | int]
+"""A name or several; a column without a name is called by its place, from 0."""
 
 
 class DataError(HgoError):
     """A log that cannot be read as asked: names the file, the line and the remedy."""
 
 
+class ColumnError(DataError):
+    """A column that is not there."""
+
+
+class CellError(DataError):
+    """A cell of a column that holds something else than the others."""
+
+    def __init__(self, told: str, column: str) -> None:
+        super().__init__(told)
+        self.column = column
+
+
 @dataclass
 class Table:
-    """The wanted columns, where a sample stands in the file, and what was found out.
+    """The wanted columns, where a sample stands in the file, what was found out, and the units that
+    the file says of columns.
 
     Integers with missing cells are masked: as float64 they might lose digits.
     """
@@ -43,6 +58,7 @@ class Table:
     columns: dict[str, np.ndarray]
     where: Callable[[int], str]
     remarks: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))
@@ -52,8 +68,16 @@ def rows_at(table: Table, at: np.ndarray) -> Callable[[int], str]:
     return lambda index: table.where(int(at[index]))
 
 
+def by_name(given: Columns | None) -> Any:
+    """Names as texts: None, one, or a list."""
+    if given is None or isinstance(given, (str, int)):
+        return None if given is None else str(given)
+    return [str(one) for one in given]
+
+
 def names_of(given: Columns, parameter: str) -> list[str]:
-    names = [given] if isinstance(given, str) else list(given)
+    named = by_name(given)
+    names: list[str] = [named] if isinstance(named, str) else named
     if not names:
         raise DataError(f"{parameter}: no column is named; name one, or leave it out")
     return names
@@ -91,7 +115,7 @@ def require(path: Path, wanted: list[str], known: list[str], remark: str = "") -
             near = nearest(name, known)
             hint = f"; nearest: {', '.join(near)}" if near else ""
             shown = ", ".join(known[:20]) + (", ..." if len(known) > 20 else "")
-            raise DataError(f"{path} has no column {name!r}{remark}{hint}. Columns: {shown}")
+            raise ColumnError(f"{path} has no column {name!r}{remark}{hint}. Columns: {shown}")
         if known.count(name) > 1:
             raise DataError(f"{path}: {known.count(name)} columns are called {name!r}; rename one")
 

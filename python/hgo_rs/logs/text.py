@@ -2,286 +2,232 @@
 
 from __future__ import annotations
 
-import contextlib
-import csv
-import itertools
-import math
 import re
-from array import array
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
+from typing import Any
 
 import numpy as np
 
-from hgo_rs.logs.table import DataError, Table, as_integers, require
+from hgo_rs._core import TextReader, text_kind
+from hgo_rs.logs.head import Head, head_of
+from hgo_rs.logs.streams import START, Stream, opened
+from hgo_rs.logs.table import CellError, DataError, Table, as_integers, require
 
 LINE = 2**20
-"""Characters of the longest line that is read."""
-BLOCK = 2**26
-"""Characters of text that are held at a time, beside one line."""
+"""Bytes of the longest line that is read."""
+BLOCK = 2**21
+"""Bytes of text that are read at a time."""
 
 TEXT = (".csv", ".txt", ".tsv", ".dat")
-_EXACT = 2.0**53
-"""Integers from here on are not all float64 numbers."""
-_MISSING = frozenset({"", "nan", "na", "n/a", "null", "none"})
+
+
+def head_of_text(path: Path) -> Head:
+    """How a log would be read whose columns are not known."""
+    with opened(path) as stream:
+        start, ended = _start(path, stream)
+        return head_of(path, start, (), ended)
 
 
 def read_text(path: Path, wanted: list[str], rows: int) -> Iterator[Table]:
-    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
-        lines = _lines(path, file)
-        line, text = next(((n, t) for n, t in enumerate(lines, 1) if not _is_idle(t)), (0, ""))
-        if not line:
-            raise DataError(f"{path} is empty")
-        delimiter = next((d for d in "\t;," if d in text), None)
-        lines = itertools.chain([text], lines)
-        taken: list[str] = []
-        spied = (taken.append(text) or text for text in lines)  # type: ignore[func-returns-value]
-        first, cells = next(_records(path, spied, delimiter, line))
-        ahead = list(itertools.islice(lines, _AHEAD))
-        lines = itertools.chain(ahead, lines)
-        has_header, remarks = _header(path, first, cells, "".join(taken), ahead, delimiter)
-        known = cells if has_header else [str(i) for i in range(len(cells))]
-        remark = "" if has_header else " (no header: columns are named from 0)"
-        require(path, wanted, known, remark)
-        at = {name: known.index(name) for name in wanted}
-        if has_header:
-            line += len(taken)
-        else:
-            lines = itertools.chain(taken, lines)
-        head = "".join(taken).strip()
-        while block := _block(lines, rows):
-            if remarks and head in map(str.strip, block):
-                raise DataError(
-                    f"{path}: line {line} or one after it repeats the header ({head}); cut the log "
-                    "there, or remove the line"
-                )
-            table = _fast(block, delimiter, at, len(known), line)
-            if table is None:
-                counted = _Counted(block, lines)
-                table = _slow(path, counted, delimiter, at, len(known), line)
-                line += counted.count
-            else:
-                line += len(block)
-            if len(table):
-                yield Table(table.columns, table.where, remarks)
-
-
-def _lines(path: Path, file: IO[str]) -> Iterator[str]:
-    """The lines of a file, none of them without an end."""
-    number = 0
-    while text := file.readline(LINE + 1):
-        number += 1
-        if len(text) > LINE:
-            raise DataError(
-                f"{path}, line {number}: has more than {LINE} characters; a log has a line for "
-                "each sample"
-            )
-        yield text
-
-
-def _block(lines: Iterator[str], rows: int) -> list[str]:
-    """The next lines: so many, or fewer long ones."""
-    block: list[str] = []
-    held = 0
-    for text in itertools.islice(lines, rows):
-        block.append(text)
-        held += len(text)
-        if held > BLOCK:
-            break
-    return block
-
-
-_AHEAD = 200
-"""Lines after the first that are looked at to see whether it is a header."""
-_BARE = re.compile(r"0|[1-9]\d{0,8}")
-_ZEROS_KEPT = re.compile(r"[-+]?\d+\.(?:\d*0)?(?:[eE][-+]?\d+)?")
-
-
-def _header(
-    path: Path, line: int, cells: list[str], text: str, ahead: list[str], delimiter: str | None
-) -> tuple[bool, tuple[str, ...]]:
-    """Whether the first line is a header, and a remark where it is one of numbers.
-
-    Text makes a header. So do different whole numbers without a point where the lines after them
-    keep their decimal zeros, or are unquoted; and those that count from 0, as pandas names columns,
-    where the first sample would leap. What could be either is refused.
-    """
-    if any(_as_number(cell) is None for cell in cells):
-        return True, ()
-    names = cells[1:] if not cells[0] and len(cells) > 1 else cells  # an index has no name
-    if not all(map(_BARE.fullmatch, names)) or len(set(names)) < len(names):
-        return False, ()
-    rows: list[list[str]] = []
-    with contextlib.suppress(DataError):  # a quoted cell may go on beyond
-        rows.extend(c for _, c in _records(path, ahead, delimiter, 1) if len(c) == len(cells))
-    if not rows:
-        return False, ()
-    shown = ", ".join(cells)
-    header = (True, (f"line {line} ({shown}) is read as a header",))
-    columns = list(zip(*rows, strict=True))[len(cells) - len(names) :]
-    if ('"' in text and '"' not in "".join(ahead)) or any(map(_keeps_zeros, columns)):
-        return header
-    leaps = any(_leaps(float(a), column) for a, column in zip(names, columns, strict=True))
-    counts = names == [str(i) for i in range(len(names))]
-    if counts and (leaps or len(names) < len(cells)):
-        return header
-    if counts or leaps:
-        raise DataError(
-            f"{path}, line {line}: {shown} may be a header or a sample; write names above the "
-            "columns, or the sample with a decimal point"
+    with opened(path) as stream:
+        held, ended = _start(path, stream)
+        head = head_of(path, held, wanted, ended)
+        require(
+            path,
+            wanted,
+            head.names,
+            "" if head.has_header else " (no header: columns are named from 0)",
         )
-    return False, ()
+        places = [head.names.index(name) for name in wanted]
+        kinds = [_taken(head.kinds[place]) for place in places]
+        reader = TextReader(
+            None if head.delimiter is None else ord(head.delimiter),
+            len(head.names),
+            list(zip(places, kinds, strict=True)),
+            head.line,
+            head.trailing,
+        )
+        pairs = zip(wanted, kinds, strict=True)
+        clocks = {name: _Midnights(name) for name, kind in pairs if kind == "daytime"}
+        at = head.begin
+        _check_repeats(path, head, held[at:], head.line)
+        while True:
+            found = reader.read(held, at, rows, ended)
+            if isinstance(found, dict) and "long" in found:
+                raise _too_long(path, found["line"])
+            if isinstance(found, dict):
+                raise _fault(path, head, wanted, found, ended and held)
+            columns, lines, read = found
+            at += read
+            if len(lines):
+                values = dict(zip(wanted, map(_column, columns, kinds), strict=True))
+                for name, clock in clocks.items():
+                    values[name] = clock(values[name], lines)
+                told = stream.remarks + head.remarks
+                told += ("decimal commas are read as points",) if reader.commas else ()
+                told += tuple(clock.remark for clock in clocks.values() if clock.remark)
+                yield Table(values, _places(lines), told, head.units)
+            elif ended:
+                return
+            else:
+                more = stream.read(BLOCK)
+                held, at, ended = held[at:] + more, 0, not more
+                _check_repeats(path, head, held, reader.line)
 
 
-def _keeps_zeros(column: Sequence[str]) -> bool:
-    """Whether numbers of this column are never written without a point."""
-    there = [cell for cell in column if not math.isnan(_as_number(cell) or 0.0)]
-    pointed = all("." in cell and _as_number(cell) is not None for cell in there)
-    return pointed and any(map(_ZEROS_KEPT.fullmatch, there))
+def _start(path: Path, stream: Stream) -> tuple[bytes, bool]:
+    """The begin of a log, and whether it is all of it."""
+    held = stream.read(START)
+    while more := stream.read(START) if len(held) < START else b"":
+        held += more
+    while held and b"\n" not in held[-LINE:] and (more := stream.read(START)):
+        held += more
+        if len(held) > LINE and b"\n" not in held:
+            raise _too_long(path, 1)
+    return held, len(held) < START
 
 
-def _leaps(first: float, column: Sequence[str]) -> bool:
-    """Whether the step from a first number to the column is unlike all steps in it."""
-    numbers = np.array([_as_number(cell) for cell in column], dtype=float)
-    numbers = numbers[np.isfinite(numbers)]
-    if len(numbers) < 3:
-        return False
-    most = float(np.max(np.abs(np.diff(numbers))))
-    return most > 0.0 and abs(float(numbers[0]) - first) > 10.0 * most
-
-
-def _is_idle(text: str) -> bool:
-    """A blank line, or a comment."""
-    bare = text.strip()
-    return not bare or bare.startswith("#")
-
-
-class _Counted:
-    """The lines of a block, and of those after it what a quoted cell that goes on needs."""
-
-    def __init__(self, block: list[str], after: Iterator[str]) -> None:
-        self.block, self.after, self.count = block, after, 0
-
-    def __iter__(self) -> Iterator[str]:
-        for text in itertools.chain(self.block, self.after):
-            self.count += 1
-            yield text
-
-    @property
-    def done(self) -> bool:
-        return self.count >= len(self.block)
-
-
-def _fast(
-    block: list[str], delimiter: str | None, at: Mapping[str, int], width: int, line: int
-) -> Table | None:
-    """A block of numbers and empty cells alone, parsed by NumPy; None: look at every cell, also
-    where integers are too large for float64.
-    """
-    text = "".join(block)
-    if delimiter is None or any(sign in text for sign in '"#_'):
-        return None
-    if {row.count(delimiter) for row in block} != {width - 1} or width < 2:
-        return None
-    columns = list(dict.fromkeys(at.values()))
-    empty = re.compile(rf"(?:^|(?<={delimiter}))(?=[{delimiter}\r\n]|\Z)")
-
-    def parse(rows: list[str], dtype: type, use: list[int]) -> np.ndarray | None:
-        try:
-            out: np.ndarray = np.loadtxt(
-                rows, dtype=dtype, delimiter=delimiter, comments=None, usecols=use, ndmin=2
-            )
-        except (ValueError, OverflowError, IndexError):
-            return None
-        return out if out.shape == (len(rows), len(use)) else None
-
-    values = parse(block, float, columns)
-    if values is None:
-        values = parse([empty.sub("nan", row) for row in block], float, columns)
-    if values is None:
-        return None
-    table = {}
-    for name, column in at.items():
-        one = np.ascontiguousarray(values[:, columns.index(column)])
-        if np.abs(one).max(initial=0.0, where=~np.isnan(one)) >= _EXACT:
-            whole = parse(block, np.int64, [column])
-            if whole is None:
-                return None
-            one = whole[:, 0]
-        table[name] = one
-    return Table(table, lambda index: f"line {line + index}")
-
-
-def _slow(
-    path: Path, block: _Counted, delimiter: str | None, at: Mapping[str, int], width: int, line: int
-) -> Table:
-    """A block, cell by cell: comments, quotes, words for missing samples, and every complaint."""
-    columns = {name: array("d") for name in at}
-    large: dict[str, dict[int, int]] = {name: {} for name in at}
-    places = array("q")
-    for place, cells in _records(path, block, delimiter, line):
-        if len(cells) != width:
-            raise DataError(
-                f"{path}, line {place}: {_cells(len(cells))} where {_cells(width)} are expected; "
-                "complete or remove the line"
-            )
-        for name, index in at.items():
-            number = _as_number(cells[index])
-            if number is None:
-                comma = "; write a decimal point" if "," in cells[index] else ""
-                raise DataError(
-                    f"{path}, line {place}, column {name!r}: {cells[index]!r} is not a "
-                    f"number{comma}"
-                )
-            if abs(number) >= _EXACT and cells[index].lstrip("+-").isdecimal():
-                large[name][len(columns[name])] = int(cells[index])
-            columns[name].append(number)
-        places.append(place)
-        if block.done:
-            break
-    table = {}
-    for name, values in columns.items():
-        table[name] = np.array(values, np.float64)
-        if large[name]:
-            table[name] = as_integers(table[name])
-        if table[name].dtype.kind == "i":
-            for k, value in large[name].items():
-                table[name][k] = value
-    return Table(table, lambda index: f"line {places[index]}")
-
-
-def _records(
-    path: Path, lines: Iterable[str], delimiter: str | None, line: int
-) -> Iterator[tuple[int, list[str]]]:
-    """(line number, stripped cells) of every line that is neither blank nor a comment."""
-    if delimiter is None:  # blanks
-        for number, text in enumerate(lines, line):
-            if not _is_idle(text):
-                yield number, text.split()
+def _check_repeats(path: Path, head: Head, held: bytes, line: int) -> None:
+    """Refuse a line that repeats a header of numbers."""
+    if not head.of_numbers:
         return
-    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True, strict=True)
-    first = line
-    try:
-        for cells in reader:
-            blank = len(cells) <= 1 and not "".join(cells).strip()
-            if not blank and not cells[0].lstrip().startswith("#"):
-                yield line, [cell.strip() for cell in cells]
-            line = first + reader.line_num
-    except csv.Error as error:
-        raise DataError(f"{path}, line {line}: {error}") from error
+    header = re.escape(head.header)
+    if found := re.search(rb"^[ \t]*" + header + rb"[ \t\r]*$", held, re.MULTILINE):
+        raise _repeated(path, head, line + held.count(b"\n", 0, found.start()))
 
 
-def _as_number(cell: str) -> float | None:
-    """The cell's number, NaN for a missing one, None for anything else."""
-    if cell.casefold() in _MISSING:
-        return math.nan
-    if "_" in cell:  # Python's float would read 1_0 as 10
-        return None
-    try:
-        return float(cell)
-    except ValueError:
-        return None
+def _repeated(path: Path, head: Head, line: int) -> DataError:
+    shown = head.header.decode(errors="replace")
+    told = f"repeats the header ({shown}); cut the log there, or remove the line"
+    return DataError(f"{path}, line {line} {told}")
+
+
+def _too_long(path: Path, line: int) -> DataError:
+    return DataError(
+        f"{path}, line {line}: has more than {LINE} characters; a log has a line for each sample"
+    )
+
+
+def _taken(kind: str | None) -> str:
+    return kind if kind in ("moment", "daytime") else "number"
+
+
+def _places(lines: np.ndarray) -> Any:
+    return lambda index: f"line {lines[index]}"
+
+
+def _column(found: tuple[np.ndarray, np.ndarray, np.ndarray], kind: str) -> np.ndarray:
+    values, rows, large = found
+    if kind != "number":
+        return values.view("datetime64[ns]" if kind == "moment" else "timedelta64[ns]")
+    if len(rows):
+        values = as_integers(values)
+        if values.dtype.kind == "i":
+            values[rows] = large
+    return values
+
+
+_DAY = np.timedelta64(1, "D")
+
+
+class _Midnights:
+    """Times of day that go on over midnight, block by block."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._last: np.timedelta64 | None = None
+        self._days = 0
+        self.remark = ""
+
+    def __call__(self, values: np.ndarray, lines: np.ndarray) -> np.ndarray:
+        there = np.flatnonzero(~np.isnat(values))
+        if not len(there):
+            return values
+        raw = values[there]
+        before = np.r_[raw[:1] if self._last is None else self._last, raw[:-1]]
+        self._last = raw[-1]
+        over = (before - raw > _DAY // 2) & (before < _DAY) & (raw >= np.timedelta64(0))
+        if over.any():
+            self.remark = self.remark or (
+                f"times {self._name!r} go on over midnight (line {lines[there[np.argmax(over)]]})"
+            )
+        days = self._days + np.cumsum(over)
+        self._days = int(days[-1])
+        values = values.copy()
+        values[there] = raw + days * _DAY
+        return values
+
+
+# --- what cannot be read -------------------------------------------------------------------------
+
+
+def _fault(
+    path: Path, head: Head, wanted: list[str], found: dict[str, Any], end: bytes | bool
+) -> DataError:
+    """What is wrong with a line, and the remedy."""
+    line, text = found["line"], found["text"].strip()
+    where = f"{path}, line {line}"
+    if head.has_header and text == head.header:
+        return _repeated(path, head, line)
+    if b"\0" in text:
+        return DataError(f"{where}: holds bytes that are no text; remove the line, or cut the log")
+    if "quote" in found:
+        if found["quote"] == "open":
+            return DataError(f"{where}: unexpected end of data, a quoted cell has no end; close it")
+        return DataError(f"{where}: a quote ends inside a cell; write it twice")
+    if "cells" in found:
+        cut = isinstance(end, bytes) and end.rstrip(b"\r").endswith(found["text"])
+        told = f"{_cells(found['cells'])} where {_cells(len(head.names))} are expected"
+        remedy = "the file is cut off there: remove the line"
+        return DataError(f"{where}: {told}; {remedy if cut else 'complete or remove the line'}")
+    index, raw = found.get("zone") or found["cell"]
+    name, cell = wanted[index], raw.decode(errors="replace")
+    if "zone" in found:
+        told = "differs from the dates before it in that it names a zone or none; write all alike"
+        return CellError(f"{where}, column {name!r}: {cell!r} {told}", name)
+    kind = _taken(head.kinds[head.names.index(name)])
+    what = {"number": "a number", "moment": "a date", "daytime": "a time of day"}[kind]
+    remedy = _remedy(cell, kind, head.delimiter != ",")
+    if line == head.line and head.has_header and remedy == _NO_NUMBER:
+        remedy = "; remove the line if it holds units or names"
+    return CellError(f"{where}, column {name!r}: {cell!r} is not {what}{remedy}", name)
+
+
+_NO_NUMBER = "; write a number, or leave the cell of a missing sample empty"
+_HEX = re.compile(r"[-+]?0[xX][0-9a-fA-F]+|(?=.*\d)(?=.*[a-dfA-DF])[0-9a-fA-F]+[hH]?")
+
+
+def _remedy(cell: str, kind: str, commas: bool) -> str:
+    """What to do about a cell."""
+    if kind != "number" or re.match(r"\d+[-/.:]\d+[-/.:]", cell):
+        if re.search(r"[ap]\.?m\.?$", cell, re.I) or re.match(r"\d\d?/\d\d?/\d", cell):
+            return "; write 2024-03-05 21:07:03, or seconds (pandas.to_datetime reads other dates)"
+        return "; write all as 2024-03-05T09:07:03.25, or as seconds; leave a missing one empty"
+    if re.fullmatch(r"[-+]?0[bB][01]+|[-+]?0[oO][0-7]+", cell):
+        return "; convert it to decimal, for example by int(cell, 0)"
+    if _HEX.fullmatch(cell):
+        return "; it is hexadecimal: convert it to decimal, for example by int(cell, 16)"
+    if re.fullmatch(r"[-+]?\d{1,3}(?:[,.' \u00a0\u202f]\d{3})+(?:[.,]\d*)?", cell) and (
+        len(re.findall(r"\D", cell.lstrip("+-"))) > 1 or not re.search("[.,]", cell)
+    ):
+        return "; write it without separators of thousands"
+    if re.fullmatch(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?", cell):
+        mixed = ", as the numbers before it have" if commas else ""
+        return f"; write a decimal point{mixed}"
+    if re.fullmatch(r"[-+]?\d*\.\d+", cell):
+        return "; write a decimal comma, as the numbers before it have, or points in all"
+    if re.fullmatch(r"[-+]?[\d.]+[dD][-+]?\d+", cell):
+        return "; write the exponent with E"
+    if cell.casefold() in ("true", "false", "on", "off", "yes", "no"):
+        return "; write 1 or 0"
+    if re.fullmatch(r"[-+]?[\d_.]+(?:[eE][-+]?\d+)?", cell) and "_" in cell:
+        return "; write it without underscores"
+    if unit := re.fullmatch(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s].*)", cell):
+        return f"; write {unit[1]} and the unit {unit[2]} into the header"
+    if text_kind(cell.encode(), True) in ("moment", "daytime"):
+        return "; it is a date among numbers: write seconds"
+    return _NO_NUMBER
 
 
 def _cells(count: int) -> str:

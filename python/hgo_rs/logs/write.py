@@ -7,10 +7,11 @@ import csv
 import io
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any
 
 import numpy as np
 
+from hgo_rs._core import text_lines
 from hgo_rs.errors import need
 from hgo_rs.files import replacing
 from hgo_rs.logs.parquet import PARQUET
@@ -32,7 +33,7 @@ class TableWriter:
         check_writable_format(self.path)
         self._into = into
         self._file = contextlib.ExitStack()
-        self._text: io.TextIOWrapper | None = None
+        self._text: IO[bytes] | None = None
         self._parquet: Any = None
 
     def __enter__(self) -> TableWriter:
@@ -64,22 +65,15 @@ class TableWriter:
 
     def _write_text(self, columns: Mapping[str, np.ndarray]) -> None:
         if self._text is None:
-            file = self._file.enter_context(self._place())
-            self._text = io.TextIOWrapper(file, newline="", encoding="utf-8")
-            self._file.push(self._end_text)
-            csv.writer(self._text, lineterminator="\n").writerow(columns)
-        cells = [
-            map(repr, column.tolist())
-            if column.dtype.kind != "f" or not np.isnan(column).any()
-            else ["" if v != v else repr(v) for v in column.tolist()]
-            for column in columns.values()
-        ]
-        self._text.writelines(map("{}\n".format, map(",".join, zip(*cells, strict=True))))
-
-    def _end_text(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Hand on what waits; of a file that is given up its failure says no more."""
-        with contextlib.suppress(*((OSError,) if kind else ())):
-            cast("io.TextIOWrapper", self._text).detach()
+            self._text = self._file.enter_context(self._place())
+            header = io.StringIO()
+            csv.writer(header, lineterminator="\n").writerow(columns)
+            self._text.write(header.getvalue().encode())
+        lengths = {name: len(column) for name, column in columns.items()}
+        if len(set(lengths.values())) > 1:
+            told = ", ".join(f"{name}: {length}" for name, length in lengths.items())
+            raise DataError(f"cannot write {self.path}: the columns differ in length ({told})")
+        self._text.write(text_lines([_plain(column) for column in columns.values()]))
 
     def _write_parquet(self, columns: Mapping[str, np.ndarray]) -> None:
         import pyarrow
@@ -91,6 +85,12 @@ class TableWriter:
             writer = pyarrow.parquet.ParquetWriter(file, table.schema)
             self._parquet = self._file.enter_context(writer)
         self._parquet.write_table(table)
+
+
+def _plain(column: np.ndarray) -> np.ndarray:
+    """A column as float64, or int64 where it holds whole numbers."""
+    whole = column.dtype.kind in "iub"
+    return np.ascontiguousarray(column, dtype=np.int64 if whole else np.float64)
 
 
 def write_table(path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
