@@ -19,7 +19,7 @@
 //! ```
 
 use crate::Scalar;
-use crate::elementary::{Bits, Float, log2_of, log2_parts, sin_of_turns};
+use crate::elementary::{Bits, Float, exp, log2_of, log2_parts, sin_of_turns};
 use core::convert::Infallible;
 use core::f64::consts::LN_2;
 use rand::rand_core::utils::fill_bytes_via_next_word;
@@ -192,6 +192,30 @@ pub fn turned<T: Float<Precision = f64>>(radius: T, u: T) -> (T, T) {
     (radius * sin_of_turns(folded), radius * sin_of_turns(other))
 }
 
+/// Student's t with ν degrees of freedom, of u and v in [0, 1): the radius r of a normal pair becomes
+/// √(ν(e^(r²/ν) − 1)) (Bailey, Math. Comp. 62 (1994), (2): polar, his rejection replaced by sine and cosine).
+#[inline(always)]
+pub fn student_t<T: Float<Precision = f64>>(u: T, v: T, nu: T) -> T {
+    let radius = radius_of(radius_parts(u));
+    let grown = exp(radius * radius / nu) - T::short(1.0);
+    turned((nu * grown).sqrt(), v).0
+}
+
+/// Laplace's law of scale 1, of u and v in [0, 1): r²/2 is exponential, v chooses the sign.
+#[inline(always)]
+pub fn laplace<T: Float<Precision = f64>>(u: T, v: T) -> T {
+    let radius = radius_of(radius_parts(u));
+    (T::short(0.5) * radius * radius).copysign(v - T::short(0.5))
+}
+
+/// A standard normal value of u and v, `ratio` times as large where w is below a probability; u, v, w in
+/// [0, 1).
+#[inline(always)]
+pub fn impulsive<T: Float<Precision = f64>>([u, v, w]: [T; 3], probability: T, ratio: T) -> T {
+    let normal = turned(radius_of(radius_parts(u)), v).0;
+    T::select(w.less(probability), ratio * normal, normal)
+}
+
 /// 2⁻⁵³.
 const LOWEST: f64 = 1.0 / 9_007_199_254_740_992.0;
 
@@ -231,6 +255,65 @@ impl<T: Scalar> Sine<T> {
     }
 }
 
+/// A law with tails that are heavier than the normal law's, of mean 0 and scale 1. Every draw takes as many
+/// numbers of the stream as the next.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Law {
+    /// Student's t, see [`student_t`].
+    StudentT {
+        /// Degrees of freedom ν, ½ to 10⁶.
+        nu: f64,
+    },
+    /// Density e^(−|v|)/2, see [`laplace`].
+    Laplace,
+    /// A mixture of two normal laws: impulses among noise of standard deviation 1, see [`impulsive`].
+    Impulsive {
+        /// Of an impulse.
+        probability: f64,
+        /// Standard deviation of an impulse.
+        ratio: f64,
+    },
+}
+
+impl Law {
+    /// With parameters that are allowed.
+    ///
+    /// # Errors
+    /// ν below ½, where the tails leave what a number holds, or above 10⁶, where the law is normal; a
+    /// probability outside of [0, 1]; a ratio below 0.
+    pub fn checked(self) -> Result<Self, crate::error::DesignError> {
+        use crate::error::{finite, require};
+        match self {
+            Self::StudentT { nu } => {
+                require("nu", nu, (0.5..=1e6).contains(&nu), "it must be in [0.5, 1e6]")?;
+            }
+            Self::Laplace => {}
+            Self::Impulsive { probability, ratio } => {
+                let is_one = (0.0..=1.0).contains(&probability);
+                require("probability", probability, is_one, "it must be in [0, 1]")?;
+                finite("ratio", ratio)?;
+                require("ratio", ratio, ratio >= 0.0, "it must be at least 0")?;
+            }
+        }
+        Ok(self)
+    }
+
+    /// The next draw.
+    #[inline(always)]
+    pub fn draw(self, stream: &mut Stream) -> f64 {
+        let (u, v) = (stream.uniform(), stream.uniform());
+        match self {
+            Self::StudentT { nu } => student_t(u, v, nu),
+            Self::Laplace => laplace(u, v),
+            Self::Impulsive { probability, ratio } => {
+                impulsive([u, v, stream.uniform()], probability, ratio)
+            }
+        }
+    }
+}
+
 /// The part of a noise that is drawn at an instant and held. It borrows its samples: with feature
 /// `serde` it can be written, not read.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -252,6 +335,15 @@ pub enum Draw<'a, T> {
         mean: T,
         /// Standard deviation.
         std: T,
+    },
+    /// Of heavy tails.
+    Law {
+        /// Its law.
+        law: Law,
+        /// Mean.
+        mean: T,
+        /// What a draw of the law is multiplied by.
+        scale: T,
     },
     /// A recorded (or filtered) sequence, one value a draw; 0 after its end.
     Samples(&'a [T]),
@@ -278,6 +370,7 @@ impl<T: Scalar> Noise<'_, T> {
             Draw::None => T::NEG_ZERO,
             Draw::Uniform { low, high } => low + (high - low) * T::from_f64(stream.uniform()),
             Draw::Normal { mean, std } => mean + std * T::from_f64(stream.normal()),
+            Draw::Law { law, mean, scale } => mean + scale * T::from_f64(law.draw(stream)),
             Draw::Samples(values) => self.recorded(values, k),
         }
     }

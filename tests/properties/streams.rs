@@ -1,7 +1,7 @@
 //! Random streams against independent generators and their distributions, and as a generator of `rand`.
 
 use super::config;
-use hgo_rs::noise::{Channel, Draw, Noise, SecondOrderSections, Sine, Stream};
+use hgo_rs::noise::{Channel, Draw, Law, Noise, SecondOrderSections, Sine, Stream};
 use proptest::prelude::*;
 use rand_distr::{Distribution, Exp1, StandardNormal, Triangular};
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
@@ -200,6 +200,9 @@ fn noise_signals() {
     assert_eq!(quiet.fresh(&mut stream, 0), 0.0);
     assert_eq!(uniform.fresh(&mut stream, 0), -0.5 + 2.0 * twin.uniform());
     assert_eq!(normal.fresh(&mut stream, 0), 0.2 + 3.0 * twin.normal());
+    let law = Law::StudentT { nu: 4.0 };
+    let tails = Noise { draw: Draw::Law { law, mean: 0.2, scale: 3.0 }, ..quiet };
+    assert_eq!(tails.fresh(&mut stream, 0), 0.2 + 3.0 * law.draw(&mut twin));
     assert_eq!(stream, twin);
     let recorded = Noise { draw: Draw::Samples(&[1.0, 2.0]), hold: 3, sines: &[] };
     let values: Vec<f64> = (0..8).map(|k| recorded.fresh(&mut stream, k)).collect();

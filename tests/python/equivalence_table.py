@@ -19,6 +19,7 @@ import numpy.typing as npt
 import hgo_rs
 from hgo_rs import _core, reference
 from hgo_rs.reference.noise import Streams
+from hgo_rs.simulation import ColouredNoise
 
 STEPS = 10_000
 METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine")
@@ -275,6 +276,10 @@ def plants_and_noise() -> Iterator[Case]:
             {"kind": "none", "sines": sines},
             {"kind": "normal", "mean": 0.0, "std": 0.1, "hold": 4, "sines": sines},
             {"kind": "none"},
+            {"kind": "student-t", "mean": 0.1, "scale": 0.02, "nu": 2.5},
+            {"kind": "laplace", "mean": 0.0, "scale": 0.05, "hold": 3},
+            {"kind": "impulsive", "mean": 0.0, "scale": 0.02, "probability": 0.1, "ratio": 9.0},
+            ColouredNoise([1.4, -0.5], 0.05).draw(),
             {"kind": "uniform", "low": -0.1, "high": 0.1, "sines": sines},
         ]
     )

@@ -11,6 +11,7 @@ import hgo_rs
 from hgo_rs import (
     AdaptiveGain,
     BiHomogeneous,
+    ColouredNoise,
     ConstantGain,
     Crackle,
     DeadZone,
@@ -20,7 +21,9 @@ from hgo_rs import (
     FixedStep,
     HgoError,
     HomogeneousGain,
+    ImpulsiveNoise,
     InputGain,
+    LaplaceNoise,
     Lee,
     LowPowerObserver,
     ModifiedObserver,
@@ -38,6 +41,7 @@ from hgo_rs import (
     StandardObserver,
     StochasticApproximation,
     Stubborn,
+    StudentTNoise,
     SwitchedGain,
     UniformNoise,
     Unknown,
@@ -418,6 +422,11 @@ CASES = {
     # noise
     "noise of a name": (lambda: lee(noise="white"), "noise = 'white'", "a Noise"),
     "std < 0": (lambda: lee(noise=NormalNoise(0.0, -1.0)), "std = -1.0", ">= 0"),
+    "nu of 0.1": (lambda: lee(noise=StudentTNoise(0.1)), "nu = 0.1", ">= 0.5"),
+    "probability of 2": (lambda: lee(noise=ImpulsiveNoise(1.0, 2.0)), "probability = 2", "<= 1"),
+    "scale < 0": (lambda: lee(noise=LaplaceNoise(0.0, -1.0)), "scale = -1.0", ">= 0"),
+    "noise that grows": (lambda: lee(noise=ColouredNoise([1.5])), "root of ar = 1.5", "< 1"),
+    "no coefficients": (lambda: lee(noise=ColouredNoise([])), "ar = []", "1 to 16"),
     "high below low": (lambda: lee(noise=UniformNoise(1.0, 0.0)), "high = 0.0", ">= 1"),
     "hold of a step and a half": (
         lambda: lee(noise=UniformNoise(hold=0.015)),

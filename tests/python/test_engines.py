@@ -12,7 +12,15 @@ import hgo_rs as hgo
 from hgo_rs import _core
 from hgo_rs import llvm as compiler
 from hgo_rs.simulation import llvm
-from hgo_rs.simulation.noise import NormalNoise, RecordedNoise, UniformNoise
+from hgo_rs.simulation.noise import (
+    ColouredNoise,
+    ImpulsiveNoise,
+    LaplaceNoise,
+    NormalNoise,
+    RecordedNoise,
+    StudentTNoise,
+    UniformNoise,
+)
 
 RUNS, STEPS = 40, 700
 RNG = np.random.default_rng(5)
@@ -31,6 +39,11 @@ CASES: dict[str, dict[str, Any]] = {
     "uniform noise": {"noise": UniformNoise(low=-0.1, high=0.1), "metrics": ["rms"]},
     "normal noise, all metrics": {"noise": NormalNoise(mean=0.02, std=0.1), "settle": 0.05},
     "noise that is held": {"noise": NormalNoise(std=0.1, hold=5e-3), "substeps": 3},
+    "Student-t noise": {"noise": StudentTNoise(2.5, 0.02, 0.05)},
+    "Laplace noise that is held": {"noise": LaplaceNoise(scale=0.05, hold=3e-3), "every": 5},
+    "impulsive noise": {"noise": ImpulsiveNoise(0.02, 0.1, 30.0)},
+    "coloured noise": {"noise": ColouredNoise([1.4, -0.5], 0.05), "every": 3},
+    "coloured noise that is held": {"noise": ColouredNoise([0.9, 0.2, -0.3], 0.05, hold=4e-3)},
     "sines": {"noise": UniformNoise(low=-0.1, high=0.1, sines=[(0.1, 30.0, 0.5)])},
     "plants that start alike": {"x0": [1.0, -0.5], "noise": UniformNoise(low=-0.1, high=0.1)},
     "frames": {"noise": UniformNoise(low=-0.1, high=0.1), "every": 7},
@@ -119,6 +132,20 @@ CASES: dict[str, dict[str, Any]] = {
         ),
         "x0": starts(0.3, 0.0, 0.1),
         "noise": NormalNoise(std=0.01),
+    },
+    "two outputs, coloured": {
+        "plant": hgo.Plant(states=["a", "b"], drift=["b", "-sin(a)"], output=["a", "b"]),
+        "observer": hgo.MultiOutputObserver(
+            [hgo.StandardObserver(1, 20.0), hgo.StandardObserver(1, 10.0)],
+            model=hgo.Model(states=["a", "b"], orders=[1, 1], phi=["b", "-sin(a)"]),
+        ),
+        "x0": starts(0.3, 0.0),
+        "noise": ColouredNoise([0.6, 0.3], 0.01, hold=2e-3),
+    },
+    "diverges, Student-t noise": {
+        "observer": lee(),
+        "dt": 0.4,
+        "noise": StudentTNoise(1.0),
     },
     "diverges": {"observer": lee(), "dt": 0.4, "allow_unstable": True},
     "loses its value": {

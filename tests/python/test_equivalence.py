@@ -81,7 +81,8 @@ def test_names_are_unique_and_every_choice_is_there():
         assert len({o["method"] for o in observers if o["kind"] == kind}) == 5, kind
     moved = {(spec["plant"]["kind"], spec.get("plant_method", "euler")) for spec in studies}
     assert len(moved) == 3 * 4 + 7 + 3  # ships: not held
-    assert {spec["noise"]["kind"] for spec in studies} == {"none", "uniform", "normal", "samples"}
+    laws = {"none", "uniform", "normal", "student-t", "laplace", "impulsive", "samples"}
+    assert {spec["noise"]["kind"] for spec in studies} == laws
 
 
 def test_own_models_of_every_form_meet_every_method_and_timing():

@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
-from scipy.stats import kstest
+from scipy.stats import kstest, norm
 
 from hgo_rs import (
     AdaptiveGain,
+    ColouredNoise,
     Crackle,
     FixedStep,
+    ImpulsiveNoise,
+    LaplaceNoise,
     Lee,
     LowPowerObserver,
     Noise,
@@ -28,6 +31,7 @@ from hgo_rs import (
     Sines,
     StandardObserver,
     StochasticApproximation,
+    StudentTNoise,
     UniformNoise,
     VanDerPol,
     _core,
@@ -398,6 +402,41 @@ def test_noise_has_the_distribution_that_it_says():
     assert abs(np.corrcoef(values[1:], values[:-1])[0, 1]) < 0.03
     both = drawn(NormalNoise(), runs=2)
     assert abs(np.corrcoef(both)[0, 1]) < 0.03
+
+
+def test_heavy_tails_have_the_distribution_that_they_say():
+    for nu in (1.0, 2.5, 30.0):
+        values = drawn(StudentTNoise(nu, -0.02, 0.5))[0]
+        assert kstest(values, "t", (nu, -0.02, 0.5)).pvalue > 1e-3
+    values = drawn(LaplaceNoise(0.3, 2.0))[0]
+    assert kstest(values, "laplace", (0.3, 2.0)).pvalue > 1e-3
+
+    def mixture(v):
+        return 0.8 * norm.cdf(v, 0.1, 0.5) + 0.2 * norm.cdf(v, 0.1, 4.0)
+
+    values = drawn(ImpulsiveNoise(0.5, 0.2, 8.0, 0.1))[0]
+    assert kstest(values, mixture).pvalue > 1e-3
+    for noise in (StudentTNoise(), LaplaceNoise(), ImpulsiveNoise(), ColouredNoise()):
+        whole, part = drawn(noise, 50, runs=3), drawn(noise, 50, runs=1)
+        np.testing.assert_array_equal(whole[:1], part)  # a run draws alike beside others
+        assert not (whole[1] == whole[2]).any()
+
+
+def test_coloured_noise_is_stationary_from_its_first_sample():
+    ar = [1.2, -0.5]
+    values = drawn(ColouredNoise(ar, 0.3), steps=8, runs=20_000)
+    assert np.abs(values.std(axis=0) / 0.3 - 1.0).max() < 0.03
+    # Yule and Walker: rho_1 = a_1/(1 - a_2), rho_2 = a_1 rho_1 + a_2
+    rho = [1.0, 0.8]
+    rho.append(1.2 * rho[1] - 0.5)
+    for first, lag in ((0, 1), (0, 2), (5, 1), (6, 2)):
+        found = np.corrcoef(values[:, first], values[:, first + lag])[0, 1]
+        assert abs(found - rho[lag]) < 0.03
+    # the innovations of a long run are white
+    v = drawn(ColouredNoise(ar, 0.3))[0]
+    e = v[2:] - 1.2 * v[1:-1] + 0.5 * v[:-2]
+    assert abs(np.corrcoef(e[1:], e[:-1])[0, 1]) < 0.03
+    assert kstest(e / e.std(), "norm").pvalue > 1e-3
 
 
 def test_a_draw_is_held_for_seconds():

@@ -4,7 +4,7 @@ use hgo_ir::elementary::{
     Function, Kind, NAMES, OF_NOISE, Operation, Precision, Row, Value, c, function, llvm, rust,
     source,
 };
-use hgo_rs::noise::{self, Channel, Stream};
+use hgo_rs::noise::{self, Channel, Law, Stream};
 use hgo_rs::{Scalar, elementary};
 
 const UNARY: [&str; 7] = ["exp", "ln", "sin", "cos", "tan", "atan", "tanh"];
@@ -100,7 +100,7 @@ has_the_cores_bits!(single_precision_has_the_cores_bits, f32, u32, Single);
 /// A stream's draws, made of the functions alone.
 #[test]
 fn noise_is_drawn_as_by_the_core() {
-    let [advanced, fraction, parts, radius, turned] =
+    let [advanced, fraction, parts, radius, turned, student_t, laplace, impulsive] =
         OF_NOISE.map(|name| of(name, Precision::Double));
     let mut stream = Stream::new(11, 3, Channel::Measurement);
     let mut state = vec![1, 2, 3, 4];
@@ -109,7 +109,9 @@ fn noise_is_drawn_as_by_the_core() {
         let drawn = advanced.evaluate(&state);
         assert_eq!(drawn[0], own.next_u64());
         state = drawn[1..].to_vec();
+        let start = stream;
         let [u, v] = [stream.next_u64(), stream.next_u64()];
+        let after = stream.clone().next_u64();
         let [first, second] = [u, v].map(|bits| fraction.evaluate(&[bits])[0]);
         assert_eq!(first, noise::fraction::<f64>(u).to_bits());
         let r = radius.evaluate(&parts.evaluate(&[first]));
@@ -118,6 +120,15 @@ fn noise_is_drawn_as_by_the_core() {
             f64::from_bits(second),
         );
         assert_eq!(turned.evaluate(&[r[0], second]), [a.to_bits(), b.to_bits()]);
+        // heavy tails: one function each
+        let draw = |law: Law| vec![law.draw(&mut start.clone()).to_bits()];
+        let third = fraction.evaluate(&[after])[0];
+        let [nu, p, ratio] = [2.5_f64, 0.3, 20.0];
+        let given = [first, second, nu.to_bits()];
+        assert_eq!(student_t.evaluate(&given), draw(Law::StudentT { nu }));
+        assert_eq!(laplace.evaluate(&[first, second]), draw(Law::Laplace));
+        let given = [first, second, third, p.to_bits(), ratio.to_bits()];
+        assert_eq!(impulsive.evaluate(&given), draw(Law::Impulsive { probability: p, ratio }));
     }
 }
 

@@ -7,6 +7,8 @@ SplitMix64 (Steele, Lea, Flood 2014).  All runs step together: arrays of uint64,
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -110,6 +112,44 @@ def _sines(spec: Spec) -> list[tuple[float, float, float]]:
     return waves
 
 
+def _normal(streams: Streams, count: int) -> Array:
+    return streams.normal_pairs(count)[0]  # the pair's sine is discarded
+
+
+def _numbers(streams: Streams, count: int, each: int) -> Array:
+    """``count`` draws of ``each`` uniform numbers, shape (each, count, runs)."""
+    return np.swapaxes(streams.uniform(each * count).reshape(count, each, -1), 0, 1)
+
+
+def _student_t(streams: Streams, count: int, nu: float) -> Array:
+    """sqrt(nu (u^(-2/nu) - 1)) cos(2 pi v) (Bailey 1994)."""
+    u, v = _numbers(streams, count, 2)
+    grown = np.expm1(-2.0 / nu * np.log(u + 2.0**-53))
+    return np.sqrt(nu * grown) * np.cos(2.0 * np.pi * v)
+
+
+def _laplace(streams: Streams, count: int) -> Array:
+    """An exponential number, its sign that of v - 1/2."""
+    u, v = _numbers(streams, count, 2)
+    return np.copysign(-np.log(u + 2.0**-53), v - 0.5)
+
+
+def _impulsive(streams: Streams, count: int, probability: float, ratio: float) -> Array:
+    """A normal number, ``ratio`` times as large with a probability."""
+    u, v, w = _numbers(streams, count, 3)
+    normal = np.sqrt(-2.0 * np.log(u + 2.0**-53)) * np.cos(2.0 * np.pi * v)
+    return np.where(w < probability, ratio, 1.0) * normal
+
+
+LAWS: dict[str, tuple[Callable[..., Array], tuple[str, ...]]] = {
+    "normal": (_normal, ()),
+    "student-t": (_student_t, ("nu",)),
+    "laplace": (_laplace, ()),
+    "impulsive": (_impulsive, ("probability", "ratio")),
+}
+"""What is drawn of a stream, times the scale, and the names of its parameters."""
+
+
 class MeasurementNoise:
     """v(k) of a study: draws held ``hold`` steps, plus sines that are functions of time."""
 
@@ -117,7 +157,7 @@ class MeasurementNoise:
         self, spec: Spec, *, runs: int, steps: int, seed: int, first_run: int, outputs: int = 1
     ) -> None:
         self.kind = choice(
-            member(spec, "kind", "noise"), "noise.kind", ("none", "uniform", "normal", "samples")
+            member(spec, "kind", "noise"), "noise.kind", ("none", "uniform", "samples", *LAWS)
         )
         self.runs = runs
         self.hold = integer(spec.get("hold", 1), "noise.hold", least=1)
@@ -127,20 +167,33 @@ class MeasurementNoise:
         if self.kind == "uniform":
             self.low = number(member(spec, "low", "noise"), "noise.low")
             self.high = number(member(spec, "high", "noise"), "noise.high", least=self.low)
-        elif self.kind == "normal":
+        elif self.kind in LAWS:
             self.mean = number(member(spec, "mean", "noise"), "noise.mean")
-            self.std = number(member(spec, "std", "noise"), "noise.std", least=0.0)
+            key = "std" if self.kind == "normal" else "scale"
+            self.scale = number(member(spec, key, "noise"), f"noise.{key}", least=0.0)
+            self.law, names = LAWS[self.kind]
+            self.parameters = [number(member(spec, name, "noise"), name) for name in names]
         elif self.kind == "samples":
             self.values = _samples(member(spec, "values", "noise"), steps, runs)
         self._streams = Streams(seed, runs, MEASUREMENT, first_run)
+        self.ar = np.asarray(spec.get("ar", ()), dtype=np.float64)
+        if self.ar.size:  # v(-1), v(-2), ..., shape (p, outputs, runs)
+            normal = self._streams.normal_pairs(outputs * self.ar.size)[0]
+            normal = normal.reshape(outputs, self.ar.size, runs)
+            self._past = np.einsum("ij,ojr->ior", np.asarray(spec["start"]), normal)
 
     def _draw(self, count: int) -> Array:
         total = count * self.outputs
         if self.kind == "uniform":
             drawn = self.low + (self.high - self.low) * self._streams.uniform(total)
-        else:  # the pair's sine is discarded
-            drawn = self.mean + self.std * self._streams.normal_pairs(total)[0]
-        return drawn.reshape(count, self.outputs, self.runs)
+        else:
+            drawn = self.mean + self.scale * self.law(self._streams, total, *self.parameters)
+        drawn = drawn.reshape(count, self.outputs, self.runs)
+        if self.ar.size:
+            for k in range(count):
+                drawn[k] += np.tensordot(self.ar, self._past, 1)
+                self._past = np.concatenate((drawn[k][None], self._past[:-1]))
+        return drawn
 
     def block(self, start: int, stop: int) -> Array:
         """Values held at steps start <= k < stop (no sines), shape (stop - start, outputs, runs).

@@ -100,6 +100,100 @@ class NormalNoise(Noise):
 
 
 @dataclass(frozen=True)
+class StudentTNoise(Noise):
+    """`mean` + `scale` times Student's t with `nu` degrees of freedom, 0.5 to 1e6: heavy tails.
+
+    Its variance is scale^2 nu/(nu - 2) for nu > 2, else infinite. Two uniform numbers a draw
+    (Bailey, Math. Comp. 62 (1994), without the rejection).
+    """
+
+    nu: float = 4.0
+    mean: float = 0.0
+    scale: float = 1.0
+
+    def draw(self) -> dict[str, Any]:
+        nu = check_number(self.nu, "nu", least=0.5, most=1e6)
+        return {"kind": "student-t", "nu": nu, **_placed(self.mean, self.scale)}
+
+
+@dataclass(frozen=True)
+class LaplaceNoise(Noise):
+    """Laplace's law about `mean`: density exp(-|v - mean|/scale)/(2 scale), variance 2 scale^2."""
+
+    mean: float = 0.0
+    scale: float = 1.0
+
+    def draw(self) -> dict[str, Any]:
+        return {"kind": "laplace", **_placed(self.mean, self.scale)}
+
+
+@dataclass(frozen=True)
+class ImpulsiveNoise(Noise):
+    """Normal noise of standard deviation `std`, `ratio` times as large with a `probability`.
+
+    A mixture of two normal laws of the same `mean`; its variance is
+    std^2 (1 + probability (ratio^2 - 1)).
+    """
+
+    std: float = 1.0
+    probability: float = 0.01
+    ratio: float = 10.0
+    mean: float = 0.0
+
+    def draw(self) -> dict[str, Any]:
+        check_number(self.std, "std", least=0.0)
+        probability = check_number(self.probability, "probability", least=0.0, most=1.0)
+        ratio = check_number(self.ratio, "ratio", least=0.0)
+        law = {"kind": "impulsive", "probability": probability, "ratio": ratio}
+        return {**law, **_placed(self.mean, self.std)}
+
+
+def _placed(mean: float, scale: float) -> dict[str, float]:
+    return {"mean": check_number(mean, "mean"), "scale": check_number(scale, "scale", least=0.0)}
+
+
+@dataclass(frozen=True)
+class ColouredNoise(Noise):
+    """Autoregressive normal noise v_k = a_1 v_(k-1) + a_2 v_(k-2) + ... + white noise.
+
+    Parameters
+    ----------
+    ar : sequence of float, 1 to 16
+        Coefficients a_1, a_2, ...; the noise must be stationary: the roots of
+        z^p - a_1 z^(p-1) - ... - a_p lie within the unit circle. A time constant tau [s] is
+        ar = [exp(-dt/tau)].
+    std : float
+        Standard deviation of v, from the first sample on.
+    """
+
+    ar: Sequence[float] = (0.9,)
+    std: float = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "ar", copy.deepcopy(self.ar))
+
+    def draw(self) -> dict[str, Any]:
+        ar = check_array(self.ar, "ar")
+        std = check_number(self.std, "std", least=0.0)
+        fits = ar.ndim == 1 and 1 <= ar.size <= 16 and bool(np.isfinite(ar).all())
+        check(fits, "ar", self.ar, "1 to 16 finite numbers", "give a_1, a_2, ...")
+        companion = np.eye(ar.size, k=-1)
+        companion[0] = ar
+        radius = float(np.max(np.abs(np.linalg.eigvals(companion))))
+        remedy = "give smaller coefficients"
+        check(radius < 1.0 - 1e-9, "largest root of ar", radius, "< 1: stationary", remedy)
+        # covariance of (v_k, ..., v_(k-p+1)) for white noise of variance 1: P = F P F' + e_1 e_1'
+        size = ar.size**2
+        white = np.eye(size)[0]
+        system = np.eye(size) - np.kron(companion, companion)
+        covariance = np.linalg.solve(system, white).reshape(ar.size, ar.size)
+        scale = std / float(np.sqrt(covariance[0, 0]))
+        start = scale * np.linalg.cholesky(covariance)
+        return {"kind": "normal", "mean": 0.0, "std": scale, "ar": ar, "start": start}
+
+
+@dataclass(frozen=True)
 class RecordedNoise(Noise):
     """A given sequence: values (steps + 1,) for all runs, or (runs, steps + 1)."""
 

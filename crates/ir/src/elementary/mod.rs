@@ -20,7 +20,16 @@ use recorded::{Native, Number, Word, recorded};
 pub const NAMES: [&str; 9] = ["exp", "ln", "sin", "cos", "tan", "atan", "tanh", "atan2", "powf"];
 
 /// Functions that noise is drawn by, in double precision.
-pub const OF_NOISE: [&str; 5] = ["advanced", "fraction", "radius_parts", "radius_of", "turned"];
+pub const OF_NOISE: [&str; 8] = [
+    "advanced",
+    "fraction",
+    "radius_parts",
+    "radius_of",
+    "turned",
+    "student_t",
+    "laplace",
+    "impulsive",
+];
 
 /// More numbers side by side than any processor has in a vector.
 const MOST_LANES: usize = 1024;
@@ -130,6 +139,27 @@ fn of_noise(name: &str) -> Option<Function> {
             recorded::<f64>("turned", meaning, numbers(&["radius", "u"]), |given| {
                 let (a, b) = noise::turned(Double::at(given(0)), Double::at(given(1)));
                 vec![a.0, b.0]
+            })
+        }
+        "student_t" => {
+            let meaning = "Student's t with nu degrees of freedom, of u and v in [0, 1).";
+            recorded::<f64>("student_t", meaning, numbers(&["u", "v", "nu"]), |given| {
+                let [u, v, nu] = [0, 1, 2].map(|i| Double::at(given(i)));
+                vec![noise::student_t(u, v, nu).0]
+            })
+        }
+        "laplace" => {
+            let meaning = "Laplace's law of scale 1, of u and v in [0, 1).";
+            recorded::<f64>("laplace", meaning, numbers(&["u", "v"]), |given| {
+                vec![noise::laplace(Double::at(given(0)), Double::at(given(1))).0]
+            })
+        }
+        "impulsive" => {
+            let meaning = "A normal value of u and v, ratio times as large where w < probability.";
+            let names = numbers(&["u", "v", "w", "probability", "ratio"]);
+            recorded::<f64>("impulsive", meaning, names, |given| {
+                let [u, v, w, probability, ratio] = std::array::from_fn(|i| Double::at(given(i)));
+                vec![noise::impulsive([u, v, w], probability, ratio).0]
             })
         }
         _ => return None,

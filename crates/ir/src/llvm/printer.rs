@@ -7,6 +7,7 @@
 use crate::elementary::{self, Precision};
 use crate::sparing;
 use crate::table::{Table, operands};
+use hgo_rs::noise::Law;
 use hgo_rs::program::Operation;
 use std::collections::{BTreeSet, HashMap};
 use std::fmt::Write as _;
@@ -394,6 +395,19 @@ impl Printer {
         let radius = self.call_each("radius_of", &given, &[Float]).swap_remove(0);
         let pair = self.call_each("turned", &[(Float, &radius), (Float, &second)], &[Float; 2]);
         [0, 1].map(|i| pair.get(i).cloned().unwrap_or(Self::constant(0.0)))
+    }
+
+    /// A draw of a law of heavy tails.
+    pub(super) fn of_law(&mut self, law: Law, state: &mut [Value; 4]) -> Value {
+        let (name, numbers, parameters) = match law {
+            Law::StudentT { nu } => ("student_t", 2, vec![nu]),
+            Law::Laplace => ("laplace", 2, vec![]),
+            Law::Impulsive { probability, ratio } => ("impulsive", 3, vec![probability, ratio]),
+        };
+        let mut given: Vec<Value> = (0..numbers).map(|_| self.uniform(state)).collect();
+        given.extend(parameters.into_iter().map(Self::constant));
+        let given: Vec<(Kind, &Value)> = given.iter().map(|value| (Kind::Float, value)).collect();
+        self.call_each(name, &given, &[Kind::Float]).swap_remove(0)
     }
 
     /// A sum of squares so far, and a square more: not below the square of the largest magnitude, and not

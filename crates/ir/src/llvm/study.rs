@@ -114,9 +114,7 @@ impl Kernel<'_> {
     fn carried(&self) -> Vec<usize> {
         let (layout, plan) = (&self.study.layout, &self.study.plan);
         let now = layout.plant..layout.plant + layout.now;
-        let holds =
-            matches!(plan.draw, DrawKind::Uniform(..) | DrawKind::Normal(..)) && plan.hold > 1;
-        let noise = if holds { layout.y } else { 0 };
+        let noise = if plan.noise_lasts() { layout.noises } else { 0 };
         let anew = |column: &usize| now.contains(column) && !self.study.needs(*column);
         (0..layout.noise() + noise).filter(|column| !anew(column)).collect()
     }
@@ -155,7 +153,7 @@ impl Kernel<'_> {
             std::array::from_fn(|i| values.get(i).cloned().unwrap_or(Printer::constant(0.0)))
         };
         let carried = self.carried();
-        let mut columns = vec![Printer::constant(0.0); layout.noise() + layout.y];
+        let mut columns = vec![Printer::constant(0.0); layout.noise() + layout.noises];
         for (column, value) in carried.iter().zip(take(carried.len())) {
             columns[*column] = value;
         }
@@ -255,7 +253,8 @@ impl Kernel<'_> {
             *sum = p.bounded(sum, value);
         }
         let given = [t.clone(), dt.clone(), plant_t.clone(), sines.clone()];
-        let inputs: [&[Value]; 4] = [&given, &state.z, &state.x, &state.noise];
+        let noise = &state.noise[..study.layout.y];
+        let inputs: [&[Value]; 4] = [&given, &state.z, &state.x, noise];
         let mut made = p.table(&tables.sample, &inputs, study.samples_are_there).into_iter();
         let layout = &study.layout;
         let next = made.by_ref().take(layout.z).collect();
@@ -306,16 +305,16 @@ impl Kernel<'_> {
                 let noise = Value::Each((0..p.copies).map(|copy| p.vector(&noise, copy)).collect());
                 state.noise.fill(noise);
             }
-            DrawKind::Recorded { .. } => {
+            DrawKind::Recorded { .. } | DrawKind::Own(_) => {
                 let at = p.name();
                 p.line(format!("  {at} = mul i64 %k, {LANES}"));
                 let noise = p.load(Kind::Float, "recorded", &at, false);
                 state.noise.fill(noise);
             }
-            DrawKind::Uniform(..) | DrawKind::Normal(..) if plan.hold <= 1 => {
+            DrawKind::Uniform(..) | DrawKind::Normal(..) | DrawKind::Law(..) if plan.hold <= 1 => {
                 self.fresh(p, state);
             }
-            DrawKind::Uniform(..) | DrawKind::Normal(..) => {
+            DrawKind::Uniform(..) | DrawKind::Normal(..) | DrawKind::Law(..) => {
                 let fresh = Self::of_row(p, row, 6);
                 let (Value::Uniform(fresh), truth, from) = (fresh, p.name(), p.label.clone())
                 else {
@@ -356,20 +355,32 @@ impl Kernel<'_> {
 
     /// New draws.
     fn fresh(&self, p: &mut Printer, state: &mut State) {
-        for i in 0..state.noise.len() {
-            state.noise[i] = match self.study.plan.draw {
-                DrawKind::Uniform(low, high) => {
-                    let fraction = p.uniform(&mut state.measurement);
-                    let part = p.binary("fmul", &Printer::constant(high - low), &fraction);
-                    p.binary("fadd", &Printer::constant(low), &part)
+        let (plan, outputs) = (&self.study.plan, self.study.layout.y);
+        for i in 0..outputs {
+            let (from, drawn, by) = match (plan.draw.clone(), plan.law()) {
+                (DrawKind::Uniform(low, high), _) => {
+                    (low, p.uniform(&mut state.measurement), high - low)
                 }
-                DrawKind::Normal(mean, std) => {
-                    let [normal, _] = p.normal_pair(&mut state.measurement);
-                    let part = p.binary("fmul", &Printer::constant(std), &normal);
-                    p.binary("fadd", &Printer::constant(mean), &part)
+                (_, Some((law, mean, scale))) => {
+                    let drawn = match law {
+                        None => p.normal_pair(&mut state.measurement)[0].clone(),
+                        Some(law) => p.of_law(law, &mut state.measurement),
+                    };
+                    (mean, drawn, scale)
                 }
                 _ => return,
             };
+            let part = p.binary("fmul", &Printer::constant(by), &drawn);
+            let mut new = p.binary("fadd", &Printer::constant(from), &part);
+            for (j, a) in plan.ar.iter().enumerate() {
+                let past = state.noise[j * outputs + i].clone();
+                let part = p.binary("fmul", &Printer::constant(*a), &past);
+                new = p.binary("fadd", &new, &part);
+            }
+            for later in (1..plan.ar.len()).rev() {
+                state.noise[later * outputs + i] = state.noise[(later - 1) * outputs + i].clone();
+            }
+            state.noise[i] = new;
         }
     }
 

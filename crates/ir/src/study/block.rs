@@ -11,7 +11,7 @@
 // The form that a compiler makes vector code of: an index, and no branch between two truths.
 #![allow(clippy::needless_range_loop)]
 
-use super::plan::{AnySchedule, Plan};
+use super::plan::{AnySchedule, DrawKind, Own, Plan};
 use super::{RunResult, Study};
 use crate::error::Result;
 use hgo_rs::metrics::{LogHistogram, Moments, Window};
@@ -43,6 +43,9 @@ pub struct Layout {
     pub z: usize,
     /// Measured outputs.
     pub y: usize,
+    /// Columns of the drawn noise: one a measured output, and as many for each further sample before this
+    /// one that coloured noise is made of.
+    pub noises: usize,
     /// Inputs of the plant.
     pub u: usize,
     /// Entries of the memory that have metrics.
@@ -69,13 +72,13 @@ impl Layout {
     pub fn memory(&self) -> usize {
         self.x
     }
-    /// First column of the drawn noise, one a measured output.
+    /// First column of the drawn noise.
     pub fn noise(&self) -> usize {
         self.x + self.z
     }
     /// First column of the peaks.
     pub fn peak(&self) -> usize {
-        self.noise() + self.y
+        self.noise() + self.noises
     }
     /// Signals that have metrics: entries of the memory, then what is watched.
     pub fn signals(&self) -> usize {
@@ -129,7 +132,7 @@ pub struct Span<'a, const L: usize> {
     pub first: u64,
     /// Its samples.
     pub instants: &'a [Instant],
-    /// Recorded noise of each run, a row a sample; empty without.
+    /// Recorded noise of each run, or that of a law of the user's, a row a sample; empty without.
     pub recorded: &'a [Lane<f64, L>],
     /// Whether ‖x̂ − x‖² of every sample is asked for.
     pub distances: bool,
@@ -166,6 +169,21 @@ fn streams<const L: usize>(seed: u64, first_run: u64, channel: Channel) -> Strea
     columns
 }
 
+/// What is drawn of one run's stream.
+#[inline(always)]
+pub fn in_lane<R, const L: usize>(
+    streams: &mut Streams<L>,
+    lane: usize,
+    draw: impl FnOnce(&mut Stream) -> R,
+) -> R {
+    let mut stream = Stream::from_state(std::array::from_fn(|i| streams[i].0[lane]));
+    let drawn = draw(&mut stream);
+    for (column, word) in streams.iter_mut().zip(stream.state()) {
+        column.0[lane] = word;
+    }
+    drawn
+}
+
 /// Where all runs of a block stand.
 #[derive(Clone, Debug)]
 pub struct Block<const L: usize> {
@@ -175,6 +193,8 @@ pub struct Block<const L: usize> {
     pub shared: Vec<f64>,
     /// Random streams of the measurement and of the process.
     pub streams: [Streams<L>; 2],
+    /// The last draw of a law of the user's.
+    pub own: Lane<f64, L>,
     /// The largest magnitude of a state in the span, or more; NaN where one was not a number.
     pub worst: Lane<f64, L>,
     /// First sample at which the model had no value; `u64::MAX`: none.
@@ -213,10 +233,21 @@ impl<const L: usize> Block<L> {
         sound
     }
 
+    /// Draws of a law of the user's at these samples, a row each.
+    fn draw(&mut self, law: &Own, instants: &[Instant], into: &mut Vec<Lane<f64, L>>) {
+        for instant in instants {
+            for lane in (0..L).filter(|_| instant.fresh > 0.0) {
+                self.own.0[lane] = in_lane(&mut self.streams[0], lane, |stream| (law.0)(stream));
+            }
+            into.push(self.own);
+        }
+    }
+
     fn assign(&mut self, from: &Self) {
         self.columns.copy_from_slice(&from.columns);
         self.shared.copy_from_slice(&from.shared);
         self.streams = from.streams;
+        self.own = from.own;
         self.undefined_at = from.undefined_at;
     }
 }
@@ -361,6 +392,9 @@ pub fn run<const L: usize, E: Engine<L>>(
         clock.advance(k, to);
         plan.recorded(first, k..to, &mut recorded);
         before.assign(&block);
+        if let DrawKind::Own(law) = &plan.draw {
+            block.draw(law, &clock.instants, &mut recorded);
+        }
         let distances = histogram.iter().any(|window| window.contains(k));
         let careful = to - k == 1 && k < careful_until;
         let (instants, recorded) = (clock.instants.as_slice(), recorded.as_slice());
@@ -426,11 +460,23 @@ fn start<const L: usize>(study: &Study, first: usize) -> Block<L> {
     let shared = if study.plants_are_shared { plan.x0.clone() } else { Vec::new() };
     let first_run = plan.first_run.wrapping_add(first as u64);
     let kept = if plan.every > 0 { layout.x + layout.z + layout.y } else { 0 };
+    let mut streams = [Channel::Measurement, Channel::Process]
+        .map(|channel| streams(plan.seed, first_run, channel));
+    for lane in (0..L).filter(|_| !plan.ar.is_empty()) {
+        for i in 0..layout.y {
+            let past = in_lane(&mut streams[0], lane, |stream| plan.noise_before(stream));
+            for (column, past) in
+                columns[layout.noise() + i..].iter_mut().step_by(layout.y).zip(past)
+            {
+                column.0[lane] = past;
+            }
+        }
+    }
     Block {
         columns,
         shared,
-        streams: [Channel::Measurement, Channel::Process]
-            .map(|channel| streams(plan.seed, first_run, channel)),
+        streams,
+        own: Lane([0.0; L]),
         worst: Lane([0.0; L]),
         undefined_at: Lane([u64::MAX; L]),
         shown: vec![Lane([0.0; L]); kept],

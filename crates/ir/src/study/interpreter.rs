@@ -4,13 +4,13 @@
 #![allow(clippy::needless_range_loop)]
 
 use super::Study;
-use super::block::{Block, Engine, Instant, Layout, Span, Streams};
+use super::block::{Block, Engine, Instant, Layout, Span, Streams, in_lane};
 use super::plan::DrawKind;
 use super::tables::StudyTables;
 use crate::compile::Compiled;
 use crate::error::Result;
 use crate::table::Table;
-use hgo_rs::noise::{Stream, radius_of, radius_parts, turned};
+use hgo_rs::noise::{Law, Stream, radius_of, radius_parts, turned};
 use hgo_rs::program::{Lane, Program, Registers};
 use hgo_rs::simulate::DIVERGED;
 
@@ -309,7 +309,7 @@ fn show<const L: usize>(
 ) {
     let (states, sums) = block.columns.split_at_mut(layout.noise());
     let (x, z) = states.split_at(layout.x);
-    let sums = &mut sums[layout.y..];
+    let sums = &mut sums[layout.noises..];
     let (errors, watched) = (layout.errors, &x[layout.watch()..][..layout.watched]);
     let (peaks, sums) = sums.split_at_mut(if layout.peaks { layout.signals() } else { 0 });
     for (peak, value) in peaks.iter_mut().zip(z[..errors].iter().chain(watched)) {
@@ -391,33 +391,51 @@ fn largest<const L: usize>(largest: &mut [f64; L], z: &[f64; L], x: &[f64; L]) {
 #[inline(always)]
 fn draw<const L: usize>(study: &Study, block: &mut Block<L>, span: &Span<'_, L>, number: usize) {
     let (layout, at) = (&study.layout, &span.instants[number]);
-    let columns = &mut block.columns[layout.noise()..layout.noise() + layout.y];
-    match study.plan.draw {
+    let plan = &study.plan;
+    let columns = &mut block.columns[layout.noise()..layout.noise() + layout.noises];
+    if let (Some((law, mean, scale)), true) = (plan.law(), at.fresh > 0.0) {
+        for i in 0..layout.y {
+            let mut new = match law {
+                None => normal_pairs(&mut block.streams[0], false)[0],
+                Some(law) => of_law(law, &mut block.streams[0]),
+            };
+            for lane in 0..L {
+                new.0[lane] = mean + scale * new.0[lane];
+            }
+            for (a, past) in plan.ar.iter().zip(columns.iter().skip(i).step_by(layout.y)) {
+                for lane in 0..L {
+                    new.0[lane] += a * past.0[lane];
+                }
+            }
+            for later in (1..plan.ar.len()).rev() {
+                columns[later * layout.y + i] = columns[(later - 1) * layout.y + i];
+            }
+            columns[i] = new;
+        }
+    }
+    match plan.draw {
         DrawKind::Uniform(low, high) if at.fresh > 0.0 => {
             let streams = &mut block.streams[0];
             for column in columns {
                 for lane in 0..L {
-                    let mut stream =
-                        Stream::from_state(std::array::from_fn(|i| streams[i].0[lane]));
-                    column.0[lane] = low + (high - low) * stream.uniform();
-                    for (column, word) in streams.iter_mut().zip(stream.state()) {
-                        column.0[lane] = word;
-                    }
+                    column.0[lane] = low + (high - low) * in_lane(streams, lane, Stream::uniform);
                 }
             }
         }
-        DrawKind::Normal(mean, std) if at.fresh > 0.0 => {
-            for column in columns {
-                let [normal, _] = normal_pairs(&mut block.streams[0], false);
-                for lane in 0..L {
-                    column.0[lane] = mean + std * normal.0[lane];
-                }
-            }
-        }
-        DrawKind::None | DrawKind::Uniform(..) | DrawKind::Normal(..) => {} // none, or held
+        // none, held, or drawn above
+        DrawKind::None | DrawKind::Uniform(..) | DrawKind::Normal(..) | DrawKind::Law(..) => {}
         DrawKind::Shared(_) => columns.fill(Lane([at.noise; L])),
-        DrawKind::Recorded { .. } => columns.fill(span.recorded[number]),
+        DrawKind::Recorded { .. } | DrawKind::Own(_) => columns.fill(span.recorded[number]),
     }
+}
+
+/// A draw of every run.
+fn of_law<const L: usize>(law: Law, streams: &mut Streams<L>) -> Lane<f64, L> {
+    let mut drawn = Lane([0.0; L]);
+    for lane in 0..L {
+        drawn.0[lane] = in_lane(streams, lane, |stream| law.draw(stream));
+    }
+    drawn
 }
 
 /// A standard normal pair of every run, the second only where it is wanted. In several passes: the
@@ -426,11 +444,8 @@ fn draw<const L: usize>(study: &Study, block: &mut Block<L>, span: &Span<'_, L>,
 pub fn normal_pairs<const L: usize>(streams: &mut Streams<L>, both: bool) -> [Lane<f64, L>; 2] {
     let [mut first, mut second, mut third] = [Lane([0.0; L]); 3];
     for lane in 0..L {
-        let mut stream = Stream::from_state(std::array::from_fn(|i| streams[i].0[lane]));
-        (first.0[lane], second.0[lane]) = (stream.uniform(), stream.uniform());
-        for (column, word) in streams.iter_mut().zip(stream.state()) {
-            column.0[lane] = word;
-        }
+        (first.0[lane], second.0[lane]) =
+            in_lane(streams, lane, |stream| (stream.uniform(), stream.uniform()));
     }
     for lane in 0..L {
         (first.0[lane], third.0[lane]) = radius_parts(first.0[lane]);

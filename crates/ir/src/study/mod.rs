@@ -29,8 +29,9 @@ use hgo_rs::schedule::Schedule;
 use interpreter::{Interpreter, Programs};
 pub use kernel::Kernel;
 use kernel::Vectored;
-pub use plan::{AnySchedule, DrawKind, Plan, STOCHASTIC_METHODS, stochastic};
+pub use plan::{AnySchedule, DrawKind, Own, Plan, STOCHASTIC_METHODS, stochastic};
 pub use plants::PlantTables;
+use rand::distr::Distribution;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 use tables::StudyTables;
@@ -126,7 +127,29 @@ impl Study {
     /// # Errors
     /// What is not allowed.
     pub fn read(spec: &Spec<'_>) -> Result<Self> {
+        Self::of(spec, Plan::read(spec, &[])?)
+    }
+
+    /// The same, its noise drawn by a law of `rand_distr` (or any other distribution of the crate `rand`)
+    /// from the stream of each run; NaN is a missing sample. All outputs of a plant have the same noise.
+    /// `hold` and `sines` may stand in the spec's noise, whose kind must be "none".
+    ///
+    /// # Errors
+    /// What is not allowed; noise of another kind.
+    pub fn with_noise(
+        spec: &Spec<'_>,
+        law: impl Distribution<f64> + Send + Sync + 'static,
+    ) -> Result<Self> {
         let plan = Plan::read(spec, &[])?;
+        if !matches!(plan.draw, DrawKind::None) {
+            return Err(refused(
+                "noise is given twice: by the law, and by its kind in the spec, which must be \"none\"",
+            ));
+        }
+        Self::of(spec, Plan { draw: DrawKind::Own(Own::new(law)), ..plan })
+    }
+
+    fn of(spec: &Spec<'_>, plan: Plan) -> Result<Self> {
         let of_observer = spec.sub("observer")?;
         if wraps(&of_observer) {
             return Err(refused(
@@ -187,6 +210,7 @@ impl Study {
             watched: closed.map_or(0, |feedback| feedback.watched),
             z: observer.memory_len(),
             y: plant.n_y,
+            noises: plant.n_y * plan.ar.len().max(1),
             u: plant.n_u,
             errors: if plan.errors { observer.signals() } else { 0 },
             truth: plant.truth[..known].to_vec(),

@@ -5,10 +5,13 @@ use crate::spec::Spec;
 use hgo_rs::integrate::{Integrator, PlantScheme};
 use hgo_rs::metrics::{Wanted, Window};
 use hgo_rs::model::StochasticIntegrator;
-use hgo_rs::noise::Sine;
+use hgo_rs::noise::{Law, Sine, Stream};
 use hgo_rs::program::Lane;
 use hgo_rs::schedule::{FixedStep, Schedule, StochasticApproximation};
+use rand::distr::Distribution;
+use std::fmt;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// A schedule chosen at run time.
 #[derive(Clone, Copy, Debug)]
@@ -67,6 +70,10 @@ pub enum DrawKind {
     Uniform(f64, f64),
     /// Normal: mean and standard deviation.
     Normal(f64, f64),
+    /// Of heavy tails: mean and scale.
+    Law(Law, f64, f64),
+    /// Of any law, drawn by each run's stream; the same for all outputs.
+    Own(Own),
     /// A recorded sequence for all runs alike.
     Shared(Vec<f64>),
     /// One for each run, `per_run` values each.
@@ -76,6 +83,23 @@ pub enum DrawKind {
         /// Values of one run.
         per_run: usize,
     },
+}
+
+/// A law that is given as a function of a stream.
+#[derive(Clone)]
+pub struct Own(pub Arc<dyn Fn(&mut Stream) -> f64 + Send + Sync>);
+
+impl Own {
+    /// A law of `rand_distr`, or any other distribution of the crate `rand`.
+    pub fn new(law: impl Distribution<f64> + Send + Sync + 'static) -> Self {
+        Self(Arc::new(move |stream| law.sample(stream)))
+    }
+}
+
+impl fmt::Debug for Own {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Own")
+    }
 }
 
 /// An experiment as it was asked for.
@@ -94,6 +118,11 @@ pub struct Plan {
     pub plant_schedule: Option<AnySchedule>,
     /// Measurement noise that is drawn.
     pub draw: DrawKind,
+    /// Coefficients a₁, a₂, … of coloured noise: v = a₁v₋₁ + a₂v₋₂ + … + a draw; none where it is white.
+    pub ar: Vec<f64>,
+    /// What standard normal values are multiplied by to give v₋₁, v₋₂, … before the first sample: a square
+    /// matrix, row by row.
+    pub ar_start: Vec<f64>,
     /// Steps over which a draw is held.
     pub hold: u64,
     /// Sines added to it.
@@ -201,10 +230,10 @@ impl Plan {
         if substeps == 0 {
             return Err(refused("substeps = 0 is not allowed: it must be at least 1"));
         }
-        let (draw, hold, sines) = if spec.has("noise") {
+        let (draw, hold, sines, (ar, ar_start)) = if spec.has("noise") {
             Self::read_noise(&spec.sub("noise")?, runs, steps)?
         } else {
-            (DrawKind::None, 1, Vec::new())
+            (DrawKind::None, 1, Vec::new(), (Vec::new(), Vec::new()))
         };
         let mut windows = Vec::new();
         if spec.has("windows") {
@@ -241,6 +270,8 @@ impl Plan {
                 None
             },
             draw,
+            ar,
+            ar_start,
             hold,
             sines,
             steps,
@@ -337,12 +368,35 @@ impl Plan {
         self.hold <= 1 && self.sines.is_empty() && !matches!(self.draw, DrawKind::Shared(_))
     }
 
-    /// Whether samples may be missing: recorded noise that is not finite.
+    /// The law of a drawn noise that is not uniform (none: the normal law), its mean and its scale.
+    pub fn law(&self) -> Option<(Option<Law>, f64, f64)> {
+        match self.draw {
+            DrawKind::Normal(mean, std) => Some((None, mean, std)),
+            DrawKind::Law(law, mean, scale) => Some((Some(law), mean, scale)),
+            _ => None,
+        }
+    }
+
+    /// Whether a sample needs the noise of the one before.
+    pub fn noise_lasts(&self) -> bool {
+        let drawn = self.law().is_some() || matches!(self.draw, DrawKind::Uniform(..));
+        drawn && (self.hold > 1 || !self.ar.is_empty())
+    }
+
+    /// Noise of one output before the first sample, v₋₁, v₋₂, ….
+    pub fn noise_before(&self, stream: &mut Stream) -> Vec<f64> {
+        let normal: Vec<f64> = self.ar.iter().map(|_| stream.normal()).collect();
+        let rows = self.ar_start.chunks_exact(self.ar.len().max(1));
+        rows.map(|row| row.iter().zip(&normal).fold(0.0, |sum, (a, b)| sum + a * b)).collect()
+    }
+
+    /// Whether samples may be missing: recorded noise that is not finite, or a law that may give such.
     pub fn samples_miss(&self) -> bool {
         match &self.draw {
             DrawKind::Shared(values) | DrawKind::Recorded { values, .. } => {
                 !values.iter().all(|value| value.is_finite())
             }
+            DrawKind::Own(_) => true,
             _ => false,
         }
     }
@@ -351,10 +405,16 @@ impl Plan {
         spec: &Spec<'_>,
         runs: usize,
         steps: u64,
-    ) -> Result<(DrawKind, u64, Vec<Sine<f64>>)> {
+    ) -> Result<(DrawKind, u64, Vec<Sine<f64>>, (Vec<f64>, Vec<f64>))> {
         let kind = spec.text("kind")?;
         let finite =
             |key: &'static str| -> Result<f64> { Ok(hgo_rs::error::finite(key, spec.f64(key)?)?) };
+        let scaled = |law: Law| -> Result<DrawKind> {
+            let scale = finite("scale")?;
+            hgo_rs::error::require("scale", scale, scale >= 0.0, "it must be at least 0")?;
+            let mean = hgo_rs::error::finite("mean", spec.f64_or("mean", 0.0)?)?;
+            Ok(DrawKind::Law(law.checked()?, mean, scale))
+        };
         let draw = match kind.as_str() {
             "none" => DrawKind::None,
             "uniform" => {
@@ -367,6 +427,12 @@ impl Plan {
                 hgo_rs::error::require("std", std, std >= 0.0, "it must be at least 0")?;
                 DrawKind::Normal(hgo_rs::error::finite("mean", spec.f64_or("mean", 0.0)?)?, std)
             }
+            "student-t" => scaled(Law::StudentT { nu: finite("nu")? })?,
+            "laplace" => scaled(Law::Laplace)?,
+            "impulsive" => scaled(Law::Impulsive {
+                probability: finite("probability")?,
+                ratio: finite("ratio")?,
+            })?,
             "samples" => {
                 let given = spec.numbers("values")?;
                 let per_run = match given.shape.as_slice() {
@@ -386,15 +452,35 @@ impl Plan {
                 }
             }
             other => {
-                return Err(spec.unknown("kind", other, &["none", "uniform", "normal", "samples"]));
+                return Err(spec.unknown("kind", other, &NOISES));
             }
         };
-        spec.only(match draw {
-            DrawKind::None => &["kind", "hold", "sines"],
-            DrawKind::Uniform(..) => &["kind", "hold", "sines", "low", "high"],
-            DrawKind::Normal(..) => &["kind", "hold", "sines", "mean", "std"],
-            DrawKind::Shared(_) | DrawKind::Recorded { .. } => &["kind", "hold", "sines", "values"],
-        })?;
+        let own: &[&str] = match draw {
+            DrawKind::None | DrawKind::Own(_) => &[],
+            DrawKind::Uniform(..) => &["low", "high"],
+            DrawKind::Normal(..) => &["mean", "std", "ar", "start"],
+            DrawKind::Law(Law::StudentT { .. }, ..) => &["mean", "scale", "nu"],
+            DrawKind::Law(Law::Laplace, ..) => &["mean", "scale"],
+            DrawKind::Law(Law::Impulsive { .. }, ..) => &["mean", "scale", "probability", "ratio"],
+            DrawKind::Shared(_) | DrawKind::Recorded { .. } => &["values"],
+        };
+        spec.only(&[&["kind", "hold", "sines"], own].concat())?;
+        let (mut ar, mut ar_start) = (Vec::new(), Vec::new());
+        if spec.has("ar") {
+            ar.clone_from(&spec.numbers("ar")?.values);
+            let start = spec.numbers("start")?;
+            if start.shape != [ar.len(), ar.len()] {
+                return Err(refused(format!(
+                    "start has shape {:?}; it must be ({n}, {n}), as there are {n} coefficients ar",
+                    start.shape,
+                    n = ar.len()
+                )));
+            }
+            ar_start.clone_from(&start.values);
+            if !ar.iter().chain(&ar_start).all(|value| value.is_finite()) {
+                return Err(refused("ar and start must be finite"));
+            }
+        }
         let mut sines = Vec::new();
         if spec.has("sines") {
             for row in spec.numbers("sines")?.values.chunks(3) {
@@ -428,12 +514,12 @@ impl Plan {
                 )));
             }
         }
-        Ok((draw, hold, sines))
+        Ok((draw, hold, sines, (ar, ar_start)))
     }
 
     /// Variance of a noise that is white with mean zero.
     pub fn noise_variance(&self) -> Option<f64> {
-        let plain = self.hold == 1 && self.sines.is_empty();
+        let plain = self.hold == 1 && self.sines.is_empty() && self.ar.is_empty();
         match self.draw {
             DrawKind::Uniform(low, high) if plain && (low + high).abs() < 1e-12 * high.abs() => {
                 Some((high - low) * (high - low) / 12.0)
@@ -443,6 +529,9 @@ impl Plan {
         }
     }
 }
+
+const NOISES: [&str; 7] =
+    ["none", "uniform", "normal", "student-t", "laplace", "impulsive", "samples"];
 
 const PLANT_METHODS: [&str; 7] =
     ["euler", "rk4", "bogacki-shampine", "held", "euler-maruyama", "milstein", "taylor-1.5"];

@@ -6,7 +6,7 @@ use hgo_rs::integrate::{Integrator, PlantScheme, StochasticIntegrator};
 use hgo_rs::memory::Memory;
 use hgo_rs::metrics::{LogHistogram, Moments, SettlingTime, Window};
 use hgo_rs::model::Plant;
-use hgo_rs::noise::{Draw, Noise, Sine};
+use hgo_rs::noise::{Draw, Law, Noise, Sine};
 use hgo_rs::observer::{ContinuousLaw, Measurement, Observer, Status};
 use hgo_rs::schedule::{FixedStep, StochasticApproximation};
 use hgo_rs::simulate::{DIVERGED, Experiment, Finish, Probe, RunMetrics, Sample};
@@ -55,6 +55,8 @@ pub enum Drawn {
     Nothing,
     Uniform(f64, f64),
     Normal(f64, f64),
+    /// Of heavy tails: mean and scale.
+    Law(Law, f64, f64),
     /// Recorded: a row for all runs, or one a run.
     Recorded(Vec<Vec<f64>>),
 }
@@ -137,6 +139,7 @@ impl Setup {
             Drawn::Nothing => Draw::None,
             Drawn::Uniform(low, high) => Draw::Uniform { low: *low, high: *high },
             Drawn::Normal(mean, std) => Draw::Normal { mean: *mean, std: *std },
+            Drawn::Law(law, mean, scale) => Draw::Law { law: *law, mean: *mean, scale: *scale },
             Drawn::Recorded(rows) => Draw::Samples(&rows[run.min(rows.len() - 1)]),
         };
         Experiment {
@@ -158,6 +161,16 @@ impl Setup {
                 format!("kind = 'uniform', low = {low:?}, high = {high:?}")
             }
             Drawn::Normal(mean, std) => format!("kind = 'normal', mean = {mean:?}, std = {std:?}"),
+            Drawn::Law(law, mean, scale) => {
+                let law = match law {
+                    Law::StudentT { nu } => format!("'student-t', nu = {nu:?}"),
+                    Law::Laplace => "'laplace'".to_owned(),
+                    Law::Impulsive { probability, ratio } => {
+                        format!("'impulsive', probability = {probability:?}, ratio = {ratio:?}")
+                    }
+                };
+                format!("kind = {law}, mean = {mean:?}, scale = {scale:?}")
+            }
             Drawn::Recorded(values) => {
                 format!("kind = 'samples', values = {}", rows(&values[..runs.min(values.len())]))
             }

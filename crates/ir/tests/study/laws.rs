@@ -7,7 +7,7 @@ use hgo_rs::integrate::Integrator;
 use hgo_rs::metrics::Window;
 use hgo_rs::model::{InputGain, Plant, Unknown};
 use hgo_rs::models::{Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, VanDerPol};
-use hgo_rs::noise::Sine;
+use hgo_rs::noise::{Law, Sine};
 use hgo_rs::observer::{
     BogackiShampine, Current, Discretised, Euler, Observer, Rk4, Rk4InnovationHeld, StaggeredEuler,
 };
@@ -116,6 +116,12 @@ fn noises_windows_and_metrics() {
     let window = |from, to| Window { from, to };
     for setup in [
         normal_held(),
+        Setup { drawn: Drawn::Law(Law::StudentT { nu: 2.5 }, 0.1, 0.01), ..Setup::default() },
+        Setup { drawn: Drawn::Law(Law::Laplace, 0.0, 0.02), hold: 3, ..Setup::default() },
+        Setup {
+            drawn: Drawn::Law(Law::Impulsive { probability: 0.1, ratio: 20.0 }, 0.0, 0.02),
+            ..Setup::default()
+        },
         Setup { drawn: Drawn::Nothing, ..Setup::default() },
         Setup { drawn: Drawn::Nothing, sines: with_unit.clone(), ..Setup::default() },
         Setup { drawn: Drawn::Uniform(-0.1, 0.3), hold: 4, sines: with_unit, ..Setup::default() },

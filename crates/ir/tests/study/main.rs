@@ -7,6 +7,7 @@ mod experiment;
 mod feedback;
 mod laws;
 mod missing;
+mod noise;
 mod own;
 mod undefined;
 
