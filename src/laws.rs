@@ -99,6 +99,8 @@ pub enum Form {
     Phase,
     /// Known terms in every equation, or in the last only: [`crate::model::Model`].
     Triangular,
+    /// The same, and known terms of the state that follows, by their [slopes](crate::model::Model::slopes).
+    Chain,
     /// A recursion's right-hand side and correction: [`crate::model::SampledModel`].
     Sampled,
     /// Measured states, then unmeasured ones: [`crate::model::StrictFeedback`].

@@ -7,7 +7,8 @@ use nalgebra::SVector;
 
 /// What an observer of order N knows beside the chain of integrators, with M known inputs.
 ///
-/// ẋᵢ = xᵢ₊₁ + f̂ᵢ(x₁ … xᵢ, u, t): f̂ᵢ may use the first i states only (triangular form).
+/// ẋᵢ = xᵢ₊₁ + f̂ᵢ(x₁ … xᵢ, u, t): f̂ᵢ may use the first i states only (triangular form), and xᵢ₊₁ where the
+/// model tells its [slopes](Model::slopes) (nonlinear chain).
 ///
 /// Write it over any [`Scalar`], whose `sin`, `exp`, `powf` and the like are the crate's own and give the
 /// same bits on every machine. On a plain `f32` or `f64` the method `x.sin()` is the standard library's on a
@@ -55,6 +56,16 @@ pub trait Model<T: Scalar, const N: usize, const M: usize = 0>: Copy {
     #[inline(always)]
     fn slope(&self, _x_hat: &SVector<T, N>) -> T {
         T::ONE
+    }
+    /// The slope of each state in the rate of the state before it, 1 for the first: row i of a correction is
+    /// divided by the product of the first i.
+    ///
+    /// Of a nonlinear chain ẋᵢ = fᵢ(x₁ … xᵢ₊₁, u, t) = xᵢ₊₁ + f̂ᵢ they are ∂fᵢ₋₁/∂xᵢ: Farza, M'Saad and Rossignol,
+    /// Automatica 40 (2004) 135; Hammouri and Farza, ESAIM COCV 9 (2003). None may be 0 anywhere, and all may
+    /// depend on the states alone, as [`slope`](Self::slope).
+    #[inline(always)]
+    fn slopes(&self, x_hat: &SVector<T, N>) -> SVector<T, N> {
+        SVector::from_fn(|i, _| if i + 1 == N { self.slope(x_hat) } else { T::ONE })
     }
 }
 

@@ -425,7 +425,9 @@ where
     /// The chain is swept, its last state by its unit; P is not.
     #[inline(always)]
     fn stagger(&self, old: &Self::State, mut new: Self::State, dt: T) -> Self::State {
-        new.x_hat = swept(&old.x_hat, new.x_hat, self.driven.unit(&old.x_hat), dt);
+        let unit = self.driven.unit(&old.x_hat);
+        let slopes = SVector::from_fn(|i, _| if i + 1 == N { unit } else { T::ONE });
+        new.x_hat = swept(&old.x_hat, new.x_hat, &slopes, dt);
         new
     }
 

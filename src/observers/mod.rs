@@ -66,7 +66,7 @@ macro_rules! for_each_law {
                 new: [k(n)] [gain, model],
                 orders: [1 2 3 4 5 6 7 8 9 10 11 12], size: [],
                 design: [(n) $crate::observers::chain_from_poles, $crate::observers::equidistant],
-                form: Triangular, placed: true,
+                form: Chain, placed: true,
                 memory: [x_hat(n) r(moves) sigma(threshold)],
                 source: "Sanfelice and Praly (5)-(7); Astolfi et al. (2); Lee, Choi and Khalil (39)",
             }
@@ -102,7 +102,7 @@ macro_rules! for_each_law {
                 new: [c(m) k(n)] [gain, model],
                 orders: [1 2 3 4 5 6], size: [filters 1 2 3],
                 design: [(n + m) $crate::observers::filter_from_poles, $crate::observers::equidistant],
-                form: Triangular, placed: false,
+                form: Chain, placed: false,
                 memory: [x_hat(n) eta(m) r(moves) sigma(threshold)],
                 source: "Treangle, Farza and M'Saad (2019); Astolfi, Zaccarian and Jungers (2021)",
             }
@@ -122,7 +122,7 @@ macro_rules! for_each_law {
                 new: [k(n) k_bar(n)] [adaptive, model],
                 orders: [2], size: [copies 3 2 4 5],
                 design: [],
-                form: Triangular, placed: false,
+                form: Chain, placed: false,
                 memory: [copies(m (n + 1))],
                 source: "Sanfelice and Praly (23), (24)",
             }
@@ -132,7 +132,7 @@ macro_rules! for_each_law {
                 new: [k(n) k_bar(n)] [adaptive, model],
                 orders: [2], size: [copies 3 2 4 5],
                 design: [],
-                form: Triangular, placed: false,
+                form: Chain, placed: false,
                 memory: [x_hat(n) r(1) copies(m (n + 1))],
                 source: "Sanfelice and Praly (25)",
             }
@@ -345,18 +345,18 @@ fn chain<T: Scalar, const N: usize>(x: &SVector<T, N>, carries: bool) -> SVector
     SVector::from_fn(|i, _| if linked(i) { x[i + 1] } else { T::NEG_ZERO })
 }
 
-/// Staggered sweep of a chain: xᵢ⁺ += dt·(xᵢ₊₁⁺ − xᵢ₊₁), from the bottom up, of the last state times its
-/// [slope](crate::model::Model::slope).
+/// Staggered sweep of a chain: xᵢ⁺ += dt·(xᵢ₊₁⁺ − xᵢ₊₁), from the bottom up, each times its
+/// [slope](crate::model::Model::slopes).
 #[inline(always)]
 fn swept<T: Scalar, const N: usize>(
     old: &SVector<T, N>,
     mut new: SVector<T, N>,
-    slope: T,
+    slopes: &SVector<T, N>,
     dt: T,
 ) -> SVector<T, N> {
     for i in (1..N).rev() {
         let moved = dt * (new[i] - old[i]);
-        new[i - 1] += if i + 1 == N { moved * slope } else { moved };
+        new[i - 1] += moved * slopes[i];
     }
     new
 }

@@ -104,11 +104,14 @@ where
         })
     }
 
-    /// A correction of a chain of integrators, its last entry in the [unit](Model::slope) of the last state.
+    /// A correction of a chain of integrators, each entry in the unit that the [slopes](Model::slopes) make.
     #[inline(always)]
     pub(super) fn in_unit(&self, x_hat: &SVector<T, N>, of_chain: SVector<T, N>) -> SVector<T, N> {
-        let slope = self.model.slope(x_hat);
-        SVector::from_fn(|i, _| if i + 1 == N { of_chain[i] / slope } else { of_chain[i] })
+        let (slopes, mut unit) = (self.model.slopes(x_hat), T::ONE);
+        SVector::from_fn(|i, _| {
+            unit *= slopes[i];
+            of_chain[i] / unit
+        })
     }
 
     /// Λ(r) K v at x̂, v = e for all rows or one for each.
@@ -140,7 +143,7 @@ where
         new: SVector<T, N>,
         dt: T,
     ) -> SVector<T, N> {
-        swept(old, new, self.model.slope(old), dt)
+        swept(old, new, &self.model.slopes(old), dt)
     }
 
     /// The gain law.

@@ -139,6 +139,21 @@ impl<T: Scalar, const N: usize> PhaseVariable<T, N, 1> for Swing {
     }
 }
 
+/// A nonlinear chain: ẋ₁ = x₂ + x₂³/3.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Stiffening;
+
+impl<T: Scalar> Model<T, 2> for Stiffening {
+    fn f_hat(&self, _: T, x: &SVector<T, 2>, _: &SVector<T, 0>) -> SVector<T, 2> {
+        SVector::<T, 2>::new(x.y.powi(3) / T::from_f64(3.0), -x.x - x.y)
+    }
+    fn slopes(&self, x: &SVector<T, 2>) -> SVector<T, 2> {
+        SVector::<T, 2>::new(T::ONE, T::ONE + x.y * x.y)
+    }
+}
+
 impl<T: Scalar, const N: usize> Model<T, N, 1> for Swing {
     fn f_hat(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, 1>) -> SVector<T, N> {
         last(self.phi(t, x_hat, u))
@@ -312,7 +327,7 @@ pub fn observers() -> u64 {
         (true, _) => 3 * (schemes + usize::from(law.placed) * placements),
     };
     let listed: usize = LAWS.iter().map(of_list).sum();
-    let (continuous, placed, recursions) = (10, 3, 3);
+    let (continuous, placed, recursions) = (11, 4, 3);
     (listed + continuous * schemes + placed * placements + recursions) as u64
 }
 
@@ -344,6 +359,8 @@ where
     let gain = Shaped { gain, shape: Stubborn::new(c(5.0), c(20.0), c(0.01))? };
     let switched = StandardObserver::<T, _, _, 2>::new([c(2.0); 2], gain, Unknown)?;
     each_placement(visitor, "switched, stubborn", switched, fill::<T, 0>)?;
+    let stiff = StandardObserver::<T, _, _, 2>::new([c(2.0), c(1.0)], ell(9.0)?, Stiffening)?;
+    each_placement(visitor, "nonlinear chain", stiff, fill::<T, 0>)?;
     let gain = PrescribedTimeGain::new(c(4.0), c(1.0), c(20.0))?;
     let timed = StandardObserver::<T, _, _, 2>::new([c(2.25), c(0.9375)], gain, Unknown)?;
     each_scheme(visitor, "prescribed time", timed, fill::<T, 0>);

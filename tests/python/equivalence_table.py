@@ -373,6 +373,11 @@ def own_models() -> dict[str, hgo_rs.Model]:
             inputs=["u", "v"],
             f=["0.2*sin(a)*cos(2*t) + 0.1*u", "0.1*a*b*v + sin(t)", "-c - b + u*v + 0.2*cos(5*t)"],
         ),
+        "nonlinear chain": hgo_rs.Model(
+            states=["a", "b", "c"],
+            inputs=["u"],
+            f=["0.3*b**3 + 0.1*sin(2*t)", "0.4*c*cos(a) - 0.1*a*b*u", "-a - c + u*cos(t)"],
+        ),
         "chains": hgo_rs.Model(
             states=["q", "w", "p", "v", "a"],
             inputs=["u"],
@@ -412,6 +417,7 @@ def own_records() -> Iterator[Case]:
             "phase": standard(2, CONSTANT, method, OWN["phase"].spec),
             "phase, adaptive": standard(2, ADAPTIVE, method, OWN["phase"].spec),
             "triangular": standard(3, CONSTANT, method, OWN["triangular"].spec),
+            "nonlinear chain": standard(3, CONSTANT, method, OWN["nonlinear chain"].spec),
             "low-power, phase": low_power(2, CONSTANT, method, OWN["phase"].spec),
             "peaking-free, phase": peaking_free(2, CONSTANT, method, OWN["phase"].spec),
             "chains": on_chains(method, timing),

@@ -61,6 +61,13 @@ def unknown(law: type[Any]) -> Callable[..., Observer]:
     return made
 
 
+def nonlinear_chain(**manner: Any) -> Observer:
+    """Slopes that move with the states."""
+    f = ["0.3*b**3 + 0.1*sin(2*t)", "0.4*c*cos(a) - 0.1*a*b*u", "-a - c + u*cos(t)"]
+    model = hgo.Model(states=["a", "b", "c"], inputs=["u"], f=f)
+    return hgo.StandardObserver(3, 6.0, model=model, allow_unstable=True, **manner)
+
+
 def standard(**manner: Any) -> Observer:
     return hgo.StandardObserver(3, 6.0, model=phase(3), allow_unstable=True, **manner)
 
@@ -191,6 +198,7 @@ LAWS: dict[str, tuple[Callable[..., Observer], tuple[str, ...]]] = {
         shaped(4.0, hgo.BiHomogeneous(-0.5, 0.2, (1.0, 1.0, 1.0), (0.5, 0.2, 0.0))),
         ("euler",),
     ),
+    "nonlinear chain": (nonlinear_chain, KNOWN + PLACED),
     "an unknown": (unknown(hgo.StandardObserver), KNOWN + PLACED),
     "an unknown, low-power": (unknown(hgo.LowPowerObserver), KNOWN + PLACED),
     "chains": (chains, KNOWN + PLACED),

@@ -13,6 +13,10 @@ use hgo_rs::dual::Dual;
 use hgo_rs::model::{Model, PhaseVariable, SampledModel, StrictFeedback, last};
 use nalgebra::{SMatrix, SVector};
 
+/// The form of a nonlinear chain: right-hand sides as of the triangular form, then the slope of each of the states
+/// behind the first in the rate of the one before it.
+pub(crate) const CHAINED: &str = "nonlinear-chain";
+
 /// A model as it was given.
 pub struct OwnModel {
     pub(crate) form: String,
@@ -68,16 +72,18 @@ impl OwnModel {
             "chains" => (1 + n + n_u, orders.len()),
             "phase" => (1 + n + n_u, 1),
             "triangular" => (1 + n + n_u, n - unknown.len()),
+            CHAINED => (1 + n + n_u, n),
             "sampled" => (3 + n + n_u, 2 * n + 1),
             other => {
                 return Err(spec.unknown(
                     "form",
                     other,
-                    &["phase", "triangular", "chains", "sampled", "strict-feedback"],
+                    &["phase", "triangular", CHAINED, "chains", "sampled", "strict-feedback"],
                 ));
             }
         };
-        let (given, made) = (given + parameters.len(), made + unknown.len());
+        let slopes = if form == CHAINED { n - 1 } else { unknown.len() };
+        let (given, made) = (given + parameters.len(), made + slopes);
         if table.inputs.len() != given || table.outputs.len() != made {
             return Err(refused(format!(
                 "the model's table has {} inputs and {} outputs; its form {form:?} has {given} and \
@@ -88,11 +94,12 @@ impl OwnModel {
         }
         // a correction is told neither time nor input
         let moves = table.depends(|i| i == 0 || (1 + n..1 + n + n_u).contains(&i));
-        let slopes = table.outputs.iter().rev().take(unknown.len()).rev().zip(&unknown);
-        if slopes.into_iter().any(|(slope, of)| *of && moves[*slope]) {
+        let divides = |chain: usize| unknown.get(chain).copied().unwrap_or(true);
+        let mut outputs = table.outputs.iter().skip(made - slopes).enumerate();
+        if outputs.any(|(chain, slope)| divides(chain) && moves[*slope]) {
             return Err(refused(
-                "the slope of an unknown depends on time or an input: it must depend on states and \
-                 parameters only; take the whole term as the unknown and divide its estimate",
+                "the slope of an unknown or of a nonlinear chain depends on time or an input: it must depend on states and \
+                 parameters only; take the whole term as the state",
             ));
         }
         Ok(Self { form, n, n_u, table, parameters, orders, n_z, unknown })
@@ -129,6 +136,8 @@ pub(crate) enum Known {
         function: usize,
         n_u: usize,
         unknown: Option<Entry>,
+        /// Whether it is a nonlinear chain.
+        chained: bool,
     },
     /// One of the chains of a model with several outputs: the states of the others, `shared`, are held
     /// over the step.
@@ -217,6 +226,15 @@ macro_rules! known_over {
                 let Some(Entry { slope, .. }) = self.unknown() else { return Scalar::ONE };
                 let nothing = [Scalar::ZERO; MAX_INPUTS];
                 self.call((Scalar::ZERO, x.as_slice(), &nothing), $call)[slope]
+            }
+            fn slopes(&self, x: &SVector<$number, N>) -> SVector<$number, N> {
+                if !matches!(self, Self::Own { chained: true, .. }) {
+                    let last = Model::<$number, N, MAX_INPUTS>::slope(self, x);
+                    return SVector::from_fn(|i, _| if i + 1 == N { last } else { Scalar::ONE });
+                }
+                let nothing = [Scalar::ZERO; MAX_INPUTS];
+                let made = self.call((Scalar::ZERO, x.as_slice(), &nothing), $call);
+                SVector::from_fn(|i, _| if i == 0 { Scalar::ONE } else { made[N + i - 1] })
             }
             fn carries(&self) -> bool {
                 self.unknown().is_some()
@@ -400,16 +418,17 @@ impl<'a> Given<'a> {
                 (model.order(), Known::Paper(model))
             }
             Self::Own(own) => {
-                if own.form != "phase" && own.form != "triangular" {
+                if !["phase", "triangular", CHAINED].contains(&own.form.as_str()) {
                     return Err(refused(format!(
                         "a model of form {:?} does not fit this observer: it needs the phase-variable \
-                         or the triangular form",
+                         or the triangular form, or a nonlinear chain",
                         own.form
                     )));
                 }
                 let parameters = own.names().iter().map(|name| input(name)).collect();
                 let function = trace::function(own.table.clone(), parameters);
-                (Some(own.n), Known::Own { function, n_u: own.n_u, unknown: own.entry(0) })
+                let (n_u, unknown, chained) = (own.n_u, own.entry(0), own.form == CHAINED);
+                (Some(own.n), Known::Own { function, n_u, unknown, chained })
             }
             Self::Chain(own, chain) => {
                 let (n, n_u, chain) = (own.n, own.n_u, *chain);

@@ -33,6 +33,7 @@ pub fn laws(py: Python<'_>) -> Result<Vec<Bound<'_, PyDict>>> {
         let form = match law.form {
             Form::Phase => "phase",
             Form::Triangular => "triangular",
+            Form::Chain => "nonlinear-chain",
             Form::Sampled => "sampled",
             Form::StrictFeedback => "strict-feedback",
         };

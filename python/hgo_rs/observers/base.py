@@ -342,10 +342,11 @@ class Observer(OnlineObserver):
     def units(self) -> Array:
         """What turns the size of an estimate into that of a state of a chain, (n,).
 
-        1 for each state, for an unknown the size of its slope at the present estimate.
+        1 for each state, for an unknown the size of its slope at the present estimate; of a
+        nonlinear chain the product of the slopes.
         """
         model = self.model
-        if not isinstance(model, Model) or not model.unknown:
+        if not isinstance(model, Model) or not model.sloped:
             return np.ones(self.n)
         return np.abs(model.slopes_at(self.memory[: self.n]))
 

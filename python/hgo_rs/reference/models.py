@@ -70,6 +70,12 @@ class Plant:
         """The slope of ``enters`` in the last state."""
         return 1.0
 
+    def slopes(self, x_hat: Array) -> Array:
+        """The slope of each state in the rate of the one before it, 1 for the first."""
+        slopes = np.ones_like(x_hat)
+        slopes[-1] = self.slope(x_hat)
+        return slopes
+
 
 class NoModel(Plant):
     """Nothing is known: phi = 0."""
@@ -358,9 +364,10 @@ class Ship(Plant):
 
 
 class Own(Plant):
-    """A model of the user's own: its table, of (t, x, u, parameters), in one of five forms.
+    """A model of the user's own: its table, of (t, x, u, parameters), in one of six forms.
 
-    ``form``: "phase" (phi), "triangular" (f_1 ... f_n), "chains" (phi_1, phi_2, ..., one for each
+    ``form``: "phase" (phi), "triangular" (f_1 ... f_n), "nonlinear-chain" (the same, and the slopes
+    of f_i + x_(i+1) in x_(i+1)), "chains" (phi_1, phi_2, ..., one for each
     of ``orders``), "sampled" (f, K_T, h; y and T are inputs after u), "strict-feedback" (f1, g row
     by row, f2; of ``n`` measured states x, and of ``n_z`` others after them).
     """
@@ -392,6 +399,7 @@ class Own(Plant):
         outputs = {
             "phase": 1,
             "triangular": n - len(self.unknown),
+            CHAINED: 2 * n - 1,  # and the slopes of all states but the first
             "chains": len(self.orders),
             "sampled": 2 * n + 1,
             "strict-feedback": n + (n + 1) * self.n_z,
@@ -410,7 +418,9 @@ class Own(Plant):
         """(0, ..., 0, phi), or (f_1, ..., f_n); without what an unknown enters, and its rate 0."""
         values = self.values(x_hat, u, t)
         f = np.zeros_like(x_hat)
-        if not self.unknown:
+        if self.form == CHAINED:
+            f[:] = values[: self.n]
+        elif not self.unknown:
             f[-len(values) :] = values
         elif self.form == "triangular":
             f[:-2] = values[:-2]
@@ -430,6 +440,12 @@ class Own(Plant):
     def slope(self, x_hat: Array) -> Array | float:
         """dphi/dd."""
         return self.values(x_hat, None, 0.0)[-1] if self.unknown else 1.0
+
+    def slopes(self, x_hat: Array) -> Array:
+        """Of a nonlinear chain: Farza, M'Saad, Rossignol, Automatica 40 (2004) 135."""
+        if self.form != CHAINED:
+            return super().slopes(x_hat)
+        return np.concatenate((np.ones_like(x_hat[:1]), self.values(x_hat, None, 0.0)[self.n :]))
 
     def sampled(
         self, x: Array, u: Array | None, y: Array, t: float, dt: float
@@ -562,7 +578,8 @@ def _fits(table: Any, inputs: int, outputs: int, where: str) -> None:
         raise fail(f"{where}.table inputs and outputs", sizes, allowed, "correct the table")
 
 
-FORMS = ("phase", "triangular", "chains", "sampled", "strict-feedback")
+CHAINED = "nonlinear-chain"
+FORMS = ("phase", "triangular", CHAINED, "chains", "sampled", "strict-feedback")
 KINDS = ("lee", "sanfelice-praly", "van-der-pol", "crackle", "ship", "own-plant")
 MODELS = (*KINDS[:-1], "none", "input", "own")
 KEYS: dict[str, tuple[str, ...]] = {

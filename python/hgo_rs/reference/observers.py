@@ -25,7 +25,7 @@ from .gain import (
     SwitchedGain,
     gain_from,
 )
-from .models import Chain, Own, Plant, Ship, VanDerPol, plant_from
+from .models import CHAINED, Chain, Own, Plant, Ship, VanDerPol, plant_from
 from .placement import BILINEAR_LIMIT, PLACED, ahead, chain_gains, low_power_gains
 from .polynomial import is_hurwitz, low_power_polynomial
 from .shape import Shape, shape_from
@@ -325,8 +325,8 @@ def _model(spec: Spec, n: int, chain: Chain | None) -> Plant:
         model = plant_from(spec.get("model", {"kind": "none"}), "model")
     if model.n not in (0, n) or model.n_y != 1:
         raise fail("observer.model", model.kind, f"a model of order {n}", "use kind 'none'")
-    if isinstance(model, Own) and model.form not in ("phase", "triangular"):
-        allowed = "of phase-variable or triangular form"
+    if isinstance(model, Own) and model.form not in ("phase", "triangular", CHAINED):
+        allowed = "of phase-variable or triangular form, or a nonlinear chain"
         remedy = "use kind 'chains', 'sampled-data' or 'reduced-order'"
         raise fail("observer.model.form", model.form, allowed, remedy)
     return model
@@ -339,8 +339,9 @@ def above(model: Plant, x: Array, u: Array | None, t: float) -> Array:
 
 
 def in_unit(model: Plant, x: Array, correction: Array) -> Array:
-    """A correction of a chain, its last row over the slope of the last state."""
-    return np.concatenate((correction[:-1], correction[-1:] / model.slope(x)))
+    """A correction of a chain, each row over the product of the slopes up to its state."""
+    slopes = model.slopes(x)[len(x) - len(correction) :]  # eta has no row of the first state
+    return np.asarray(correction / np.cumprod(slopes, axis=0))
 
 
 def known_terms(model: Plant, x: Array, u: Array | None, t: float) -> Array:
@@ -450,13 +451,12 @@ def driven(gain: GainLaw, r: Array, e: Array, n: int) -> Array:
 
 
 def lift_chain(model: Plant, old: Array, new: Array, dt: float, first: int, n: int) -> None:
-    """For rows first .. first+n-1, bottom up: x_i += dt (x_{i+1}(new) - x_{i+1}(old)), the last one
-    by its slope.
+    """For rows first .. first+n-1, bottom up: x_i += dt (x_{i+1}(new) - x_{i+1}(old)), each by
+    its slope.
     """
-    slope = model.slope(old[first : first + n])
+    slopes = model.slopes(old[first : first + n])
     for i in range(first + n - 2, first - 1, -1):
-        moved = new[i + 1] - old[i + 1]
-        new[i] += dt * (moved * slope if i == first + n - 2 else moved)
+        new[i] += dt * ((new[i + 1] - old[i + 1]) * slopes[i + 1 - first])
 
 
 class LowPowerObserver(ContinuousLaw):

@@ -8,16 +8,18 @@ this package.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hgo_rs.design import levant_coefficients
-from hgo_rs.models import Plant
+from hgo_rs.models import Model, Plant
 from hgo_rs.observers import (
     Fal,
     HomogeneousGain,
+    MultiOutputObserver,
     Observer,
     PiecewiseLinear,
     PrescribedTimeGain,
@@ -41,6 +43,7 @@ STUBBORN = "Alessandri, Zaccarian, Automatica 88 (2018); with Astolfi, IEEE TAC 
 LEVANT = "Levant, IJC 76 (2003) 924; Koch et al., IEEE TAC 65 (2020) 757"
 AHRENS = "Ahrens, Khalil, Automatica 45 (2009) 936"
 HOLLOWAY = "Holloway, Krstic, IEEE TAC 64 (2019) 3905"
+FARZA = "Farza, M'Saad, Rossignol, Automatica 40 (2004) 135"
 HAN = "Han, IEEE TIE 56 (2009) 900"
 
 
@@ -248,5 +251,58 @@ def gains(ctx: Context) -> Outcome:
         for ax in (left, right):
             ax.set_xlabel("time (s)")
             ax.legend()
+
+    return Outcome(rows, draw)
+
+
+@scenario("families-chains", title="Nonlinear chains and coupled blocks", paper="families")
+def chains(ctx: Context) -> Outcome:
+    """Rows over products of slopes, and two outputs that act on each other, in continuous time."""
+    model = Model(states=["x1", "x2"], f=["x2**3", "-x1 - x2"])
+    rk4: Mapping[str, Any] = {"method": "rk4", "timing": "predictor"}
+    law: Observer = StandardObserver(2, 20.0, k=(2.0, 1.0), model=model, **rk4)
+    given: Mapping[str, Any] = {"dt": DT / 4, "plant_method": "rk4", "every": 4, "errors": False}
+    run = ctx.run(model.plant(), law, x0=[1.0, 0.5], steps=4001, mode="joint", **given)
+    assert run.memory is not None and run.x is not None
+    x, x_hat = run.x[0], run.memory[0]
+    rows: list[Row] = []
+    for k, states, estimates in (
+        (200, (1.081717319, 0.219261880), (1.107924745, 0.578783437)),
+        (1000, (0.913123874, -0.473380779), (0.913123868, -0.473380866)),
+    ):
+        for i in range(2):
+            note = "" if rows else FARZA
+            what = f"nonlinear chain, {k * DT:g} s"
+            rows.append(row(f"{what}, x{i + 1}", x[k, i], expected=states[i], rel=1e-7, note=note))
+            rows.append(row(f"{what}, x̂{i + 1}", x_hat[k, i], expected=estimates[i], rel=1e-7))
+
+    states = ["x1", "x2", "z"]
+    both = Model(states=states, orders=[2, 1], phi=["-x1 + z*x2", "-z + x2"])
+    plant = Plant(states=states, drift=["x2", "-x1 + z*x2", "-z + x2"], output=["x1", "z"])
+    parts = [StandardObserver(n, 15.0, k=k, **rk4) for n, k in ((2, (2.0, 1.0)), (1, (1.0,)))]
+    law = MultiOutputObserver(parts, model=both)
+    ends = []
+    for dt in (4e-4, 2e-4, 1e-4):
+        run = ctx.run(
+            plant, law, x0=[1.0, 0.0, 0.5], steps=round(0.5 / dt), dt=dt, plant_method="rk4"
+        )
+        ends.append(run.final_memory[0, :3])
+    once = [2.0 * fine - coarse for coarse, fine in pairwise(ends)]
+    limit = (4.0 * once[1] - once[0]) / 3.0  # Richardson
+    numbers = (0.869990323, -0.517841347, 0.192419211), (0.874774252, -0.432450013, 0.208793842)
+    for name, values, expected in (("", run.final_x[0], numbers[0]), ("̂", limit, numbers[1])):
+        for i, value in enumerate(expected):
+            what = f"coupled blocks, 0.5 s, {states[i][0]}{name}{states[i][1:]}"
+            rows.append(row(what, values[i], expected=value, rel=1e-7))
+
+    def draw(fig: Figure) -> None:
+        fig.set_size_inches(7.0, 4.0)
+        ax = fig.subplots()
+        t = DT * np.arange(len(x))
+        ax.plot(t, x_hat[:, 1], color=COLOURS["blue"], label=r"$\hat x_2$")
+        ax.plot(t, x[:, 1], color=COLOURS["black"], linestyle="--", label="$x_2$")
+        ax.set_title(r"$\dot x_1 = x_2 + x_2^3$: rows over the product of slopes")
+        ax.set_xlabel("time (s)")
+        ax.legend()
 
     return Outcome(rows, draw)

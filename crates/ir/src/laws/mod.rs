@@ -10,12 +10,12 @@ mod sampled;
 
 pub use outputs::wraps;
 
-use crate::error::Result;
-use crate::model::Given;
+use crate::error::{Result, refused};
+use crate::model::{CHAINED, Given};
 use crate::spec::Spec;
 use crate::tables::Tables;
 use crate::trace::Setting;
-use hgo_rs::laws::Law;
+use hgo_rs::laws::{Form, Law};
 use hgo_rs::observers::LAWS;
 
 impl Tables {
@@ -38,6 +38,13 @@ fn of(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Result<Tables> {
         let known: Vec<&str> = LAWS.iter().map(|law| law.kind).collect();
         spec.unknown("kind", &kind, &known)
     })?;
+    if matches!(given, Given::Own(own) if own.form == CHAINED) && law.form != Form::Chain {
+        return Err(refused(format!(
+            "a nonlinear chain is not allowed here: the {} does not divide its correction by slopes; use the \
+             standard observer",
+            law.title
+        )));
+    }
     let tables = match kind.as_str() {
         ekf::KIND if ekf::is_sampled(spec)? => ekf::tables(law, spec, given, setting),
         "sampled-data" => sampled::tables(spec, given, setting),

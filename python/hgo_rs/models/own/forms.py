@@ -13,9 +13,9 @@ import numpy as np
 
 from hgo_rs.errors import HgoError, check, check_integer, explain
 from hgo_rs.expressions import nodes
-from hgo_rs.expressions.derivative import ZERO, add, mul
+from hgo_rs.expressions.derivative import ZERO, add, derivative, mul
 from hgo_rs.expressions.errors import ExpressionError
-from hgo_rs.expressions.nodes import Node
+from hgo_rs.expressions.nodes import Node, constant
 from hgo_rs.models.own.sources import Arguments, Group
 
 Sides = Mapping[str, Sequence[Node]]
@@ -63,6 +63,10 @@ class Form:
         group = groups[self.known]
         labels = zip(group.labels(self.known), group.nodes or (), strict=True)
         return list(labels)[-max(1, len(self.orders)) :]
+
+    def chained(self, groups: Mapping[str, Group]) -> list[tuple[str, Node]]:
+        """Label and rate of every state but the last, of a nonlinear chain; else nothing."""
+        return []
 
     def arguments(self, side: str) -> Arguments:
         """What a right-hand side may use."""
@@ -146,7 +150,10 @@ class Chains(Form):
 
 
 class Triangular(Form):
-    """x_i' = x_{i+1} + f_i(t, x_1 ... x_i, u), y = x_1: f_i stands beside the chain."""
+    """x_i' = x_{i+1} + f_i(t, x_1 ... x_i, u), y = x_1: f_i stands beside the chain.
+
+    Where an f_i is of x_{i+1} too, a nonlinear chain: see `chained`.
+    """
 
     name = "triangular"
     title = "triangular form"
@@ -163,16 +170,34 @@ class Triangular(Form):
     def check(self, groups: Mapping[str, Group], parameters: Mapping[str, float]) -> None:
         given = groups["f"].nodes or ()
         for i, node in enumerate(given):
-            later = self.states[i + 1 :] if i + 1 < len(given) else ()
-            for name in nodes.symbols([node]):
-                if name in later:
-                    raise ExpressionError(
-                        f"{node} depends on {name}, so that the model is not triangular: must "
-                        f"depend on {', '.join(self.states[: i + 1])} only (f_i on x_1 ... x_i); "
-                        "reorder the states, or leave out what the chain x_i' = x_{i+1} + f_i has "
-                        "already",
-                        name=f"f[{i}]",
-                    )
+            used, (after, *later) = set(nodes.symbols([node])), [*self.states[i + 1 :], ""]
+            if i + 1 == len(given):
+                continue
+            if after in used and derivative(node, after) == constant(1.0):
+                raise ExpressionError(
+                    f"{node} has {after} with the slope 1, as the chain x_i' = x_{{i+1}} + f_i has "
+                    "it already: must be what stands beside it; leave it out",
+                    name=f"f[{i}]",
+                )
+            for name in used.intersection(later):
+                raise ExpressionError(
+                    f"{node} depends on {name}, so that the model is not triangular: must depend "
+                    f"on {', '.join(self.states[: i + 2])} only (f_i on x_1 ... x_(i+1)); reorder "
+                    "the states",
+                    name=f"f[{i}]",
+                )
+            if after in used:
+                allowed = "x_1 ... x_i where an unknown enters"
+                remedy = "make the unknown a state, or leave unknown out"
+                check(not any(self.unknown), f"f[{i}]", f"of {after}", allowed, remedy)
+                self.name, self.title = "nonlinear-chain", "the form of a nonlinear chain"
+
+    def chained(self, groups: Mapping[str, Group]) -> list[tuple[str, Node]]:
+        """x_(i+1) + f_i."""
+        if self.name == "triangular":
+            return []
+        rates = map(add, self._symbols[1:], groups["f"].nodes or ())
+        return list(zip(groups["f"].labels("f"), rates, strict=False))
 
     def drift(self, sides: Sides) -> list[Node]:
         *rest, last = sides["f"]

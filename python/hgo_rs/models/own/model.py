@@ -28,12 +28,14 @@ Array = npt.NDArray[np.float64]
 class Model(OwnSystem):
     """A system of your own, as an observer knows it.
 
-    One of five forms; y is the measured output and t the time [s]:
+    One of six forms; y is the measured output and t the time [s]:
 
     - phase-variable: x_1' = x_2, ..., x_n' = phi(t, x, u), y = x_1.
     - chains, one for each output: the same with orders n_1, n_2, ... and phi_1(t, x, u),
       phi_2(t, x, u), ... of the states of all chains (block-triangular form).
     - triangular: x_i' = x_{i+1} + f_i(t, x_1 ... x_i, u), y = x_1: f_i comes beside the chain.
+    - nonlinear chain: the same with an f_i of x_{i+1} too, of which x_{i+1} + f_i has a slope that
+      keeps its sign. Farza, M'Saad and Rossignol, Automatica 40 (2004) 135.
     - sampled-data, Fu, Kang and Li (5): x' = f(t, x, u), corrected by K_T(t, x, u, y, T) at each
       sample; y = h(x).
     - strict-feedback, Katayama (1): x' = f1(x) + g(x) z, z' = f2(t, x, z, u), y = x.
@@ -58,8 +60,8 @@ class Model(OwnSystem):
         model knows, and is estimated in its own unit. Of several chains one name each, None where a
         chain has none.
     box : dict of name -> (low, high), optional
-        Bounds of states within which the slope of phi in an unknown keeps its sign. Outside, a
-        correction takes the slope of the box's nearest point.
+        Bounds of states within which the slope of phi in an unknown, or of a nonlinear chain,
+        keeps its sign. Outside, a correction takes the slope of the box's nearest point.
     units : dict of name -> text, optional
         Units of states, unknowns and inputs, for plots, files and exported code.
     g : list of expressions
@@ -77,9 +79,9 @@ class Model(OwnSystem):
     HgoError
         A name that is reserved, doubled or unknown (with the nearest one); a parameter that is
         not finite; an expression that cannot be read (ExpressionError, with a caret under the
-        place); an f_i that depends on a later state, with the symbol named; a g without full
-        column rank; an unknown whose slope may be 0, depends on t or an input, or is not of
-        expressions.
+        place); an f_i that depends on a state beyond x_{i+1}, with the symbol named; a g without
+        full column rank; a slope of an unknown or of a nonlinear chain that may be 0, depends on t
+        or an input, or is not of expressions.
     """
 
     def __init__(
@@ -121,12 +123,16 @@ class Model(OwnSystem):
         by_name = {group.name: group for group in groups}
         form.check(by_name, names.parameters)
         self._units = unknowns_of.units_of(units, (*names.states, *names.inputs))
-        check(bool(unknowns) or not box, "box", box, "left out without unknown=", "leave it out")
+        chained = form.chained(by_name)
+        allowed = "left out without unknown= or a nonlinear chain"
+        check(bool(unknowns or chained) or not box, "box", box, allowed, "leave it out")
         self._slopes: Slopes | None = None
-        if unknowns:
+        if unknowns or chained:
             self._need_expressions(by_name[form.known])
             ends = checked_box(box or {}, set(names.states))
-            self._slopes = Slopes(form.entered(by_name), unknowns, names.states, ends)
+            of = names.states[1:] if chained else unknowns
+            sides = chained or form.entered(by_name)
+            self._slopes = Slopes(sides, of, names.states, ends, chained=bool(chained))
             self._slopes.check(names.parameters)
         slopes = None if self._slopes is None else self._slopes.table()
         self._compile(form.table_inputs(), groups, slopes)
@@ -139,12 +145,18 @@ class Model(OwnSystem):
         return tuple(name for name in self._form.unknown if name)
 
     @property
+    def sloped(self) -> bool:
+        """Whether corrections are divided by slopes: of an unknown, or of a nonlinear chain."""
+        return self._slopes is not None
+
+    @property
     def units(self) -> dict[str, str]:
         """Units of states and inputs, as they were given."""
         return dict(self._units)
 
     def unknown_slope(self, box: Box | None = None) -> dict[str, tuple[float, float]]:
-        """Guaranteed bounds of the slope of the right-hand side in each unknown.
+        """Guaranteed bounds of the slope of the right-hand side in each unknown, or in each state
+        of a nonlinear chain behind the first.
 
         Parameters
         ----------
@@ -161,13 +173,16 @@ class Model(OwnSystem):
         return self._slopes.intervals(self._names.parameters, ends)
 
     def slopes_at(self, x: npt.ArrayLike) -> Array:
-        """1 for each state, for an unknown the slope at the states x: (..., n), as x."""
+        """1 for each state, for an unknown the slope at the states x: (..., n), as x; of a
+        nonlinear chain the products of the slopes.
+        """
         at = np.asarray(x, dtype=float)
         out = np.ones_like(at)
         values = {**self.parameters, **{name: at[..., i] for i, name in enumerate(self.states)}}
         for name, slope in ({} if self._slopes is None else self._slopes.at(values)).items():
             out[..., self.states.index(name)] = slope
-        return out
+        chained = self._slopes is not None and self._slopes.chained
+        return np.asarray(np.cumprod(out, axis=-1)) if chained else out
 
     def with_parameters(
         self, values: Mapping[str, float] | None = None, /, **named: float
@@ -236,7 +251,9 @@ class Model(OwnSystem):
 
     @property
     def form(self) -> str:
-        """One of "phase", "chains", "triangular", "sampled" and "strict-feedback"."""
+        """One of "phase", "chains", "triangular", "nonlinear-chain", "sampled" and
+        "strict-feedback".
+        """
         return self._form.name
 
     @property
@@ -284,11 +301,17 @@ class Model(OwnSystem):
 
     @property
     def own_slope(self) -> float | None:
-        if not self.compiled or self.form not in ("phase", "chains", "triangular"):
+        if not self.compiled or self.form not in (
+            *("phase", "chains", "triangular", "nonlinear-chain"),
+        ):
             return None
         moved = [state for state in self.states if state not in self.unknown]
         of_chain = [order - bool(name) for order, name in self._chains()]
-        own = moved if self.form == "triangular" else [moved[i - 1] for i in np.cumsum(of_chain)]
+        own = (
+            moved
+            if self.form in ("triangular", "nonlinear-chain")
+            else [moved[i - 1] for i in np.cumsum(of_chain)]
+        )
         names = ("t", *self.states, *self.inputs)
         return analysis.own_slope(self.known, own, names, self.parameters)
 

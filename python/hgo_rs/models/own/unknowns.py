@@ -88,6 +88,7 @@ class Slopes:
     unknown : the unknowns' names, one a chain, "" for none
     states : all states
     box : bounds of some states, within which the slopes keep their sign
+    chained : whether these are the states of a nonlinear chain behind the first, all known
     """
 
     def __init__(
@@ -96,8 +97,11 @@ class Slopes:
         unknown: Sequence[str],
         states: Sequence[str],
         box: Box,
+        *,
+        chained: bool = False,
     ) -> None:
         self.sides, self.unknown, self.states, self.box = sides, unknown, states, box
+        self.chained = chained
         self.nodes = tuple(
             derivative(side, name) if name else ONE
             for (_, side), name in zip(sides, unknown, strict=True)
@@ -119,8 +123,10 @@ class Slopes:
 
     def arguments(self, orders: Sequence[int]) -> dict[str, Any]:
         """What makes them again: states and orders without the unknowns, unknown, box."""
-        states = [name for name in self.states if name not in self.unknown]
-        given: dict[str, Any] = {"states": states, "unknown": self.unknown[0]}
+        given: dict[str, Any] = {}
+        if not self.chained:
+            states = [name for name in self.states if name not in self.unknown]
+            given = {"states": states, "unknown": self.unknown[0]}
         if orders:
             ends = zip(orders, self.unknown, strict=True)
             given["orders"] = [order - (name != "") for order, name in ends]
@@ -142,7 +148,7 @@ class Slopes:
         for (label, side), slope, name in zip(self.sides, self.nodes, self.unknown, strict=True):
             if name:
                 self._check_entry(label, side, slope, name, parameters)
-        for label, side in self.sides:
+        for label, side in () if self.chained else self.sides:
             for (own, _), name in zip(self.sides, self.unknown, strict=True):
                 if name and own != label and name in nodes.symbols([side]):
                     raise HgoError(
@@ -160,11 +166,12 @@ class Slopes:
             )
         allowed = {*self.states, *parameters}
         others = [used for used in nodes.symbols([slope]) if used not in allowed]
+        role = "state" if self.chained else "unknown"
         if others:
             raise HgoError(
                 f"the slope of {label} in {name}, {slope}, depends on {', '.join(others)}: must "
                 "depend on states and parameters only, as a correction is told neither time nor "
-                f"input; take the whole term with {name} as the unknown and divide its estimate"
+                f"input; take the whole term with {name} as the {role} and divide its estimate"
             )
         low, high = self.interval(slope, parameters, self.box)
         if not (low > 0.0 or high < 0.0):
