@@ -142,7 +142,7 @@ def _times_of(frame: Any, names: list[Any]) -> tuple[Any, np.ndarray]:
     if index is not None and is_clock(index):
         return None, np.asarray(clock_of(index))
     stamped = [name for name in names if is_clock(frame[name])]
-    named = [name for name in names if _speaks_of_time(str(name))]
+    named = [name for name in names if speaks_of_time(str(name))]
     for found in (stamped, named):
         if len(found) == 1:
             column = frame[found[0]]
@@ -158,7 +158,8 @@ def _times_of(frame: Any, names: list[Any]) -> tuple[Any, np.ndarray]:
     return None, _index(frame, remedy)
 
 
-def _speaks_of_time(name: str) -> bool:
+def speaks_of_time(name: str) -> bool:
+    """Whether a column of this name holds times, as `t`, `time [ms]`, `Timestamp`."""
     words = "".join(c if c.isalpha() else " " for c in name.casefold()).split()
     return bool(words) and words[0] in _TIMES
 

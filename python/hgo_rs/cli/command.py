@@ -16,6 +16,7 @@ import click
 
 from hgo_rs.cli.estimate import estimate_command
 from hgo_rs.cli.export import export_command
+from hgo_rs.cli.look import look_command
 from hgo_rs.cli.scenarios import list_command, reproduce_command, run_command
 from hgo_rs.cli.terminal import INTERRUPTED, TERMINATED, USAGE, complain, unknown
 from hgo_rs.cli.tune import tune_command
@@ -73,6 +74,7 @@ for _command in (
     list_command,
     run_command,
     reproduce_command,
+    look_command,
     estimate_command,
     tune_command,
     smooth_command,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from hgo_rs.logs.estimation import estimate, run_chunks
 from hgo_rs.logs.log import Log, LogSummary
+from hgo_rs.logs.overview import Look, look
 from hgo_rs.logs.read import read_chunks, read_log
 from hgo_rs.logs.table import READABLE, DataError
 from hgo_rs.logs.write import WRITABLE, TableWriter, write_table
@@ -14,8 +15,10 @@ __all__ = [
     "DataError",
     "Log",
     "LogSummary",
+    "Look",
     "TableWriter",
     "estimate",
+    "look",
     "read_chunks",
     "read_log",
     "run_chunks",

@@ -62,6 +62,8 @@ class Head:
     trailing: bool
     kinds: list[str | None]
     """What each column holds: "number", "moment", "daytime", "missing"; None: text."""
+    cells: list[str]
+    """The first cell of each column that is not missing."""
     remarks: tuple[str, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
 
@@ -106,6 +108,7 @@ def head_of(path: Path, start: bytes, wanted: Sequence[str], whole: bool) -> Hea
     if not names:
         names = [str(i) for i in range(width)]
     names = names[:width] if len(names) == width + 1 and not names[-1] else names
+    cells = [_first([row[i] for row in tables if len(row) > i]) for i in range(len(names))]
     begin, line = (body[0].begin, body[0].number) if body else (len(start), rows[-1].number + 1)
     return Head(
         delimiter,
@@ -115,7 +118,8 @@ def head_of(path: Path, start: bytes, wanted: Sequence[str], whole: bool) -> Hea
         begin,
         line,
         trailing,
-        [_kind([row[i] for row in tables if len(row) > i], delimiter) for i in range(len(names))],
+        [_kind(cell, delimiter) if tables else "number" for cell in cells],
+        cells,
         tuple(remarks),
         units,
     )
@@ -263,10 +267,14 @@ def _are_units(cells: list[str]) -> bool:
     return any(cells) and all(_UNIT.fullmatch(cell) for cell in cells) and not _is_sample(cells)
 
 
-def _kind(cells: list[str], delimiter: str | None) -> str | None:
-    """What a column holds, by its first cell that is not missing."""
-    kinds = (text_kind(cell.encode(), delimiter != ",") for cell in cells)
-    return next((kind for kind in kinds if kind != "missing"), "missing" if cells else "number")
+def _first(cells: list[str]) -> str:
+    """The first cell that is not missing."""
+    return next((cell for cell in cells if text_kind(cell.encode(), True) != "missing"), "")
+
+
+def _kind(cell: str, delimiter: str | None) -> str | None:
+    """What a column holds that begins with this cell."""
+    return text_kind(cell.encode(), delimiter != ",")
 
 
 def _span(rows: list[Line]) -> str:

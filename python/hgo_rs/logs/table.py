@@ -36,7 +36,11 @@ class DataError(HgoError):
 
 
 class ColumnError(DataError):
-    """A column that is not there."""
+    """A column that is not there, and those that are."""
+
+    def __init__(self, told: str, known: list[str]) -> None:
+        super().__init__(told)
+        self.known = known
 
 
 class CellError(DataError):
@@ -115,7 +119,8 @@ def require(path: Path, wanted: list[str], known: list[str], remark: str = "") -
             near = nearest(name, known)
             hint = f"; nearest: {', '.join(near)}" if near else ""
             shown = ", ".join(known[:20]) + (", ..." if len(known) > 20 else "")
-            raise ColumnError(f"{path} has no column {name!r}{remark}{hint}. Columns: {shown}")
+            told = f"{path} has no column {name!r}{remark}{hint}. Columns: {shown}"
+            raise ColumnError(told, known)
         if known.count(name) > 1:
             raise DataError(f"{path}: {known.count(name)} columns are called {name!r}; rename one")
 

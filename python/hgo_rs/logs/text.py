@@ -23,7 +23,7 @@ TEXT = (".csv", ".txt", ".tsv", ".dat")
 
 
 def head_of_text(path: Path) -> Head:
-    """How a log would be read whose columns are not known."""
+    """How a log is read of which no column is asked for."""
     with opened(path) as stream:
         start, ended = _start(path, stream)
         return head_of(path, start, (), ended)
@@ -188,17 +188,17 @@ def _fault(
         return CellError(f"{where}, column {name!r}: {cell!r} {told}", name)
     kind = _taken(head.kinds[head.names.index(name)])
     what = {"number": "a number", "moment": "a date", "daytime": "a time of day"}[kind]
-    remedy = _remedy(cell, kind, head.delimiter != ",")
-    if line == head.line and head.has_header and remedy == _NO_NUMBER:
+    remedy = remedy_of(cell, kind, head.delimiter != ",")
+    if line == head.line and head.has_header and remedy == NO_NUMBER:
         remedy = "; remove the line if it holds units or names"
     return CellError(f"{where}, column {name!r}: {cell!r} is not {what}{remedy}", name)
 
 
-_NO_NUMBER = "; write a number, or leave the cell of a missing sample empty"
+NO_NUMBER = "; write a number, or leave the cell of a missing sample empty"
 _HEX = re.compile(r"[-+]?0[xX][0-9a-fA-F]+|(?=.*\d)(?=.*[a-dfA-DF])[0-9a-fA-F]+[hH]?")
 
 
-def _remedy(cell: str, kind: str, commas: bool) -> str:
+def remedy_of(cell: str, kind: str, commas: bool) -> str:
     """What to do about a cell."""
     if kind != "number" or re.match(r"\d+[-/.:]\d+[-/.:]", cell):
         if re.search(r"[ap]\.?m\.?$", cell, re.I) or re.match(r"\d\d?/\d\d?/\d", cell):
@@ -227,7 +227,7 @@ def _remedy(cell: str, kind: str, commas: bool) -> str:
         return f"; write {unit[1]} and the unit {unit[2]} into the header"
     if text_kind(cell.encode(), True) in ("moment", "daytime"):
         return "; it is a date among numbers: write seconds"
-    return _NO_NUMBER
+    return NO_NUMBER
 
 
 def _cells(count: int) -> str:
