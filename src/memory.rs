@@ -96,29 +96,30 @@ impl<T: Scalar> Memory<T> for T {
     }
 }
 
-impl<T: Scalar, const N: usize> Memory<T> for SVector<T, N> {
-    const LEN: usize = N;
+/// A vector, or a matrix column by column.
+impl<T: Scalar, const N: usize, const C: usize> Memory<T> for SMatrix<T, N, C> {
+    const LEN: usize = N * C;
     #[inline(always)]
     fn zero() -> Self {
-        SVector::from_element(T::ZERO)
+        SMatrix::from_element(T::ZERO)
     }
     #[inline(always)]
     fn zip(&self, other: &Self, f: impl Fn(T, T) -> T + Copy) -> Self {
         let mut zipped = *self;
-        for i in 0..N {
+        for i in 0..N * C {
             zipped[i] = f(self[i], other[i]);
         }
         zipped
     }
     #[inline(always)]
     fn visit(&self, f: &mut impl FnMut(T)) {
-        for i in 0..N {
+        for i in 0..N * C {
             f(self[i]);
         }
     }
     #[inline(always)]
     fn visit_mut(&mut self, f: &mut impl FnMut(&mut T)) {
-        for i in 0..N {
+        for i in 0..N * C {
             f(&mut self[i]);
         }
     }

@@ -62,7 +62,7 @@ class Described:
     @property
     def spec(self) -> dict[str, Any]:
         """Plain data, read-only: what it is, and its fields."""
-        plainly = {"float": float, "bool": bool}
+        plainly = {"float": float, "int": int, "bool": bool}
         key, kind = self._kind
         own: Any = fields(self)  # type: ignore[arg-type]
         values = {f.name: plainly.get(f.type, list)(getattr(self, f.name)) for f in own}

@@ -144,6 +144,19 @@ where
         (column, self.noise.d(j) * r.powi(2 * power(j) + 1))
     }
 
+    /// x a time dt after t by the model alone.
+    #[inline(always)]
+    pub(super) fn free(&self, t: T, x: &SVector<T, N>, u: &SVector<T, M>, dt: T) -> SVector<T, N> {
+        let still = core::array::from_fn(|_| SVector::from_element(T::NEG_ZERO));
+        let h = dt * T::from_f64(1.0 / f64::from(SUBSTEPS));
+        let mut moved = *x;
+        for step in 0..SUBSTEPS {
+            let begun = t + h * T::from_f64(f64::from(step));
+            moved = rk4(|t: T, x: &SVector<T, N>| self.rate(t, x, &still, u).0, begun, &moved, h);
+        }
+        moved
+    }
+
     /// x̂ and P a time dt after t, without a sample.
     #[inline(always)]
     pub(super) fn ahead(

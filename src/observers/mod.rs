@@ -3,6 +3,7 @@
 //! A law is added by its file, which is named here, and by its row in [`for_each_law!`](crate::for_each_law).
 //! Whatever has to know all laws asks the list: [`LAWS`] at run time, the macro at compile time.
 
+mod adaptive_ekf;
 mod collection;
 mod filtered;
 mod high_gain_ekf;
@@ -13,6 +14,7 @@ mod sampled_data;
 mod sampled_ekf;
 mod standard;
 
+pub use adaptive_ekf::{AdaptiveEkf, AdaptiveEkfState, InnovationGain};
 pub use collection::{CopyState, ModifiedObserver, ModifiedState, RepelledCollection};
 pub use filtered::{FilteredObserver, FilteredState, filter_from_poles};
 pub use high_gain_ekf::{HighGainEkf, HighGainEkfState, PACKED};

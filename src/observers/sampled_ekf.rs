@@ -47,12 +47,12 @@ pub struct SampledEkf<T: Scalar, Md, const N: usize, const K: usize = 1, const M
     theta: SVector<T, K>,
     orders: [usize; K],
     /// P(0).
-    start: Factor<T, N>,
+    pub(super) start: Factor<T, N>,
     /// R_q/θ_q.
-    variance: SVector<T, K>,
+    pub(super) variance: SVector<T, K>,
     /// The states that are measured.
     measured: [usize; K],
-    driven: Driven<T, Md, N, M>,
+    pub(super) driven: Driven<T, Md, N, M>,
 }
 
 crate::error::through_constructor! {

@@ -18,8 +18,9 @@ use hgo_rs::observer::{
     ContinuousLaw, Current, Discretisation, Discretised, Euler, Hold, RungeKutta,
 };
 use hgo_rs::observers::{
-    HardClip, LAWS, LowPowerObserver, NoSaturation, PeakingFreeObserver, ReducedOrderObserver,
-    SampledDataObserver, SampledEkf, Saturation, SmoothSaturation, StandardObserver,
+    AdaptiveEkf, HardClip, InnovationGain, LAWS, LowPowerObserver, NoSaturation,
+    PeakingFreeObserver, ReducedOrderObserver, SampledDataObserver, SampledEkf, Saturation,
+    SmoothSaturation, StandardObserver,
 };
 use hgo_rs::polynomial::coefficients_from_poles;
 use hgo_rs::shape::{Fal, Stubborn};
@@ -327,7 +328,7 @@ pub fn observers() -> u64 {
         (true, _) => 3 * (schemes + usize::from(law.placed) * placements),
     };
     let listed: usize = LAWS.iter().map(of_list).sum();
-    let (continuous, placed, recursions) = (11, 4, 3);
+    let (continuous, placed, recursions) = (11, 4, 4);
     (listed + continuous * schemes + placed * placements + recursions) as u64
 }
 
@@ -388,6 +389,9 @@ where
     );
     let filter = SampledEkf::<T, _, 2, 1, 1>::new(&q, [c(0.01)], &p0, [c(2.0)], [2], Swing)?;
     visitor.visit("high-gain EKF", "sampled", filter, fill::<T, 1>);
+    let gain = InnovationGain::new(c(6.0), c(0.05), c(12.0), c(5e3), c(2e-3))?;
+    let filter = AdaptiveEkf::<T, _, 2, 5, 1>::new(&q, c(0.01), &p0, gain, Swing)?;
+    visitor.visit("high-gain EKF, adaptive", "sampled", filter, fill::<T, 1>);
     let ship = Ship::new(c(0.0), [c(0.0); 3])?;
     let reduced = ReducedOrderObserver::new([0.1, 0.2, 0.2].map(c), c(0.1), ship)?;
     visitor.visit("reduced-order", "recursion", reduced, fill::<T, 2>);

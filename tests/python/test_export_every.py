@@ -121,6 +121,12 @@ def chains(**manner: Any) -> Observer:
     return hgo.MultiOutputObserver(parts, model=model, allow_unstable=True)
 
 
+def adaptive_filter() -> Observer:
+    """theta by the innovation of a window: it rises and falls."""
+    gain = hgo.InnovationGain(6.0, 0.02, 9.0, threshold=1e-3, slope=1e4, samples=5)
+    return hgo.HighGainEKF(2, gain, R=1e-4, Q=0.3, model=phase(2))
+
+
 def filters(*orders: int) -> Callable[[], Observer]:
     """High-gain EKFs of sampled data, an output each: one filter of all states."""
     names = [f"q{i}" for i in range(sum(orders))]
@@ -212,6 +218,7 @@ CASES: dict[str, Callable[[], Observer]] = {
     for law, (make, methods) in LAWS.items()
     for method, timing in itertools.product(methods, TIMINGS)
 }
+CASES |= {"adaptive EKF": adaptive_filter}
 CASES |= {"EKFs of two outputs": filters(2, 3), "EKFs of three outputs": filters(1, 2, 2)}
 CASES |= {"sampled-data": sampled, "strict-feedback": strict_feedback, "ship": ship}
 

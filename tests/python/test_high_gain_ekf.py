@@ -467,7 +467,10 @@ def test_a_file_of_its_numbers_alone(tmp_path):
         ({"P0": 1.0}, "P0.*diagonal"),
         ({"method": "zoh"}, "method = 'zoh': must be one of sampled, euler"),
         ({"timing": "predictor"}, "timing = 'predictor': must be 'current'"),
-        ({"gain": AdaptiveGain(10.0, 0.0025, 0.183)}, "constant under method 'sampled'"),
+        (
+            {"gain": AdaptiveGain(10.0, 0.0025, 0.183)},
+            "or an InnovationGain, under method 'sampled'",
+        ),
         ({"n": 7}, "n = 7: must be an integer >= 1 and <= 6"),
         ({"model": Crackle()}, "of order 2"),
     ],

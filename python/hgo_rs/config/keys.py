@@ -133,6 +133,13 @@ GAINS: dict[str, tuple[str, dict[str, Kind]]] = {
         "PrescribedTimeGain",
         {"mu0": NUMBER, "deadline": NUMBER, "r_max": NUMBER},
     ),
+    "innovation": (
+        "InnovationGain",
+        {
+            **dict.fromkeys(("most", "rise", "fall", "threshold", "slope"), NUMBER),
+            "samples": INTEGER,
+        },
+    ),
 }
 """`gain = { law = ... }`: the class behind each law, and its keys."""
 

@@ -11,7 +11,7 @@ from hgo_rs.errors import HgoError
 from hgo_rs.exports.names import Names
 from hgo_rs.exports.traced import model_of
 from hgo_rs.observers import Observer
-from hgo_rs.observers.online import is_one_filter
+from hgo_rs.observers.online import EKF, is_one_filter
 
 __all__ = [
     "ELAPSED",
@@ -101,6 +101,7 @@ OF_GAIN = {
     "dead-zone": ("r", "gain"),
     "switched": ("quiet", "time since the last large innovation, s"),
     "prescribed-time": ("clock", "time since the start, s"),
+    "innovation": ("theta", "gain"),
 }
 """What gain laws remember."""
 
@@ -154,6 +155,9 @@ def _rest_of(spec: Mapping[str, Any], states: Sequence[str], count: int) -> list
     words = []
     if spec["kind"] in ("low-power", "peaking-free"):
         words += [(f"eta_{word}", f"auxiliary state, follows {word}") for word in states[1:]]
+    if spec["kind"] == EKF:
+        n = len(states)
+        words += [(f"z{n + i + 1}", "auxiliary state") for i in range(n * (n + 1) // 2)]
     gain = spec.get("gain")
     if isinstance(gain, Mapping) and gain["law"] in OF_GAIN:
         words.append(OF_GAIN[gain["law"]])

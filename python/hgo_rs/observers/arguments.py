@@ -21,7 +21,7 @@ from hgo_rs.design.discrete import (
 from hgo_rs.errors import HgoError, check, check_choice, check_integer, check_number, explain
 from hgo_rs.laws import Law
 from hgo_rs.models import Ship, System, Unknown
-from hgo_rs.observers.gains import ConstantGain, GainLaw, HomogeneousGain
+from hgo_rs.observers.gains import ConstantGain, GainLaw, HomogeneousGain, InnovationGain
 from hgo_rs.observers.records import vector
 from hgo_rs.observers.shapes import BiHomogeneous, Fal, Shape
 
@@ -186,6 +186,9 @@ def gain(
         remedy = "this gain is made for the standard law from order 2 on"
         allowed = f"another gain law for the {law.title} of order {n}"
         check(law.kind == "standard" and n > 1, "gain", gain, allowed, remedy)
+    if isinstance(gain, InnovationGain):
+        allowed, remedy = "another gain law", "this one is for HighGainEKF"
+        check(law is None, "gain", gain, allowed, remedy)
     if isinstance(gain, GainLaw):
         return gain.spec
     return ConstantGain(check_number(gain, "gain", above=0.0)).spec

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hgo_rs.errors import check_integer, check_number
+from hgo_rs.errors import check, check_integer, check_number
 from hgo_rs.read_only import Described
 from hgo_rs.times import check_period
 
@@ -139,12 +139,62 @@ class PrescribedTimeGain(Described):
         )
 
 
+@dataclass(frozen=True)
+class InnovationGain(Described):
+    """theta of a `HighGainEKF` between 1 and `most`, by the innovation of a window of samples.
+
+    theta' = mu F_0(theta) + (1 - mu) fall (1 - theta), mu = 1/(1 + exp(-slope (I - threshold)))
+    F_0 = theta^2/rise for theta <= most/2, else (theta - most)^2/rise
+
+    with I the integral of |y - y_hat|^2 over the last `samples` samples used, y_hat by the model
+    from the estimate at their beginning on, without correction. Boizot, Busvelle and Gauthier,
+    Automatica 46 (2010) 1483. A wrong estimate raises theta to `most` within some 3 `rise`; where
+    the model tells the samples, the filter is the extended Kalman filter, theta = 1.
+
+    Parameters
+    ----------
+    most : float
+        theta_max > 1.
+    rise : float
+        Delta T > 0 [s].
+    fall : float
+        lambda > 0 [1/s].
+    threshold : float
+        m > 0 [unit of y^2 s]: above what noise alone makes of I, its variance times the window.
+    slope : float
+        beta > 0, in 1 over the unit of the threshold: 10/threshold makes mu(0) small.
+    samples : int
+        5 or 10: the window, in samples.
+    """
+
+    _kind = ("law", "innovation")
+
+    most: float
+    rise: float
+    fall: float
+    threshold: float
+    slope: float
+    samples: int = 10
+
+    def __post_init__(self) -> None:
+        check_number(self.most, "most", above=1.0, remedy="1 is the extended Kalman filter")
+        for name in ("rise", "fall", "threshold", "slope"):
+            check_number(getattr(self, name), name, above=0.0)
+        check(self.samples in (5, 10), "samples", self.samples, "5 or 10", "choose one of them")
+
+
 GainLaw = (
-    ConstantGain | AdaptiveGain | DeadZoneGain | HomogeneousGain | SwitchedGain | PrescribedTimeGain
+    ConstantGain
+    | AdaptiveGain
+    | DeadZoneGain
+    | HomogeneousGain
+    | SwitchedGain
+    | PrescribedTimeGain
+    | InnovationGain
 )
 """Every gain law."""
 
-WITH_R = ("adaptive", "dead-zone")
+WITH_R = ("adaptive", "dead-zone", "innovation")
 """Those that remember their gain r >= 1."""
 
 

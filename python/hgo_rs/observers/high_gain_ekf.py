@@ -21,6 +21,9 @@ from hgo_rs.observers.online import SAMPLED
 from hgo_rs.observers.records import Array
 from hgo_rs.observers.turns import turn
 
+WINDOW = "innovation"
+"""The gain that moves by the innovation of a window."""
+
 
 class HighGainEKF(Observer):
     """High-gain extended Kalman filter of order n: the gains come from a covariance P.
@@ -37,8 +40,8 @@ class HighGainEKF(Observer):
     n : int
         Order, 1 to 6.
     gain : float or a gain law, optional
-        theta >= 1, the gain ell of the other laws. Default: 1. A law that moves it needs a method
-        of rates.
+        theta >= 1, the gain ell of the other laws. Default: 1. `InnovationGain` moves it under
+        method "sampled" (one output, order 1 to 4), the adaptive laws under a method of rates.
     theta : float, optional
         The same by its name in the papers.
     R : float
@@ -64,7 +67,8 @@ class HighGainEKF(Observer):
         Of other laws: P holds for all of the innovation.
 
     The memory holds x_hat, then P as L and D of P = L D L', L unit lower triangular, row by row
-    with D on the diagonal, so that P stays positive; `covariance` gives P.
+    with D on the diagonal, so that P stays positive; `covariance` gives P. Under an
+    `InnovationGain` then theta, the runs of the model over the window, and the innovation of each.
 
     Raises
     ------
@@ -110,8 +114,13 @@ class HighGainEKF(Observer):
         if method == SAMPLED:
             remedy = "a sample is used at its own time; or choose a method of rates"
             check(timing == "current", "timing", timing, "'current'", remedy)
-            constant, remedy = gain_law["law"] == "constant", "choose method='rk4'"
-            check(constant, "gain", gain_law["law"], "constant under method 'sampled'", remedy)
+            fits, remedy = gain_law["law"] in ("constant", WINDOW), "choose method='rk4'"
+            allowed = "constant, or an InnovationGain, under method 'sampled'"
+            check(fits, "gain", gain_law["law"], allowed, remedy)
+        else:
+            remedy = "its window is of samples: choose method='sampled'"
+            allowed = "another law under a method of rates"
+            check(gain_law["law"] != WINDOW, "gain", gain_law["law"], allowed, remedy)
         variance = check_number(_one(R), "R", above=0.0)
         q = _triangle(Q, "Q", n)
         p0 = None if P0 is None else _triangle(P0, "P0", n)

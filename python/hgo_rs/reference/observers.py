@@ -853,6 +853,106 @@ class SampledEkf(Law):
         return np.vstack([x_hat, covariance.held(p), memory[self.rows :] + dt])
 
 
+class AdaptiveEkf(SampledEkf):
+    """The EKF of sampled data whose theta moves by the innovation of a window of samples.
+
+    Boizot, Busvelle, Gauthier, Automatica 46 (2010) 1483. Memory: x_hat (n), P as L and D, theta,
+    runs of the model from the last W estimates (n W), the innovation of each (W, -1 before it
+    begins), the time since the last sample used.
+    """
+
+    def __init__(self, spec: Spec, model: Plant) -> None:
+        super().__init__([{**spec, "gain": {"law": "constant", "ell": 1.0}}], model)
+        gain = member(spec, "gain", "observer")
+        names = ("most", "rise", "fall", "slope", "threshold")
+        known(gain, "gain", ("law", "samples", *names))
+        given = (number(member(gain, name, "gain"), f"gain.{name}", above=0.0) for name in names)
+        self.most, self.rise, self.fall, self.slope, self.threshold = given
+        self.window = integer(member(gain, "samples", "gain"), "gain.samples", least=2)
+        self.runs = slice(self.rows + 1, self.rows + 1 + self.n * self.window)
+        self.parts = slice(self.runs.stop, self.runs.stop + self.window)
+        self.memory_len = self.parts.stop + 1
+
+    @property
+    def signals(self) -> int:
+        """All but the time."""
+        return self.memory_len - 1
+
+    def initial(self) -> Array:
+        memory = super().initial()
+        memory[self.rows], memory[self.parts] = 1.0, -1.0
+        return memory
+
+    def rate_of(self, theta: Array, innovation: Array) -> Array:
+        """dtheta/dt."""
+        mu = 1.0 / (1.0 + np.exp(-self.slope * (innovation - self.threshold)))
+        slow = theta <= self.most / 2.0
+        rise = np.where(slow, theta**2, (theta - self.most) ** 2) / self.rise
+        return np.asarray(mu * rise + (1.0 - mu) * self.fall * (1.0 - theta))
+
+    def correct(self, memory: Array, y: Array, t: float) -> Array:
+        """(1) of the window, then theta, then the filter; the window goes on by a run."""
+        new, n, w = memory.copy(), self.n, self.window
+        y = np.reshape(y, -1)
+        present, elapsed = np.isfinite(y), memory[-1]
+        taken = present & (elapsed > 0.0)
+        runs = memory[self.runs].reshape(w, n, -1).copy()
+        parts = memory[self.parts].copy()
+        error = np.where(present, y - runs[:, 0], 0.0)
+        begun = parts >= 0.0
+        parts = np.where(begun, parts + np.where(present, elapsed, 0.0) * error**2, parts)
+        innovation = np.maximum(parts[0], 0.0)
+
+        passed = np.where(present, elapsed, 0.0)
+
+        def rate(s: float, theta: Array) -> Array:  # over the time that has passed, each its own
+            return passed * self.rate_of(theta, innovation)
+
+        theta = np.clip(integrate.rk4(rate, 0.0, memory[self.rows], 1.0), 1.0, self.most)
+        new[self.rows] = np.where(present, theta, memory[self.rows])
+        p = covariance.covariance(memory[n : self.rows], n)
+        r, e = self.r[0] / theta, np.where(present, y, 0.0) - memory[0]
+        k = p[:, :, 0].T / (p[:, 0, 0] + r)
+        left = np.eye(n)[None] - k.T[:, :, None] * np.eye(n)[0]
+        p = left @ p @ np.swapaxes(left, 1, 2) + r[:, None, None] * k.T[:, :, None] * k.T[:, None]
+        new[:n] = np.where(taken, memory[:n] + k * e, memory[:n])
+        new[n : self.rows] = np.where(taken, covariance.held(p), memory[n : self.rows])
+        later = np.concatenate((runs[1:], new[None, :n]))
+        runs = np.where(taken, later, runs)
+        parts = np.where(taken, np.concatenate((parts[1:], np.zeros_like(parts[:1]))), parts)
+        begins = present & (parts < 0.0)
+        runs = np.where(begins[:, None], new[None, :n], runs)
+        new[self.runs] = runs.reshape(n * w, -1)
+        new[self.parts] = np.where(begins, 0.0, parts)
+        new[-1] = np.where(present, 0.0, elapsed)
+        return new
+
+    def predict(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
+        """The filter at theta, and each run by the model."""
+        n, new = self.n, memory.copy()
+
+        def free(x: Array, s: float) -> Array:
+            return drift(self.model, x, u, s)
+
+        a = np.repeat(self.a[None], memory.shape[1], axis=0)
+        if n > 1:
+            a[:, -2, -1] = self.model.slope(memory[:n])
+        powers = memory[self.rows][:, None] ** (np.arange(n) + 0.5)
+        q = self.q * powers[:, :, None] * powers[:, None, :]
+        p = covariance.covariance(memory[n : self.rows], n)
+        new[:n], p = covariance.moved(free, a, q, memory[:n], p, t, dt)
+        new[n : self.rows] = covariance.held(p)
+        runs, begun = memory[self.runs].reshape(self.window, n, -1), memory[self.parts] >= 0.0
+        for j, run in enumerate(runs):
+            x = np.where(begun[j], run, memory[:n])
+            h = dt / covariance.SUBSTEPS
+            for step in range(covariance.SUBSTEPS):
+                x = integrate.rk4(lambda s, z: free(z, s), t + step * h, x, h)
+            new[self.runs.start + j * n : self.runs.start + (j + 1) * n] = x
+        new[-1] = memory[-1] + dt
+        return new
+
+
 class PeakingFreeObserver(LowPowerObserver):
     """The peaking-free low-power observer: Astolfi et al., eq. (11).
 
@@ -1514,7 +1614,10 @@ def _is_sampled(spec: Spec) -> bool:
 def _filter(spec: Spec, chains: list[Spec]) -> Law:
     """The EKF of sampled data of one chain, or of all chains of a model."""
     if spec["kind"] != "chains":
-        return _wrapped(SampledEkf(chains, _model(spec, _order(spec), None)), spec)
+        model = _model(spec, _order(spec), None)
+        if member(spec, "gain", "observer").get("law") == "innovation":
+            return _wrapped(AdaptiveEkf(spec, model), spec)
+        return _wrapped(SampledEkf(chains, model), spec)
     for one in chains:
         known(one, "observers", ("kind", "Q", "R", "P0", *_CHAIN[:-1]))
     model = plant_from(member(spec, "model", "observer"), "model")

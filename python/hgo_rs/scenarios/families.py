@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hgo_rs.design import levant_coefficients
-from hgo_rs.models import Model, Plant
+from hgo_rs.models import Model, Plant, VanDerPol
 from hgo_rs.observers import (
     Fal,
+    HighGainEKF,
     HomogeneousGain,
+    InnovationGain,
     MultiOutputObserver,
     Observer,
     PiecewiseLinear,
@@ -43,6 +45,7 @@ STUBBORN = "Alessandri, Zaccarian, Automatica 88 (2018); with Astolfi, IEEE TAC 
 LEVANT = "Levant, IJC 76 (2003) 924; Koch et al., IEEE TAC 65 (2020) 757"
 AHRENS = "Ahrens, Khalil, Automatica 45 (2009) 936"
 HOLLOWAY = "Holloway, Krstic, IEEE TAC 64 (2019) 3905"
+BOIZOT = "Boizot, Busvelle, Gauthier, Automatica 46 (2010) 1483"
 FARZA = "Farza, M'Saad, Rossignol, Automatica 40 (2004) 135"
 HAN = "Han, IEEE TIE 56 (2009) 900"
 
@@ -276,9 +279,9 @@ def chains(ctx: Context) -> Outcome:
             rows.append(row(f"{what}, x{i + 1}", x[k, i], expected=states[i], rel=1e-7, note=note))
             rows.append(row(f"{what}, x̂{i + 1}", x_hat[k, i], expected=estimates[i], rel=1e-7))
 
-    states = ["x1", "x2", "z"]
-    both = Model(states=states, orders=[2, 1], phi=["-x1 + z*x2", "-z + x2"])
-    plant = Plant(states=states, drift=["x2", "-x1 + z*x2", "-z + x2"], output=["x1", "z"])
+    names = ["x1", "x2", "z"]
+    both = Model(states=names, orders=[2, 1], phi=["-x1 + z*x2", "-z + x2"])
+    plant = Plant(states=names, drift=["x2", "-x1 + z*x2", "-z + x2"], output=["x1", "z"])
     parts = [StandardObserver(n, 15.0, k=k, **rk4) for n, k in ((2, (2.0, 1.0)), (1, (1.0,)))]
     law = MultiOutputObserver(parts, model=both)
     ends = []
@@ -292,7 +295,7 @@ def chains(ctx: Context) -> Outcome:
     numbers = (0.869990323, -0.517841347, 0.192419211), (0.874774252, -0.432450013, 0.208793842)
     for name, values, expected in (("", run.final_x[0], numbers[0]), ("̂", limit, numbers[1])):
         for i, value in enumerate(expected):
-            what = f"coupled blocks, 0.5 s, {states[i][0]}{name}{states[i][1:]}"
+            what = f"coupled blocks, 0.5 s, {names[i][0]}{name}{names[i][1:]}"
             rows.append(row(what, values[i], expected=value, rel=1e-7))
 
     def draw(fig: Figure) -> None:
@@ -304,5 +307,73 @@ def chains(ctx: Context) -> Outcome:
         ax.set_title(r"$\dot x_1 = x_2 + x_2^3$: rows over the product of slopes")
         ax.set_xlabel("time (s)")
         ax.legend()
+
+    return Outcome(rows, draw)
+
+
+@scenario("families-adaptive", title="High-gain EKF, adaptive", paper="families")
+def adaptive(ctx: Context) -> Outcome:
+    """Covariances in continuous time, gains at rest, and theta under a window's innovation."""
+    rows: list[Row] = []
+    rates: Mapping[str, Any] = {"method": "rk4", "timing": "predictor"}
+    known = VanDerPol(epsilon=0.5, sigma=0.0)
+    for theta, x_hat, p in (
+        (5.0, (-0.752854140, -1.405894033), (1.771424701, 5.256624609, 47.323828723)),
+        (1.0, (-0.454922104, -0.874578807), ()),
+    ):
+        one: Mapping[str, Any] = {"R": 1.0, "Q": [1.0, 1.0], "P0": [1.0, 1.0]}
+        law = HighGainEKF(2, theta, **one, model=known, **rates)
+        run = ctx.run(known, law, x0=[1.0, 0.0], dt=1e-3, steps=2000, mode="joint")
+        memory = run.final_memory[0]
+        found = law.covariance(memory)[np.tril_indices(2)]
+        for i, value in enumerate(x_hat):
+            what, note = f"θ = {theta:g}, 2 s, x̂{i + 1}", "" if rows else BOIZOT
+            rows.append(row(what, memory[i], expected=value, rel=1e-8, note=note))
+        for name, value, expected in zip(("P11", "P21", "P22"), found, p, strict=False):
+            rows.append(row(f"θ = {theta:g}, 2 s, {name}", value, expected=expected, rel=1e-8))
+    start = 7.0 ** np.arange(0.0, 6.0, 2.0)
+    law = HighGainEKF(3, 7.0, R=1.0, Q=[1.0, 1.0, 1.0], P0=start, **rates)
+    memory = law.run(2e-3, np.zeros(12_000)).memory[-1]
+    for i, value in enumerate((16.899494937, 118.296464556, 343.0)):
+        gain = 7.0 * law.covariance(memory)[i, 0]
+        rows.append(row(f"θ = 7, gain K{i + 1} at rest", gain, expected=value, rel=1e-8))
+
+    window = InnovationGain(10.0, 0.1, 2.0, threshold=0.2, slope=50.0, samples=5)
+    law = HighGainEKF(2, window, R=1.0, Q=[1.0, 1.0], P0=[1.0, 1.0])
+    theta_at, parts = 5, slice(16, 21)  # in the memory: x̂, P, θ, runs, their innovations
+
+    def under(innovation: float, theta: float, dt: float, steps: int) -> list[float]:
+        """θ after each step while every run of the window has this innovation."""
+        law.reset()
+        memory, seen = law.memory.copy(), []
+        memory[theta_at] = theta
+        for _ in range(steps):
+            memory[parts], memory[-1] = innovation, dt
+            memory[:2] = memory[6:16] = 0.0  # model and estimate stand at the sample
+            law.memory = memory
+            law.correct(0.0)
+            memory = law.memory.copy()
+            seen.append(float(memory[theta_at]))
+        return seen
+
+    for theta, innovation, value in (
+        (1.0, 0.2, 5.0),
+        (5.0, 1.0, 250.0),
+        (8.0, 0.2, 13.0),
+        (10.0, 0.2, -9.0),
+    ):
+        slope = (under(innovation, theta, 1e-7, 1)[0] - theta) / 1e-7
+        rows.append(row(f"F({theta:g}, {innovation:g})", slope, expected=value, rel=1e-4))
+    rise = under(100.0, 1.0, 2.5e-4, 1120)
+    rows.append(row("θ after 0.08 s, μ = 1", rise[319], expected=5.0, rel=1e-7))
+    rows.append(row("θ after 0.28 s, μ = 1", rise[1119], expected=105.0 / 11.0, rel=1e-7))
+
+    def draw(fig: Figure) -> None:
+        fig.set_size_inches(7.0, 4.0)
+        ax = fig.subplots()
+        fall = under(0.0, rise[-1], 2.5e-4, 6000)
+        ax.plot(2.5e-4 * np.arange(7120), [*rise, *fall], color=COLOURS["blue"])
+        ax.set_title(r"$\theta$ under a large innovation for 0.28 s, then none")
+        ax.set_xlabel("time (s)")
 
     return Outcome(rows, draw)

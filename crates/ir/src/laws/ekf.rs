@@ -10,8 +10,10 @@ use crate::trace::{self, Setting, Traced, input};
 use hgo_rs::Scalar;
 use hgo_rs::dual::Dual;
 use hgo_rs::laws::Law;
+use hgo_rs::memory::Memory;
 use hgo_rs::model::Model;
-use hgo_rs::observers::SampledEkf;
+use hgo_rs::observer::Observer;
+use hgo_rs::observers::{AdaptiveEkf, InnovationGain, SampledEkf};
 use nalgebra::SMatrix;
 
 /// The word for the law.
@@ -50,8 +52,12 @@ struct Chain {
     theta: f64,
 }
 
+/// The word for a gain that moves by the innovation of a window.
+const ADAPTIVE: &str = "innovation";
+
 impl Chain {
-    fn read(spec: &Spec<'_>) -> Result<Self> {
+    /// θ of an adaptive one is told by [`Window`].
+    fn read(spec: &Spec<'_>, adaptive: bool) -> Result<Self> {
         spec.only(&["kind", "n", "Q", "R", "P0", "gain", "model", "method", "timing", "wrap"])?;
         let n = spec.count("n")?;
         let timing = spec.text_or("timing", "predictor")?;
@@ -62,18 +68,50 @@ impl Chain {
             )));
         }
         let gain = spec.sub("gain")?;
-        if gain.text("law")? != "constant" {
+        if !adaptive && gain.text("law")? != "constant" {
             return Err(refused(format!(
                 "gain[\"law\"] = {:?} is not allowed: the high-gain EKF of sampled data takes a \
-                 constant theta; choose constant, or another method",
+                 constant theta, of one output also the gain {ADAPTIVE:?}; choose constant, or another method",
                 gain.text("law")?
             )));
         }
-        gain.only(&["law", "ell"])?;
+        let theta = if adaptive { 1.0 } else { gain.f64("ell")? };
+        if !adaptive {
+            gain.only(&["law", "ell"])?;
+        }
         let [r] = spec.vector::<1>("R", 1)?;
         let packed = n * (n + 1) / 2;
         let (q, p0) = (spec.list_of("Q", packed)?, spec.list_of("P0", packed)?);
-        Ok(Self { n, q, p0, r, theta: gain.f64("ell")? })
+        Ok(Self { n, q, p0, r, theta })
+    }
+}
+
+/// How θ moves by the innovation of so many samples.
+struct Window {
+    samples: usize,
+    /// θ_max, ΔT, λ, β, m.
+    numbers: [f64; 5],
+}
+
+impl Window {
+    /// If a spec's gain is such a one.
+    fn read(spec: &Spec<'_>) -> Result<Option<Self>> {
+        let gain = spec.sub("gain")?;
+        if gain.text("law")? != ADAPTIVE {
+            return Ok(None);
+        }
+        let names = ["most", "rise", "fall", "slope", "threshold"];
+        gain.only(&[&["law", "samples"], &names[..]].concat())?;
+        let mut numbers = [0.0; 5];
+        for (number, name) in numbers.iter_mut().zip(names) {
+            *number = gain.f64(name)?;
+        }
+        Ok(Some(Self { samples: gain.count("samples")?, numbers }))
+    }
+
+    fn gain(&self) -> Result<InnovationGain<Traced>> {
+        let [most, rise, fall, slope, threshold] = self.numbers.map(Traced::from_f64);
+        Ok(InnovationGain::new(most, rise, fall, slope, threshold)?)
     }
 }
 
@@ -117,6 +155,19 @@ where
         let (r, theta) = (of(&|chain| chain.r), of(&|chain| chain.theta));
         Ok(SampledEkf::new(&q, r, &p0, theta, orders, model()?)?)
     };
+    finished(chains, (n_u, parameters), setting, build)
+}
+
+/// Tables of the filter that `build` makes within a trace.
+fn finished<O>(
+    chains: &[Chain],
+    (n_u, parameters): (usize, &[f64]),
+    setting: Setting,
+    build: impl Fn() -> Result<O> + Copy,
+) -> Result<Tables>
+where
+    O: Observer<Traced, Input: Memory<Traced>>,
+{
     let shape = shape_of(n_u, build)?;
     let mut end = 0;
     let firsts = chains.iter().map(|chain| {
@@ -126,7 +177,7 @@ where
     let start = outputs::start_at(&firsts.collect::<Vec<_>>(), &shape, setting)?;
     Ok(Tables {
         // the time that has passed is no signal; of several outputs, as of other chains, the estimates are
-        shape: Shape { signals: if K == 1 { shape.memory - 1 } else { N }, ..shape },
+        shape: Shape { signals: if shape.n_y == 1 { shape.memory - 1 } else { shape.n }, ..shape },
         correct: Some(half_table(setting, n_u, true, build)?),
         advance: half_table(setting, n_u, false, build)?,
         missing: None,
@@ -146,8 +197,31 @@ pub(super) fn tables(
     given: &Given<'_>,
     setting: Setting,
 ) -> Result<Tables> {
-    let chains = [Chain::read(spec)?];
+    let window = Window::read(spec)?;
+    let chains = [Chain::read(spec, window.is_some())?];
     let with = (given.n_u()?, given.parameters());
+    if let Some(window) = window {
+        macro_rules! sizes {
+            ($(($n:literal, $w:literal))*) => {
+                match (chains[0].n, window.samples) {
+                    $(($n, $w) => finished(&chains, with, setting, || {
+                        let (q, p0) = (joined(&chains, |of| &of.q), joined(&chains, |of| &of.p0));
+                        let (r, model) = (Traced::from_f64(chains[0].r), given.install($n)?);
+                        let gain = window.gain()?;
+                        Ok(AdaptiveEkf::<_, _, $n, $w, MAX_INPUTS>::new(&q, r, &p0, gain, model)?)
+                    }),)*
+                    (n, samples) => Err(refused(format!(
+                        "n = {n} with a window of {samples} samples is not allowed: the adaptive {} takes \
+                         n = 1 to 4, and 5 or 10 samples",
+                        law.title
+                    ))),
+                }
+            };
+        }
+        return sizes! {
+            (1, 5) (2, 5) (3, 5) (4, 5) (1, 10) (2, 10) (3, 10) (4, 10)
+        };
+    }
     macro_rules! orders {
         ($($n:literal)*) => {
             match chains[0].n {
@@ -180,7 +254,8 @@ pub(super) fn joint(spec: &Spec<'_>, setting: Setting) -> Result<Tables> {
             "wrap is not allowed for high-gain EKFs of several outputs: unwrap the samples",
         ));
     }
-    let chains: Vec<Chain> = specs.iter().map(Chain::read).collect::<Result<_>>()?;
+    let chains: Vec<Chain> =
+        specs.iter().map(|spec| Chain::read(spec, false)).collect::<Result<_>>()?;
     let given: Vec<usize> = chains.iter().map(|chain| chain.n).collect();
     if given != own.orders {
         return Err(refused(format!(
