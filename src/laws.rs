@@ -151,6 +151,9 @@ macro_rules! count {
     (n (n + 1)/2) => {
         |sizes| sizes.n * (sizes.n + 1) / 2
     };
+    (n m) => {
+        |sizes| sizes.n * sizes.m
+    };
     (n + m) => {
         |sizes| sizes.n + sizes.m
     };

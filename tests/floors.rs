@@ -466,6 +466,7 @@ fn every_observer_and_plant_names_its_paper_and_equation() {
         "Katayama",
         "Astolfi",
         "Busvelle",
+        "Savitzky and Golay",
     ];
     let mut laws = 0;
     for Source { module, head, .. } in sources(CORE) {

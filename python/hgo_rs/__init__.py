@@ -57,6 +57,7 @@ if TYPE_CHECKING:
         StochasticApproximation,
         Stubborn,
         SwitchedGain,
+        WindowObserver,
         gap_bound,
     )
     from hgo_rs.simulation import (
@@ -157,6 +158,7 @@ __all__ = [
     "UniformNoise",
     "Unknown",
     "VanDerPol",
+    "WindowObserver",
     "__version__",
     "compare",
     "differentiate",

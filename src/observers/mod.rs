@@ -13,6 +13,7 @@ mod reduced_order;
 mod sampled_data;
 mod sampled_ekf;
 mod standard;
+mod window;
 
 pub use adaptive_ekf::{AdaptiveEkf, AdaptiveEkfState, InnovationGain};
 pub use collection::{CopyState, ModifiedObserver, ModifiedState, RepelledCollection};
@@ -24,6 +25,7 @@ pub use reduced_order::{ReducedOrderObserver, ReducedOrderState};
 pub use sampled_data::SampledDataObserver;
 pub use sampled_ekf::{SampledEkf, SampledEkfState};
 pub use standard::{StandardObserver, StandardState};
+pub use window::{WindowObserver, WindowState};
 
 pub use crate::saturation::{HardClip, NoSaturation, Saturation, SmoothSaturation};
 
@@ -151,6 +153,13 @@ macro_rules! for_each_law {
                 new: [h_bar(n) epsilon(1)], form: StrictFeedback,
                 memory: [z_hat(n) y(outputs) u(inputs) elapsed(1) period(1)],
                 source: "Katayama (8), (22)",
+            }
+            recursions {
+                kind: "window", title: "gains on a window of innovations",
+                law: $crate::observers::WindowObserver<T, N, K>,
+                new: [W(n m) dt(1)], form: Phase,
+                memory: [x_hat(n) d(m)],
+                source: "Savitzky and Golay (1964); Benedict and Bordner (1962)",
             }
         }
     };

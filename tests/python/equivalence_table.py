@@ -100,6 +100,14 @@ def spread(kind: str, count: int = 3) -> list[float]:
     return [float(v) for row in main + starts for v in row]
 
 
+WINDOW = {
+    "kind": "window",
+    "n": 2,
+    "window": 3,
+    "W": [0.9, 0.2, -0.1, 40.0, 5.0, -20.0],
+    "dt": 0.01,
+    "model": {"kind": "none"},
+}
 SAMPLED_DATA = {"kind": "sampled-data", "model": VAN_DER_POL}
 REDUCED_ORDER = {
     "kind": "reduced-order",
@@ -201,6 +209,7 @@ def records() -> Iterator[Case]:
         spec = {"observer": {**SAMPLED_DATA, "gain": gain}}
         yield Case(f"sampled-data, {gain}", "record", "record", spec)
     yield Case("reduced-order", "record", "record", {"observer": REDUCED_ORDER})
+    yield Case("window", "record", "record", {"observer": WINDOW})
 
 
 def timed() -> Iterator[Case]:

@@ -46,6 +46,7 @@ from hgo_rs import (
     UniformNoise,
     Unknown,
     VanDerPol,
+    WindowObserver,
     filtered_noise,
     scenarios,
     simulate,
@@ -634,6 +635,7 @@ OBSERVERS = {
     "crackle": (lambda: PeakingFreeObserver(5, 10.0, saturation=3.0, model=Crackle()), 1),
     "sampled-data": (SampledDataObserver, 1),
     "reduced-order": (lambda: ReducedOrderObserver(1.0), 3),
+    "window": (lambda: WindowObserver.savitzky_golay(5, 2, 0.01), 1),
 }
 samples = st.lists(st.one_of(numbers, st.none()), min_size=1, max_size=12)
 times = st.one_of(

@@ -70,8 +70,8 @@ def test_names_are_unique_and_every_choice_is_there():
         assert len({(choice[i], choice[j]) for choice in chosen}) == pairs
     assert sum(n == 2 for n, _, _ in chosen) == 3 * 5
     kinds = {o["kind"] for o in observers}
-    assert len(kinds) == 7
-    for kind in kinds - {"sampled-data", "reduced-order"}:
+    assert len(kinds) == 8
+    for kind in kinds - {"sampled-data", "reduced-order", "window"}:
         joint = {
             spec["observer"]["method"]
             for spec in studies

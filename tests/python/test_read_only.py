@@ -28,6 +28,7 @@ from hgo_rs import (
     Ship,
     Sines,
     StandardObserver,
+    WindowObserver,
     simulate,
     study,
 )
@@ -61,6 +62,7 @@ DESCRIBED = {
     "modified": ModifiedObserver(ADAPTIVE, **COPIES),
     "sampled-data": SampledDataObserver(),
     "reduced-order": ReducedOrderObserver(0.1),
+    "window": WindowObserver.savitzky_golay(5, 2, 0.01),
     "chains": MultiOutputObserver(
         [StandardObserver(2, 20.0), StandardObserver(1, 20.0)], model=CHAINS
     ),

@@ -41,6 +41,7 @@ fn keys(kind: &str) -> Option<Vec<&'static str>> {
     let law = match kind {
         "sampled-data" => return Some(vec!["gain", "wrap"]),
         "reduced-order" => return Some(vec!["epsilon", "h_bar", "wrap"]),
+        "window" => return Some(vec!["order", "window", "W", "dt", "wrap"]),
         "chains" => return Some(vec!["observers"]),
         _ => Law::find(LAWS, kind)?,
     };
@@ -255,6 +256,13 @@ fn law(
         "reduced-order" => {
             made.put("epsilon", Value::Number(spec.f64("epsilon")?));
             made.put("h_bar", numbers(h_bar(spec, model)?));
+        }
+        "window" => {
+            made.put("n", whole(spec.count("order")?));
+            for key in ["window", "W", "dt"] {
+                made.put_given(spec, key);
+            }
+            made.put("model", kind_alone("none"));
         }
         "chains" => {
             let inner = spec.list("observers")?;

@@ -271,4 +271,5 @@ fn visit_precision<T: Scalar>(visitor: &mut impl Visitor, scalar: &'static str) 
     visitor.visit::<T, Modified2>(scalar);
     visitor.visit::<T, SampledData2>(scalar);
     visitor.visit::<T, ReducedOrder3>(scalar);
+    visitor.visit::<T, Window2>(scalar);
 }

@@ -6,9 +6,9 @@ use hgo_rs::model::StochasticIntegrator;
 use hgo_rs::models::{
     Correction, Crackle, Diffusion, Lee, SanfelicePraly, Ship, ShipState, VanDerPol,
 };
-use hgo_rs::nalgebra::{SVector, Vector2, Vector3};
+use hgo_rs::nalgebra::{SMatrix, SVector, Vector2, Vector3};
 use hgo_rs::observer::{Current, CurrentState};
-use hgo_rs::observers::{CopyState, ModifiedState, StandardState};
+use hgo_rs::observers::{CopyState, ModifiedState, StandardState, WindowObserver};
 use hgo_rs::prelude::*;
 
 /// A case: its name and order, observer and plant, and the three functions of [`Case`].
@@ -116,6 +116,28 @@ case! {
         let [alpha, epsilon, k0, p] = [0.04, 0.01, 20_000.0, 1.0].map(T::from_f64);
         Ok(Watched::<_, I>::new(StochasticApproximation::new(alpha, epsilon, k0, p)?))
     };
+}
+
+case! {
+    /// The line of least squares through the last 11 samples: Savitzky and Golay's filter of degree 1.
+    Window2 = "Savitzky-Golay, 11", 2;
+    observer: WindowObserver<T, 2, 11> = |number| {
+        let (n, dt) = (11.0, 4e-4);
+        let w = SMatrix::from_fn(|i, j| {
+            let age = j as f64;
+            if i == 0 {
+                number((4.0 * n - 2.0 - 6.0 * age) / (n * (n + 1.0)))
+            } else {
+                number(6.0 * (n - 1.0 - 2.0 * age) / (n * (n * n - 1.0) * dt))
+            }
+        });
+        WindowObserver::new(w, number(dt))
+    };
+    plant: Lee = || {
+        let Scenario { plant, scheme, draw, x0, .. } = lee();
+        Ok(Scenario { plant, scheme, draw, x0, z0: Memory::zero() })
+    };
+    schedule: |I| fixed(4e-4);
 }
 
 // --- Astolfi, Marconi, Praly and Teel: crackle (20), n = 5 -------------------------------------

@@ -86,7 +86,7 @@ macro_rules! both {
 
 both! {
     Standard2 Standard3 Standard5 Zoh2 Zoh5 LowPower5 PeakingFree5 Adaptive2 DeadZone2 Collection2
-    Modified2 SampledData2 ReducedOrder3
+    Modified2 SampledData2 ReducedOrder3 Window2
 }
 
 /// Stochastic approximation is an observer and a clock: its step asks the clock first.

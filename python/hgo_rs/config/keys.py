@@ -20,6 +20,7 @@ _CLASSES = {
     "modified": "ModifiedObserver",
     "sampled-data": "SampledDataObserver",
     "reduced-order": "ReducedOrderObserver",
+    "window": "WindowObserver",
 }
 OBSERVERS = {
     **{kind: _CLASSES.get(kind, "HighGainObserver") for kind in LAWS},
@@ -103,6 +104,9 @@ TOP: dict[str, Kind] = {
     **dict.fromkeys(LISTS, NUMBERS),
     **dict.fromkeys(("Q", "R", "P0"), NUMBER_OR_NUMBERS),
     "h_bar": NUMBERS,
+    "window": INTEGER,
+    "W": NUMBERS,
+    "dt": NUMBER,
     "saturation": NUMBER_OR_NUMBERS,
     "clip": TEXT,
     "method": TEXT,

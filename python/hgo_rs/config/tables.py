@@ -32,7 +32,7 @@ def observer_table(spec: Mapping[str, Any]) -> dict[str, Any]:
     """The keys at the head of a file, or of one of `[[observers]]`."""
     data: dict[str, Any] = {"observer": spec["kind"]}
     law = LAWS.get(spec["kind"])
-    if law is not None and len(law.orders) > 1:
+    if law is not None and (len(law.orders) > 1 or "W" in spec):
         data["order"] = spec["n"]
     for key, value in spec.items():
         if key == "gain" and isinstance(value, dict):

@@ -50,7 +50,7 @@ from .response import (
     peaking,
     settling,
 )
-from .riccati import SteadyGains, riccati
+from .riccati import SteadyGains, poles_of_gains, riccati
 from .stochastic_approximation import (
     StationaryError,
     StepCertificate,
@@ -112,6 +112,7 @@ __all__ = [
     "norm_bound",
     "observer_coefficients",
     "peaking",
+    "poles_of_gains",
     "repulsion_gains",
     "riccati",
     "routh_hurwitz",

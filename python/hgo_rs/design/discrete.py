@@ -17,6 +17,7 @@ what is then known.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -397,7 +398,30 @@ def _reduced_order(observer: Mapping[str, Any], dt: float) -> Discrete:
     return Discrete(a, b, shown, h, dt, 1.0, np.zeros(2 * h_bar.size))
 
 
-_RECURSIONS = {"sampled-data": _sampled_data, "reduced-order": _reduced_order}
+def _window(observer: Mapping[str, Any], dt: float) -> Discrete:
+    """Gains on a window, with its own period: memory (x_hat, d) before the sample is used."""
+    n, m = int(member(observer, "n")), int(member(observer, "window"))
+    gains = np.reshape(member(observer, "W"), (n, m))
+    orders = np.array([math.factorial(i) for i in range(n)])
+    back = (-dt * np.arange(m)) ** np.arange(n)[:, None] / orders[:, None]
+    shift = np.eye(n, k=1)
+    powers = (np.linalg.matrix_power(shift, j) / math.factorial(j) for j in range(n))
+    chain = sum(power * dt**j for j, power in enumerate(powers))
+    # d = (y - x_1, d_0, ..., d_(m-2)) of memory and sample
+    aged, fresh = np.zeros((m, n + m)), np.eye(m)[:, :1]
+    aged[0, 0] = -1.0
+    aged[1:, n : n + m - 1] = np.eye(m - 1)
+    shown = np.eye(n, n + m) + gains @ aged
+    rest, rest_of_y = aged - back.T @ gains @ aged, fresh - back.T @ gains @ fresh
+    a, b = np.vstack([chain @ shown, rest]), np.vstack([chain @ gains @ fresh, rest_of_y])
+    return Discrete(a, b, shown, gains @ fresh, dt, 1.0, np.zeros(n + m))
+
+
+_RECURSIONS = {
+    "sampled-data": _sampled_data,
+    "reduced-order": _reduced_order,
+    "window": _window,
+}
 
 
 # --- spec entries -----------------------------------------------------------------------------

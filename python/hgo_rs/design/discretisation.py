@@ -24,6 +24,7 @@ from ._checks import Array
 from .discrete import CORRECTING, GAIN_LAWS, Steps, Unit, choice, member, method, timing, unit
 
 _ROUNDED = 200.0
+_OFF = 0.05  # of a law's own period, that a step may be
 _SATURATED = {
     "zoh": {1: math.inf, 2: math.inf, 3: math.inf, 4: 2.0, 5: 1.0, 6: 0.5},
     "bilinear": {3: 2.0, 4: 1.0},
@@ -39,12 +40,14 @@ class StepLimit:
     ``c``: the limit of ell dt; reduced-order: of dt/epsilon; sampled-data: of dt itself.
     ``parts``: the limit on c of each matrix that has a say, by name.
     ``method``: the discretisation ("recursion" for a law that is one already).
+    ``period``: the only step [s], to 5 %, of a law that has one.
     """
 
     method: str
     dt: float
     c: float
     parts: Mapping[str, float]
+    period: float | None = None
 
     @property
     def bounded(self) -> float:
@@ -62,8 +65,16 @@ class StepLimit:
 
 
 def check_step(observer: Mapping[str, Any], dt: float, *, allow_unstable: bool = False) -> None:
-    """Refuse a ``dt`` [s] at or above ``step_limit(observer)``, unless ``allow_unstable``."""
+    """Refuse a ``dt`` [s] at or above ``step_limit(observer)``, unless ``allow_unstable``; and one
+    that is not the law's own period.
+    """
     dt = _checks.positive(dt, "dt")
+    if "dt" in observer:
+        period = step_limit(observer).period or dt
+        fits = abs(dt - period) <= _OFF * period
+        remedy = "resample the record, mark missing samples as NaN, or choose StandardObserver"
+        told = f"{period:g} s to {_OFF:.0%}, the period of this {observer['kind']}"
+        check(fits, "dt", dt, told, remedy, DesignError)
     if not allow_unstable:
         limit = step_limit(observer)
         check(
@@ -98,6 +109,7 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
       sufficient, and asks too much of the printed gain.
       A model of the user's own: no limit is known, its K_T may depend on T at will.
     - reduced-order (Katayama, A5): T < 2 epsilon/max h_bar, exact.
+    - window: none beside its period, to which the observer keeps.
     - high-gain EKF: none is known before P is; "sampled" has none.
     - chains: the least of the chains' own; ``parts`` are in s there.
     """
@@ -233,6 +245,11 @@ def _sampled_data(observer: Mapping[str, Any]) -> StepLimit:
     return StepLimit("recursion", dt, dt, parts)
 
 
+def _window(observer: Mapping[str, Any]) -> StepLimit:
+    period = _checks.positive(member(observer, "dt"), "dt")
+    return StepLimit("recursion", math.inf, math.inf, {}, period)  # stable at its period
+
+
 def _filter(observer: Mapping[str, Any]) -> StepLimit:
     return StepLimit(str(member(observer, "method")), math.inf, math.inf, {})  # P moves its gains
 
@@ -326,6 +343,7 @@ def _van_der_pol_cycle(epsilon: float) -> tuple[Sequence[float], float]:
 _LIMITS: dict[str, Callable[[Mapping[str, Any]], StepLimit]] = {
     "sampled-data": _sampled_data,
     "reduced-order": _reduced_order,
+    "window": _window,
     "high-gain-ekf": _filter,
     "chains": _chains,
 }

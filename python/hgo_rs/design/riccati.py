@@ -59,18 +59,46 @@ def riccati(
     except np.linalg.LinAlgError:
         decays = False
     check(decays, "Q", Q, "such that the error decays", "give noise in x_n", DesignError)
-    z = np.linalg.eigvals(_error(a, gains, step)).astype(complex)
     remedy = "choose HighGainEKF, which needs no poles"
     if step is not None:
-        placed = (np.abs(z.imag) > 1e-12) | (z.real > 0.0)
-        allowed = "one for which the gains are those of poles"
-        check(bool(np.all(placed)), "dt", dt, allowed, f"a smaller dt, or {remedy}", DesignError)
-        z = np.log(z) / step
+        ell, poles = poles_of_gains(gains, step, remedy=f"give a smaller dt, or {remedy}")
+        return SteadyGains(ell, poles, gains, p)
+    z = np.linalg.eigvals(_error(a, gains, step)).astype(complex)
     allowed = "such that the gains are those of stable poles of the chain"
     check(bool(np.all(z.real < 0.0)), "slopes", slopes, allowed, remedy, DesignError)
+    return SteadyGains(*_scaled(z), gains, p)
+
+
+def poles_of_gains(
+    gains: npt.ArrayLike, dt: float, *, remedy: str = "choose WindowObserver, which needs no poles"
+) -> tuple[float, npt.NDArray[np.complex128]]:
+    """The gain ell [1/s] and the poles (n,), before scaling by ell, whose law with method "zoh" and
+    current timing corrects by K = `gains` (n,) [x_i/y] at the period ``dt`` [s].
+
+    They are ln(z)/dt of the eigenvalues z of (I - K C) exp(A dt).
+
+    Raises DesignError where an error does not decay, or an eigenvalue is 0 or negative, which no
+    pole has.
+    """
+    k, step = np.atleast_1d(check_array(gains, "gains")), _checks.positive(dt, "dt")
+    allowed, give = "n finite numbers", "give one gain for each state"
+    check(k.ndim == 1 and bool(np.all(np.isfinite(k))), "gains", gains, allowed, give, DesignError)
+    # in coordinates x_i dt^(i-1), so that all entries are of one size
+    units = step ** np.arange(len(k))
+    z = np.linalg.eigvals(_error(np.eye(len(k), k=1), k * units, 1.0)).astype(complex)
+    allowed = "such that the error decays"
+    give = "give smaller gains, with those of higher states smaller still"
+    check(bool(np.all(np.abs(z) < 1.0)), "gains", gains, allowed, give, DesignError)
+    placed = (np.abs(z.imag) > 1e-12) | (z.real > 1e-12)
+    allowed = f"those of poles: of the eigenvalues {np.round(z, 6).tolist()} one is not above 0"
+    check(bool(np.all(placed)), "gains", gains, allowed, remedy, DesignError)
+    return _scaled(np.log(z) / step)
+
+
+def _scaled(z: npt.NDArray[np.complex128]) -> tuple[float, npt.NDArray[np.complex128]]:
+    """Poles as a gain and poles before scaling by it."""
     ell = float(np.exp(np.mean(np.log(np.abs(z)))))
-    poles = np.asarray(np.sort_complex(z) / ell, dtype=np.complex128)
-    return SteadyGains(ell, poles, gains, p)
+    return ell, np.asarray(np.sort_complex(z) / ell, dtype=np.complex128)
 
 
 def _error(j: Array, gains: Array, dt: float | None) -> Array:

@@ -430,9 +430,10 @@ def _list(what: str, words: Sequence[str]) -> str:
 
 
 def period_of(observer: Observer) -> float:
-    """A sampling period [s] that is surely stable."""
+    """A sampling period [s] that is surely stable, or the law's own."""
     try:
-        period = float(observer.step_limit().dt) / 10.0
+        limit = observer.step_limit()
+        period = float(limit.period or limit.dt / 10.0)
     except HgoError:
         return 1e-3
     return period if np.isfinite(period) else 1e-3  # zoh and bilinear are stable at any step

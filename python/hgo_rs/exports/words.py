@@ -152,7 +152,9 @@ def _memory_words(observer: Observer) -> list[tuple[str, str]]:
 
 def _rest_of(spec: Mapping[str, Any], states: Sequence[str], count: int) -> list[tuple[str, str]]:
     """The entries, `count` in number, that a continuous law remembers behind its estimates."""
-    words = []
+    words = [
+        (f"d{j}", f"residual of the sample {j} periods old") for j in range(spec.get("window", 0))
+    ]
     if spec["kind"] in ("low-power", "peaking-free"):
         words += [(f"eta_{word}", f"auxiliary state, follows {word}") for word in states[1:]]
     if spec["kind"] == EKF:

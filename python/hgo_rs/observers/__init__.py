@@ -27,6 +27,7 @@ from hgo_rs.observers.several_outputs import MultiOutputObserver
 from hgo_rs.observers.shapes import BiHomogeneous, DeadZone, Fal, PiecewiseLinear, Shape, Stubborn
 from hgo_rs.observers.standard import StandardObserver
 from hgo_rs.observers.turns import TurnWarning
+from hgo_rs.observers.window import WindowObserver
 
 __all__ = [
     "METHODS",
@@ -61,5 +62,6 @@ __all__ = [
     "Stubborn",
     "SwitchedGain",
     "TurnWarning",
+    "WindowObserver",
     "gap_bound",
 ]

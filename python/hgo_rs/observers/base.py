@@ -196,6 +196,7 @@ class Observer(OnlineObserver):
         def time(k: int) -> float:
             return clock * k if isinstance(clock, float) else float(clock[k])
 
+        self._check_clock(clock)
         k, longest = track["longest_step"]
         where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
         steps: list[tuple[str, float, Mapping[str, Any]]]

@@ -432,6 +432,9 @@ class OnlineObserver(_core.Online):
             "no value for, as max(v, 1e-3) does for a state v"
         )
 
+    def _check_clock(self, clock: float | Array) -> None:
+        """Refuse steps of a record that the law cannot take."""
+
     def _check_dt(
         self, dt: float, allow_unstable: bool, spec: Mapping[str, Any] | None = None
     ) -> None:

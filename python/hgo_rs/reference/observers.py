@@ -8,6 +8,7 @@ makes the innovation zero: the observer predicts.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import factorial
 from typing import Any
 
 import numpy as np
@@ -1304,6 +1305,39 @@ class ReducedOrderObserver(Law):
         return np.vstack([z_hat, new[self.n :]]), undefined
 
 
+class WindowObserver(Law):
+    """x_hat+ = x_hat- + W d, x_hat- = exp(A T) x_hat: gains on a window of m innovations.
+
+    d_0 = y - x_hat-_1 and d_j, what the sample j periods ago was off the polynomial of x_hat-;
+    then off that of x_hat+.  Memory: x_hat (n), d (m).
+    """
+
+    is_current = True
+
+    def __init__(self, spec: Spec) -> None:
+        self.n = integer(member(spec, "n", "observer"), "observer.n", least=1)
+        m = integer(member(spec, "window", "observer"), "observer.window", least=1)
+        self.memory_len = self.n + m
+        gains = vector(member(spec, "W", "observer"), "observer.W", self.n * m)
+        self.gains = gains.reshape(self.n, m)
+        period = number(member(spec, "dt", "observer"), "observer.dt", above=0.0)
+        ages = -period * np.arange(m)
+        self.back = np.array([ages**i / factorial(i) for i in range(self.n)])
+
+    def correct(self, memory: Array, y: Array, t: float) -> Array:
+        """The sample and what is left of those before it."""
+        x_hat, d = memory[: self.n], memory[self.n :]
+        d = np.vstack([innovation(y, x_hat[0])[None], d[:-1]])
+        delta = self.gains @ d
+        return np.vstack([x_hat + delta, d - self.back.T @ delta])
+
+    def predict(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
+        """The chain."""
+        x_hat = memory[: self.n]
+        rate = np.vstack([x_hat[1:], np.zeros_like(x_hat[:1])])
+        return np.vstack([x_hat + ahead(rate, dt), memory[self.n :]])
+
+
 class CurrentLaw(Law):
     """A continuous law with current timing: correct, then predict over the period that begins.
 
@@ -1574,6 +1608,7 @@ LAWS: dict[str, type[Law]] = {
     "modified": ModifiedObserver,
     "sampled-data": SampledDataObserver,
     "reduced-order": ReducedOrderObserver,
+    "window": WindowObserver,
     "chains": ChainsObserver,
 }
 SINGLE = ("standard", "low-power", "peaking-free", "filtered", "high-gain-ekf")
@@ -1590,6 +1625,7 @@ KEYS: dict[str, tuple[str, ...]] = {
     "modified": ("k", "k_bar", "copies", *_CHAIN),
     "sampled-data": ("model", "gain", "wrap"),
     "reduced-order": ("model", "h_bar", "epsilon", "wrap"),
+    "window": ("n", "window", "W", "dt", "model", "wrap"),
     "chains": ("observers", "model"),
 }
 

@@ -28,6 +28,7 @@ from hgo_rs.observers import (
     StandardObserver,
     Stubborn,
     SwitchedGain,
+    WindowObserver,
 )
 from hgo_rs.plots.style import COLOURS
 from hgo_rs.scenarios.base import Context, Outcome, Row, row, scenario
@@ -47,6 +48,9 @@ AHRENS = "Ahrens, Khalil, Automatica 45 (2009) 936"
 HOLLOWAY = "Holloway, Krstic, IEEE TAC 64 (2019) 3905"
 BOIZOT = "Boizot, Busvelle, Gauthier, Automatica 46 (2010) 1483"
 FARZA = "Farza, M'Saad, Rossignol, Automatica 40 (2004) 135"
+SAVITZKY = "Savitzky, Golay, Analytical Chemistry 36 (1964) 1627"
+KALATA = "Kalata, IEEE TAES 20 (1984) 174"
+MORRISON = "Morrison, Sequential Smoothing and Prediction (1969)"
 HAN = "Han, IEEE TIE 56 (2009) 900"
 
 
@@ -375,5 +379,83 @@ def adaptive(ctx: Context) -> Outcome:
         ax.plot(2.5e-4 * np.arange(7120), [*rise, *fall], color=COLOURS["blue"])
         ax.set_title(r"$\theta$ under a large innovation for 0.28 s, then none")
         ax.set_xlabel("time (s)")
+
+    return Outcome(rows, draw)
+
+
+def settled(ctx: Context, observer: Observer, dt: float) -> Array:
+    """K of an observer with current timing: what a sample of 1 makes of a memory of 0."""
+    plant = Plant(states=["s"], drift=["0"], output="1")
+    memory = observer.initial_memory()
+    if observer.spec["kind"] == "standard":
+        memory[-1] = dt  # the first sample corrects for a whole period
+    run = ctx.run(plant, observer, x0=[0.0], memory0=memory, dt=dt, steps=1, every=1, errors=False)
+    assert run.memory is not None
+    return np.asarray(run.memory[0, 0, : observer.n])
+
+
+@scenario("families-filters", title="Filters that users know", paper="families")
+def filters(ctx: Context) -> Outcome:
+    """Alpha-beta-gamma, steady Kalman filters, Savitzky-Golay, dirty derivative."""
+    dt, theta = 0.01, float(np.exp(-0.3))
+    rows: list[Row] = []
+
+    def gains(observer: Observer, numbers: tuple[float, ...], what: str, source: str) -> None:
+        found = settled(ctx, observer, dt)
+        for i, value in enumerate(numbers):
+            note = source if i == 0 else ""
+            rows.append(row(f"{what}, K{i + 1}", found[i], expected=value, rel=1e-9, note=note))
+
+    def noise(observer: Observer, i: int, value: float, what: str, source: str = "") -> None:
+        found = float(np.sqrt(observer.noise_gain(dt)[i]))
+        what = f"{what}, noise of x̂{i + 1}"
+        rows.append(row(what, found, expected=value, rel=1e-8, note=source))
+
+    two, three = (StandardObserver.fading_memory(n, theta, dt) for n in (2, 3))
+    gains(two, (0.451188363906, 6.717519473059), "fading memory, n = 2", MORRISON)
+    numbers = (0.593430340259, 17.540970444728, 174.105864963266)
+    gains(three, numbers, "fading memory, n = 3", "")
+    alpha_beta = StandardObserver.alpha_beta_gamma(1.0 - theta**2, (1.0 - theta) ** 2, dt)
+    for i, value in enumerate((0.329529226485, 66.005956020)):
+        noise(alpha_beta, i, float(np.sqrt(value)), "alpha-beta")
+    kalata = StandardObserver.tracking_index(0.5, dt)
+    gains(kalata, (0.628373457205, 0.304805898399 / dt), "tracking index 0.5", KALATA)
+    kalman = StandardObserver.steady_kalman(2, Q=1.0, R=1e-6, dt=dt)
+    gains(kalman, (0.756738198274, 49.321577603113), "steady Kalman", "")
+    windows = ((11, 1, 9.534625892), (11, 2, 35.445877848), (21, 3, 32.737257829))
+    for window, degree, value in windows:
+        observer = WindowObserver.savitzky_golay(window, degree, dt)
+        source = SAVITZKY if degree == 1 else ""
+        noise(observer, 1, value, f"Savitzky-Golay, {window} samples, degree {degree}", source)
+    last = settled(ctx, WindowObserver.savitzky_golay(11, 2, dt), dt)[1]
+    what = "Savitzky-Golay, weight of the newest"
+    rows.append(row(what, last, expected=22.027972028, rel=1e-9))
+    rules = (("tustin", 19.069251785), ("backward", 17.407765596), ("exact", 19.008809709))
+    for rule, value in rules:
+        observer = WindowObserver.dirty_derivative(0.05, dt, rule)
+        noise(observer, 1, value, f"dirty derivative, {rule}")
+
+    laws = {
+        "dirty derivative, τ = 50 ms": (WindowObserver.dirty_derivative(0.05, dt), "grey"),
+        "Savitzky-Golay, 11 samples, degree 2": (
+            WindowObserver.savitzky_golay(11, 2, dt),
+            "orange",
+        ),
+        "fading memory, n = 3": (three, "blue"),
+    }
+    added = 0.002 * np.random.default_rng(0).standard_normal(301)
+    found = {name: record(ctx, law, None, added, dt) for name, (law, _) in laws.items()}
+
+    def draw(fig: Figure) -> None:
+        fig.set_size_inches(7.5, 4.0)
+        ax = fig.subplots()
+        t = dt * np.arange(301)
+        for name, memory in found.items():
+            ax.plot(t, memory[:, 1], color=COLOURS[laws[name][1]], label=name)
+        ax.plot(t, np.cos(t), color=COLOURS["black"], linestyle="--", label="cos t")
+        ax.set_ylim(-2.0, 3.0)
+        ax.set_title(r"$\hat x_2$ of $\sin t$ with noise of 0.002, 100 Hz")
+        ax.set_xlabel("time (s)")
+        ax.legend()
 
     return Outcome(rows, draw)

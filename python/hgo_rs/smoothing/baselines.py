@@ -5,6 +5,7 @@ Each rule looks at y only; none sees the truth.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from hgo_rs.errors import HgoError, explain
 from hgo_rs.observers import StandardObserver
+from hgo_rs.observers.window import polynomial
 from hgo_rs.smoothing.forward import forward
 from hgo_rs.smoothing.likelihood import likeliest
 from hgo_rs.smoothing.motion import Motion
@@ -87,14 +89,6 @@ def savitzky_golay(samples: Samples) -> Baseline:
     return Baseline(best, "window and degree by one-step prediction")
 
 
-def polynomial(window: int, degree: int) -> Array:
-    """Weights (degree + 1, window) of the last samples, newest first, for the coefficients of
-    1, s, s^2, ... of the least-squares polynomial, s in steps from the newest sample.
-    """
-    s = -np.arange(window, dtype=np.float64)
-    return np.asarray(np.linalg.pinv(np.vander(s, degree + 1, increasing=True)))
-
-
 def alpha_beta_gamma(samples: Samples) -> Baseline:
     """The critically damped alpha-beta-gamma filter: fading memory of order 3.
 
@@ -105,7 +99,7 @@ def alpha_beta_gamma(samples: Samples) -> Baseline:
     start = [samples.first(0), 0.0, 0.0]
     found, least = None, np.inf
     for ell in (np.geomspace(*_SPAN, _POINTS) / usual).tolist():
-        observer = StandardObserver(3, ell, poles=[-1.0] * 3, method="zoh", timing="current")
+        observer = StandardObserver.fading_memory(3, math.exp(-ell * usual), usual)
         run = observer.run(samples.t, samples.y[:, 0], x_hat0=start)
         left = float(np.nanmean(run.innovation[len(run.y) // 20 :] ** 2))
         if left < least:

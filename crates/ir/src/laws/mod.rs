@@ -7,6 +7,7 @@ mod outputs;
 mod rates;
 mod reduced_order;
 mod sampled;
+mod window;
 
 pub use outputs::wraps;
 
@@ -48,6 +49,7 @@ fn of(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Result<Tables> {
     let tables = match kind.as_str() {
         ekf::KIND if ekf::is_sampled(spec)? => ekf::tables(law, spec, given, setting),
         "sampled-data" => sampled::tables(spec, given, setting),
+        window::KIND => window::tables(spec, given, setting),
         "reduced-order" => reduced_order::tables(spec, given, setting),
         _ => rates::tables(law, spec, given, setting),
     }?;
