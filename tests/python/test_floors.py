@@ -37,6 +37,7 @@ FLOORS = (
     "exports",
     "tuning",
     "smoothing",
+    "bench",
     "scenarios",
     "cli",
     "",

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import click
 
+from hgo_rs.cli.bench import compare_laws_command
 from hgo_rs.cli.estimate import estimate_command
 from hgo_rs.cli.export import export_command
 from hgo_rs.cli.look import look_command
@@ -80,6 +81,7 @@ for _command in (
     smooth_command,
     fit_command,
     compare_command,
+    compare_laws_command,
     export_command,
 ):
     command.add_command(_command)
