@@ -2,6 +2,9 @@
 //!
 //! A gain law is a choice of its own: any structure of [`crate::observers`] takes any of them. [`Shaped`]
 //! puts a [`Shape`] between the innovation and the injection of any of them.
+//!
+//! Levant, Int. J. Control 76 (2003) 924; Ahrens and Khalil, Automatica 45 (2009) 936; Holloway and Krstic, IEEE
+//! TAC 64 (2019) 3905.
 
 use crate::Scalar;
 use crate::error::{DesignError, positive, require};
@@ -303,7 +306,7 @@ impl<T: Scalar> GainLaw<T> for HomogeneousGain<T> {
     #[inline(always)]
     fn moving(&self, (): &(), e: T) -> T {
         let size = e.abs();
-        size.max(T::from_f64(LEAST_ERROR)).powf(self.exponent) * (T::ONE + self.mu * size)
+        size.max(T::from_f64(LEAST_ERROR)).powf(self.exponent) * (T::ONE + self.mu * size) // r(e)/ρ
     }
     /// No limit of a step is known by the gain: it moves with the error.
     #[inline(always)]
@@ -377,7 +380,7 @@ impl<T: Scalar> GainLaw<T> for SwitchedGain<T> {
     #[inline(always)]
     fn moving(&self, s: &T, e: T) -> T {
         let quiet = self.delay.where_above(*s, T::ONE, self.ratio); // fast while s < T_d
-        e.abs().where_above(self.zone, T::ONE, quiet)
+        e.abs().where_above(self.zone, T::ONE, quiet) // and while |e| > d
     }
     /// The limit of a step is that of the fast gain.
     #[inline(always)]
@@ -386,11 +389,11 @@ impl<T: Scalar> GainLaw<T> for SwitchedGain<T> {
     }
     #[inline(always)]
     fn jumped(&self, s: T, e: T) -> T {
-        e.abs().where_above(self.zone, T::ZERO, s)
+        e.abs().where_above(self.zone, T::ZERO, s) // s ← 0 if |e| > d
     }
     #[inline(always)]
     fn rate<const N: usize>(&self, _: &T, e: T) -> T {
-        e.abs().where_above(self.zone, T::ZERO, T::ONE)
+        e.abs().where_above(self.zone, T::ZERO, T::ONE) // else s + T
     }
     /// A correction takes the time that it is for, which a gap makes longer than the quiet time.
     #[inline(always)]
@@ -444,7 +447,7 @@ impl<T: Scalar> GainLaw<T> for PrescribedTimeGain<T> {
     }
     #[inline(always)]
     fn moving(&self, s: &T, _: T) -> T {
-        self.mu0 / (self.deadline - *s).max(self.rest)
+        self.mu0 / (self.deadline - *s).max(self.rest) // min(μ₀/(T_p − s), r_max)
     }
     #[inline(always)]
     fn rate<const N: usize>(&self, _: &T, _: T) -> T {

@@ -3,6 +3,10 @@
 //! A shape is a choice of its own, worn by any gain law through [`crate::gain::Shaped`]. [`Stubborn`] and
 //! [`DeadZone`] give all rows one value v, so any structure takes them; the others give row i a vᵢ of its own
 //! and belong to the [`crate::observers::StandardObserver`]. A missing sample is e = 0: v = 0.
+//!
+//! Alessandri and Zaccarian, Automatica 88 (2018); Astolfi, Alessandri and Zaccarian, IEEE TAC 66 (2021) 667;
+//! Prasov and Khalil, IEEE TAC 58 (2013) 569; Han, IEEE TIE 56 (2009) 900; Andrieu, Praly and Astolfi, SIAM J.
+//! Control Optim. 47 (2008) 1814; Cruz-Zavala and Moreno, IEEE TAC 64 (2019).
 
 use crate::Scalar;
 use crate::error::{DesignError, finite, positive, require};
@@ -376,7 +380,7 @@ impl<T: Scalar, const N: usize> Shape<T> for BiHomogeneous<T, N> {
         let mut s = e;
         for (i, row) in rows.iter_mut().enumerate().take(N) {
             s = self.kappa[i] * signed_power(s, self.p[i])
-                + self.theta[i] * signed_power(s, self.q[i]);
+                + self.theta[i] * signed_power(s, self.q[i]); // φᵢ(vᵢ₋₁)
             *row = s;
         }
     }
