@@ -237,7 +237,7 @@ def ticks(column: npt.NDArray[np.generic]) -> Ticks | str:
         result = Ticks(np.where(gone, 0, whole), None, gone, None)
     elif kind == "f":
         gone = ~np.isfinite(raw) if missing is None else missing | ~np.isfinite(raw)
-        there = np.where(gone, raw.dtype.type(0), raw)
+        there = np.where(gone, raw.dtype.type(0), raw) if gone.any() else raw
         if there.size and float(np.max(np.abs(there))) >= LARGEST:
             return f"holds {float(np.max(np.abs(there))):g}, which is no time"
         floor = np.trunc(there)

@@ -59,7 +59,7 @@ pub fn number(cell: &[u8], sign: &mut Sign, commas: bool) -> Option<f64> {
 
 /// A plain number, rounded correctly.
 fn parsed(cell: &[u8]) -> Option<f64> {
-    std::str::from_utf8(cell).ok()?.parse().ok()
+    fast_float2::parse(cell).ok()
 }
 
 /// Whether a cell is empty or says that nothing was measured.

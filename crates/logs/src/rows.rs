@@ -124,12 +124,14 @@ impl Reader {
     ///
     /// The first line that cannot be read.
     pub fn read(&mut self, block: &[u8], most: usize, last: bool) -> Result<Rows, Fault> {
-        let mut columns: Vec<Column> =
-            self.layout.columns.iter().map(|(_, kind)| empty(*kind)).collect();
-        let mut lines = Vec::new();
+        let count = most.min(block.len() / (2 * self.layout.width.max(1)));
+        let kinds = self.layout.columns.iter().map(|(_, kind)| *kind);
+        let mut columns: Vec<Column> = kinds.map(|kind| empty(kind, count)).collect();
+        let mut lines = Vec::with_capacity(count);
         let mut cells = Vec::with_capacity(self.layout.width);
         let mut unquoted = Vec::new();
         let mut at = 0;
+        let quotes = memchr(b'"', block).is_some();
         while at < block.len() && lines.len() < most {
             let end = match memchr(b'\n', &block[at..]) {
                 Some(length) => at + length,
@@ -141,22 +143,23 @@ impl Reader {
             }
             let text = &block[at..end];
             let first = self.line;
-            if is_idle(text) {
+            if !begins_sample(text) && is_idle(text) {
                 (at, self.line) = (end + 1, first + 1);
                 continue;
             }
             cells.clear();
             let mut next = end + 1;
-            let held: &[u8] = match (self.layout.delimiter, memchr(b'"', text)) {
+            let held: &[u8] = match (self.layout.delimiter, quotes && memchr(b'"', text).is_some())
+            {
                 (None, _) => {
                     split_blanks(text, &mut cells);
                     text
                 }
-                (Some(delimiter), None) => {
+                (Some(delimiter), false) => {
                     split(text, delimiter, &mut cells);
                     text
                 }
-                (Some(delimiter), Some(_)) => {
+                (Some(delimiter), true) => {
                     unquoted.clear();
                     let read = quoted(&block[at..], delimiter, &mut unquoted, &mut cells);
                     let fault = |what| Fault { line: first, what, text: text.to_vec() };
@@ -200,10 +203,10 @@ impl Reader {
     }
 }
 
-fn empty(kind: Kind) -> Column {
+fn empty(kind: Kind, count: usize) -> Column {
     let values = match kind {
-        Kind::Number => Values::Numbers(Vec::new()),
-        Kind::Moment | Kind::Daytime => Values::Nanoseconds(Vec::new()),
+        Kind::Number => Values::Numbers(Vec::with_capacity(count)),
+        Kind::Moment | Kind::Daytime => Values::Nanoseconds(Vec::with_capacity(count)),
     };
     Column { values, large_rows: Vec::new(), large: Vec::new() }
 }
@@ -244,6 +247,11 @@ fn take(
     Ok(())
 }
 
+/// Whether a line begins as numbers do: then it is neither blank nor a comment.
+fn begins_sample(line: &[u8]) -> bool {
+    line.first().is_some_and(|c| c.is_ascii_digit() || *c == b'-' || *c == b'.')
+}
+
 /// Whether a line is blank, or a comment: it begins with #, % or //.
 pub fn is_idle(line: &[u8]) -> bool {
     let text = line.trim_ascii();
@@ -276,9 +284,11 @@ pub fn cells_of(line: &[u8], delimiter: Option<u8>) -> Option<Vec<Vec<u8>>> {
 /// Places of the cells of a line without quotes.
 fn split(text: &[u8], delimiter: u8, cells: &mut Vec<(usize, usize)>) {
     let mut begin = 0;
-    for end in memchr_iter(delimiter, text) {
-        cells.push((begin, end));
-        begin = end + 1;
+    for (end, c) in text.iter().enumerate() {
+        if *c == delimiter {
+            cells.push((begin, end));
+            begin = end + 1;
+        }
     }
     let end = text.len() - usize::from(text.ends_with(b"\r"));
     cells.push((begin, end.max(begin)));

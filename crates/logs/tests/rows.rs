@@ -70,6 +70,46 @@ proptest! {
 }
 
 #[test]
+fn what_is_a_number_is_what_std_says() {
+    for text in [
+        "+1",
+        "-.5",
+        "1.",
+        ".",
+        "",
+        "1e",
+        "e5",
+        "1e5",
+        "+-1",
+        "1e+5",
+        "1E-400",
+        "1e400",
+        "inf",
+        "-Infinity",
+        "nan",
+        "0x10",
+        "1_0",
+        " 1",
+        "1 ",
+        "1f",
+        "1d5",
+        "--1",
+        "infin",
+        "00012",
+        "1e5.0",
+        "4.9e-324",
+        "9007199254740993",
+        "179769313486231580793e289",
+        "0.1000000000000000055511151231257827",
+        "-0",
+    ] {
+        let found = number(text.as_bytes(), &mut Sign::Point, false).map(f64::to_bits);
+        let wanted = if text.is_empty() { Some(f64::NAN) } else { text.parse().ok() };
+        assert_eq!(found, wanted.map(f64::to_bits), "{text}");
+    }
+}
+
+#[test]
 fn a_decimal_sign_is_that_of_the_first_number() {
     let mut sign = Sign::Unseen;
     assert_eq!(number(b"7", &mut sign, true), Some(7.0));

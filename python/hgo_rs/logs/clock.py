@@ -182,7 +182,7 @@ class Clock:
             self._pieces = 1
         before = np.r_[t[:1] - 1.0 if self._last is None else self._last[0], t[:-1]]
         back = np.flatnonzero(t <= before if self.dt is None else t < before).tolist()
-        inner = np.diff(t)
+        inner = np.diff(t) if back else np.empty(0)
         newest_first = len(inner) > 1 and bool(np.mean(inner < 0.0) > 0.75)
         usual = float(np.median(inner)) if len(inner) > 1 else math.inf
         since = -self._count  # where the piece began, in rows of this block
@@ -250,7 +250,8 @@ class Clock:
         waiting = np.r_[self._steps, within]
         full = len(waiting) // WINDOW * WINDOW
         if full:
-            medians = np.median(waiting[:full].reshape(-1, WINDOW), axis=1)
+            middle = WINDOW // 2
+            medians = np.partition(waiting[:full].reshape(-1, WINDOW), middle, axis=1)[:, middle]
             self._check_median(float(medians.min()))
             self._check_median(float(medians.max()))
         self._steps = waiting[full:]
