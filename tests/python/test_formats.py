@@ -324,8 +324,16 @@ def test_channels_without_a_clock(tmp_path: Path) -> None:
 
 def test_a_cell_of_text_is_named(tmp_path: Path) -> None:
     pytest.importorskip("openpyxl")
-    with pytest.raises(DataError, match="cell 1 below its name: 'begin' is no number"):
-        read_log(excel(tmp_path), "when", "note")
+    from openpyxl import load_workbook
+
+    path = excel(tmp_path)
+    with pytest.raises(DataError, match="has no column 'note'"):
+        read_log(path, "when", "note")
+    book = load_workbook(path)
+    book.active["B5"] = "n/a"
+    book.save(path)
+    with pytest.raises(DataError, match="'q', cell 3 below its name: 'n/a' is no number"):
+        read_log(path, "when", "q")
 
 
 def test_no_library_is_loaded_before_it_is_needed() -> None:

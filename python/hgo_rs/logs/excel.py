@@ -1,7 +1,7 @@
 """Workbooks of Excel (.xlsx), by the library openpyxl.
 
 The first row of a sheet that is not empty holds the names; columns are `name`, and `sheet/name` in
-every sheet but the first.
+every sheet but the first. What begins with text is no column.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ def opened(path: Path) -> Iterator[Recording]:
             rows = (row for row in sheet.iter_rows(values_only=True) if any(_filled(row)))
             header = next(rows, ())
             for name, *values in zip(header, *rows, strict=False):
-                if name is not None:
+                first = next((value for value in values if value is not None), None)
+                if name is not None and not isinstance(first, str):
                     column = f"{sheet.title}/{name}" if number else str(name)
                     cells[column] = sheet.title, values
     finally:
