@@ -21,6 +21,8 @@ pub struct Law {
     pub gain: Gain,
     /// Whether it has a saturation, whose levels and clip a spec gives.
     pub saturated: bool,
+    /// Whether that saturation may be left out.
+    pub open: bool,
     /// Form of the model that it takes.
     pub form: Form,
     /// Whether it is given by a rate, which a scheme discretises; else it is a recursion.
@@ -86,6 +88,8 @@ pub enum Gain {
     Any,
     /// [`crate::gain::AdaptiveGain`] alone.
     Adaptive,
+    /// [`crate::gain::ConstantGain`] alone, without a shape.
+    Constant,
     /// None: the gain is in the coefficients, or in the model.
     None,
 }
@@ -95,6 +99,8 @@ pub enum Gain {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Form {
+    /// None: a differentiator.
+    Unknown,
     /// Known terms in the last equation only: [`crate::model::PhaseVariable`].
     Phase,
     /// Known terms in every equation, or in the last only: [`crate::model::Model`].
@@ -138,6 +144,15 @@ macro_rules! count {
     };
     (n) => {
         |sizes| sizes.n
+    };
+    (2) => {
+        |_| 2
+    };
+    (n - 2) => {
+        |sizes| sizes.n.saturating_sub(2)
+    };
+    (2 n - 2) => {
+        |sizes| (2 * sizes.n).saturating_sub(2)
     };
     (n - 1) => {
         |sizes| sizes.n.saturating_sub(1)

@@ -171,21 +171,24 @@ impl<T: Scalar, A: Memory<T>, const C: usize> Memory<T> for [A; C] {
     }
 }
 
-/// The entries of a vector but its last, which no memory counts: one slot more than entries, where the
-/// size N − 1 cannot be written.
+/// The entries of a vector but its last D, which no memory counts: more slots than entries, where the
+/// size N − D cannot be written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct AllButLast<T: Scalar, const N: usize>(SVector<T, N>);
+pub struct AllBut<T: Scalar, const N: usize, const D: usize>(SVector<T, N>);
 
-impl<T: Scalar, const N: usize> From<SVector<T, N>> for AllButLast<T, N> {
+/// The entries of a vector but its last.
+pub type AllButLast<T, const N: usize> = AllBut<T, N, 1>;
+
+impl<T: Scalar, const N: usize, const D: usize> From<SVector<T, N>> for AllBut<T, N, D> {
     #[inline(always)]
     fn from(entries: SVector<T, N>) -> Self {
         Self(entries)
     }
 }
 
-impl<T: Scalar, const N: usize> Deref for AllButLast<T, N> {
+impl<T: Scalar, const N: usize, const D: usize> Deref for AllBut<T, N, D> {
     type Target = SVector<T, N>;
     #[inline(always)]
     fn deref(&self) -> &SVector<T, N> {
@@ -193,15 +196,15 @@ impl<T: Scalar, const N: usize> Deref for AllButLast<T, N> {
     }
 }
 
-impl<T: Scalar, const N: usize> DerefMut for AllButLast<T, N> {
+impl<T: Scalar, const N: usize, const D: usize> DerefMut for AllBut<T, N, D> {
     #[inline(always)]
     fn deref_mut(&mut self) -> &mut SVector<T, N> {
         &mut self.0
     }
 }
 
-impl<T: Scalar, const N: usize> Memory<T> for AllButLast<T, N> {
-    const LEN: usize = N.saturating_sub(1);
+impl<T: Scalar, const N: usize, const D: usize> Memory<T> for AllBut<T, N, D> {
+    const LEN: usize = N.saturating_sub(D);
     #[inline(always)]
     fn zero() -> Self {
         Self(SVector::zero())

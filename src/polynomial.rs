@@ -521,7 +521,7 @@ pub fn low_power_coefficients<T: Scalar, const N: usize>(
     };
     let alpha_n = -whole.real_root();
     let (mut alpha, mut beta) = ([T::ZERO; N], [T::ZERO; N]);
-    low_power_from_inner(whole.without_linear(alpha_n), alpha_n, &mut alpha, &mut beta)?;
+    blocks_from(whole.without_linear(alpha_n), alpha_n, &mut alpha, &mut beta)?;
     Ok((alpha, beta))
 }
 
@@ -567,17 +567,49 @@ pub fn write_low_power_coefficients<T: Scalar>(
             fastest = fastest.min(*re);
         }
     }
-    low_power_from_inner(whole.without_linear(-fastest), -fastest, alpha, beta)
+    blocks_from(whole.without_linear(-fastest), -fastest, alpha, beta)
 }
 
-fn low_power_from_inner<T: Scalar>(
-    mut p: Ascending<T>,
+/// α and β of blocks of order two alone, as many as each has places, from twice as many poles.
+///
+/// # Errors
+/// As [`coefficients_from_poles`]; another number of poles; more than 11 blocks.
+pub fn write_block_coefficients<T: Scalar>(
+    poles: &[(T, T)],
+    alpha: &mut [T],
+    beta: &mut [T],
+) -> Result<(), DesignError> {
+    let count = poles.len();
+    let allowed = "the observer of limited gain power of order n needs 2n - 2 poles";
+    let mut trailing = [T::ZERO; MAX_DEGREE];
+    let whole = match trailing.get_mut(..count) {
+        Some(trailing) if count == 2 * alpha.len() => {
+            write_coefficients(poles, trailing)?;
+            Ascending::from_monic(trailing)
+        }
+        _ => None,
+    };
+    let refused = DesignError { parameter: "poles", value: count as f64, allowed };
+    inner_blocks_from(whole.ok_or(refused)?, alpha, beta)
+}
+
+fn blocks_from<T: Scalar>(
+    p: Ascending<T>,
     alpha_n: T,
     alpha: &mut [T],
     beta: &mut [T],
 ) -> Result<(), DesignError> {
     let Some((last, inner)) = alpha.split_last_mut() else { return Ok(()) };
     *last = alpha_n;
+    finite("poles", alpha_n)?;
+    inner_blocks_from(p, inner, beta)
+}
+
+fn inner_blocks_from<T: Scalar>(
+    mut p: Ascending<T>,
+    inner: &mut [T],
+    beta: &mut [T],
+) -> Result<(), DesignError> {
     // βₖ = cₖ/cₖ₋₁: its place holds cₖ until cₖ₋₁ is known
     let mut above: Option<&mut T> = None;
     for (alpha, beta) in inner.iter_mut().zip(beta.iter_mut()).rev() {
@@ -591,7 +623,7 @@ fn low_power_from_inner<T: Scalar>(
         *beta = c;
         above = Some(beta);
     }
-    for entry in alpha.iter().chain(beta.iter()) {
+    for entry in inner.iter().chain(beta.iter()) {
         finite("poles", *entry)?;
     }
     Ok(())

@@ -28,6 +28,7 @@ class Law:
     poles: str | None
     gain: str
     saturated: bool
+    open: bool
     form: str
     continuous: bool
     placed: bool
@@ -36,8 +37,8 @@ class Law:
 
     @property
     def single(self) -> bool:
-        """Whether it is one chain with any gain and poles: linear where its model is left out."""
-        return self.continuous and self.gain == "any" and self.poles is not None
+        """Whether it is one chain with poles: linear where its model is left out."""
+        return self.continuous and self.poles is not None
 
     def counts(self, n: int, m: int = 0) -> dict[str, int]:
         """How many coefficients each list has."""

@@ -4,11 +4,14 @@
 //! Whatever has to know all laws asks the list: [`LAWS`] at run time, the macro at compile time.
 
 mod adaptive_ekf;
+mod cascade;
 mod collection;
 mod filtered;
 mod high_gain_ekf;
+mod limited_gain;
 mod low_power;
 mod peaking_free;
+mod reduced_chain;
 mod reduced_order;
 mod sampled_data;
 mod sampled_ekf;
@@ -16,11 +19,14 @@ mod standard;
 mod window;
 
 pub use adaptive_ekf::{AdaptiveEkf, AdaptiveEkfState, InnovationGain};
+pub use cascade::{CascadeObserver, CascadeState, cascade_from_poles};
 pub use collection::{CopyState, ModifiedObserver, ModifiedState, RepelledCollection};
 pub use filtered::{FilteredObserver, FilteredState, filter_from_poles};
 pub use high_gain_ekf::{HighGainEkf, HighGainEkfState, PACKED};
+pub use limited_gain::{LimitedGain, LimitedGainState, limited_from_poles};
 pub use low_power::{BlockGains, LowPower, LowPowerObserver, LowPowerState};
 pub use peaking_free::PeakingFreeObserver;
+pub use reduced_chain::ReducedChainObserver;
 pub use reduced_order::{ReducedOrderObserver, ReducedOrderState};
 pub use sampled_data::SampledDataObserver;
 pub use sampled_ekf::{SampledEkf, SampledEkfState};
@@ -49,8 +55,9 @@ pub const MAX_ORDER: usize = 12;
 /// - `law`: its type, of a scalar `T`, a gain law `G`, a model `Md`, a saturation `S`, an order `N`, a second
 ///   size `K` and inputs `M`, which the callback gives a meaning;
 /// - `new`: what its constructor takes: lists of coefficients with their counts, then a gain law (`gain`, or
-///   `adaptive` where it takes no other), a `model`, a saturation (`saturation`, or `no_saturation` where it
-///   must be the one that does nothing);
+///   `adaptive` or `constant` where it takes no other), a `model` if it knows any, a saturation
+///   (`saturation`, `open_saturation` where it may be left out, or `no_saturation` where it must be the one
+///   that does nothing);
 /// - `orders`: those built at run time;
 /// - `size`: name and values of the second size, the usual one first; or nothing;
 /// - `design`: how many poles make the coefficients, by which function, and the usual poles; or nothing;
@@ -109,6 +116,36 @@ macro_rules! for_each_law {
                 form: Chain, placed: false,
                 memory: [x_hat(n) eta(m) r(moves) sigma(threshold)],
                 source: "Treangle, Farza and M'Saad (2019); Astolfi, Zaccarian and Jungers (2021)",
+            }
+            rates {
+                kind: "limited-gain", title: "high-gain observer of limited gain power",
+                law: $crate::observers::LimitedGain<T, G, Md, S, N, M>,
+                new: [alpha(n - 1) beta(n - 1)] [gain, model, open_saturation],
+                orders: [2 3 4 5 6 7 8], size: [],
+                design: [(2 n - 2) $crate::observers::limited_from_poles, $crate::observers::equidistant],
+                form: Triangular, placed: false,
+                memory: [x_hat(n) eta(n - 2) r(moves) sigma(threshold)],
+                source: "Astolfi and Marconi (2015); Wang, Astolfi, Marconi and Su (2017)",
+            }
+            rates {
+                kind: "cascade", title: "cascade of a differentiator and filters",
+                law: $crate::observers::CascadeObserver<T, G, S, N, M>,
+                new: [k(2) beta(n - 2)] [gain, open_saturation],
+                orders: [2 3 4 5 6 7 8], size: [],
+                design: [(n) $crate::observers::cascade_from_poles, $crate::observers::equidistant],
+                form: Unknown, placed: false,
+                memory: [x_hat(n) behind(n - 1) r(moves) sigma(threshold)],
+                source: "Khalil, Automatica 80 (2017)",
+            }
+            rates {
+                kind: "reduced-chain", title: "reduced-order observer of a chain",
+                law: $crate::observers::ReducedChainObserver<T, Md, N, M>,
+                new: [k(n - 1)] [constant, model],
+                orders: [2 3 4 5 6 7 8], size: [],
+                design: [(n - 1) $crate::observers::chain_from_poles, $crate::observers::equidistant],
+                form: Triangular, placed: false,
+                memory: [x_hat(n)],
+                source: "Esfandiari and Khalil (1992); Khalil and Praly (2014)",
             }
             rates {
                 kind: "high-gain-ekf", title: "high-gain extended Kalman filter",
@@ -173,14 +210,17 @@ macro_rules! taken {
     (adaptive) => {
         Gain::Adaptive
     };
-    (saturation) => {
-        true
+    (constant) => {
+        Gain::Constant
     };
-    (no_saturation) => {
-        false
+    (@saturated model, saturation) => {
+        (true, false)
     };
-    () => {
-        false
+    (@saturated $(model,)? open_saturation) => {
+        (true, true)
+    };
+    (@saturated model $(, no_saturation)?) => {
+        (false, false)
     };
 }
 
@@ -189,7 +229,7 @@ macro_rules! table {
         $(rates {
             kind: $kind:literal, title: $title:literal,
             law: $law:ty,
-            new: [$($name:ident $count:tt)*] [$gain:ident, model $(, $saturation:ident)?],
+            new: [$($name:ident $count:tt)*] [$gain:ident $(, $taken:ident)*],
             orders: [$($order:literal)*], size: [$($size:ident $($value:literal)*)?],
             design: [$($poles:tt $place:path, $usual:path)?],
             form: $form:ident, placed: $placed:literal,
@@ -216,7 +256,8 @@ macro_rules! table {
                     Design { poles: part!(poles $poles), place: $place, usual: $usual }
                 )?),
                 gain: taken!($gain),
-                saturated: taken!($($saturation)?),
+                saturated: taken!(@saturated $($taken),*).0,
+                open: taken!(@saturated $($taken),*).1,
                 form: Form::$form,
                 continuous: true,
                 placed: $placed,
@@ -232,6 +273,7 @@ macro_rules! table {
                 design: None,
                 gain: Gain::None,
                 saturated: false,
+                open: false,
                 form: Form::$r_form,
                 continuous: false,
                 placed: false,
@@ -309,6 +351,12 @@ fn checked<T: Scalar, const N: usize>(
     Ok(SVector::from_fn(|i, _| k[i]))
 }
 
+/// Refuse order 1, where a law is no law of its own.
+fn from_second_order<const N: usize>() -> Result<(), DesignError> {
+    let allowed = "the order must be 2 to 12; of order 1 take the standard observer";
+    crate::error::require("n", N as f64, N > 1, allowed).map(|_| ())
+}
+
 /// Coefficient i times ℓ to the power of `exponent(i)`, which the precision must be able to hold.
 fn folded<T: Scalar, const N: usize>(
     k: &SVector<T, N>,
@@ -373,16 +421,20 @@ fn swept<T: Scalar, const N: usize>(
 }
 
 /// What a law of x̂ and a gain says of both, inside its `impl ContinuousLaw`: the name of its memory, where its
-/// gain law stands, and how e is read from an innovation.
+/// gain law stands, and how e is read from an innovation. With `shown` before them the law says itself what
+/// is admissible: its estimates are shown from other states.
 macro_rules! of_gain_and_estimate {
     ($state:ident, $($gain:ident).+, $e:ident in $innovation:pat) => {
-        #[inline(always)]
-        fn jumped(&self, z: Self::State, $innovation: &Self::Innovation) -> Self::State {
-            $state { r: self.$($gain).+.jumped(z.r, *$e), ..z }
-        }
+        super::of_gain_and_estimate!(shown $state, $($gain).+, $e in $innovation);
         #[inline(always)]
         fn admissible(&self, z: Self::State) -> Self::State {
             $state { r: self.$($gain).+.admissible(z.r), ..z }
+        }
+    };
+    (shown $state:ident, $($gain:ident).+, $e:ident in $innovation:pat) => {
+        #[inline(always)]
+        fn jumped(&self, z: Self::State, $innovation: &Self::Innovation) -> Self::State {
+            $state { r: self.$($gain).+.jumped(z.r, *$e), ..z }
         }
         #[inline(always)]
         fn speed(&self, z: &Self::State) -> T {

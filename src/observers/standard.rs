@@ -93,7 +93,7 @@ where
 
     /// f̂, with what an unknown [enters](Model::enters).
     #[inline(always)]
-    fn known(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, M>) -> SVector<T, N> {
+    pub(super) fn known(&self, t: T, x_hat: &SVector<T, N>, u: &SVector<T, M>) -> SVector<T, N> {
         let (f, carries) = (self.model.f_hat(t, x_hat, u), self.model.carries());
         SVector::from_fn(|i, _| {
             if carries && i + 2 == N {

@@ -165,8 +165,10 @@ impl<T: Scalar, const N: usize> Model<T, N, 1> for Swing {
 struct Given<T, G, S> {
     gain: G,
     adaptive: AdaptiveGain<T>,
+    constant: ConstantGain<T>,
     model: Swing,
     saturation: S,
+    open_saturation: S,
     no_saturation: S,
 }
 
@@ -295,14 +297,19 @@ macro_rules! list {
         let given = Given {
             gain: $gain,
             adaptive: $adaptive,
+            constant: ConstantGain::new(T::from_f64(4.0))?,
             model: Swing,
             saturation,
+            open_saturation: saturation,
             no_saturation: saturation,
         };
         let law = build::<T, _, Swing, _, $n, $k, 1>(given)?;
         list!(@placed $placed, $visitor, $name, law);
     };
     (@saturation [$gain:ident model saturation], $n:literal) => {
+        HardClip::new([T::from_f64(3.0); $n])?
+    };
+    (@saturation [$gain:ident $(model)? open_saturation], $n:literal) => {
         HardClip::new([T::from_f64(3.0); $n])?
     };
     (@saturation $taken:tt, $n:literal) => {

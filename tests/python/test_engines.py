@@ -86,6 +86,18 @@ CASES: dict[str, dict[str, Any]] = {
         ),
         "noise": NormalNoise(std=0.1),
     },
+    "limited gain power": {
+        "observer": hgo.HighGainObserver("limited-gain", 2, 20.0, model=hgo.Lee(), saturation=9.0),
+        "noise": NormalNoise(std=0.1),
+    },
+    "cascade": {
+        "observer": hgo.HighGainObserver("cascade", 4, 20.0, saturation=9.0),
+        "noise": NormalNoise(std=0.1),
+    },
+    "reduced order": {
+        "observer": hgo.HighGainObserver("reduced-chain", 2, 20.0, model=hgo.Lee()),
+        "noise": NormalNoise(std=0.1),
+    },
     "process noise": {
         "plant": hgo.VanDerPol(),
         "observer": hgo.SampledDataObserver(hgo.VanDerPol()),

@@ -105,6 +105,16 @@ def shaped(gain: Any, shape: Any = None) -> Callable[..., Observer]:
     return made
 
 
+def listed(kind: str, **given: Any) -> Callable[..., Observer]:
+    """A law of the list by its kind."""
+
+    def made(**manner: Any) -> Observer:
+        of = {"model": phase(3), "allow_unstable": True, **given, **manner}
+        return hgo.HighGainObserver(kind, 3, 6.0, **of)
+
+    return made
+
+
 def chains(**manner: Any) -> Observer:
     """Chains under laws with gains held, and computed."""
     model = hgo.Model(
@@ -205,6 +215,10 @@ LAWS: dict[str, tuple[Callable[..., Observer], tuple[str, ...]]] = {
         ("euler",),
     ),
     "nonlinear chain": (nonlinear_chain, KNOWN + PLACED),
+    "filtered": (listed("filtered", filters=2), ("euler", "rk4")),
+    "limited gain power": (listed("limited-gain", saturation=0.4), KNOWN),
+    "cascade": (listed("cascade", model=None, saturation=0.4, clip="smooth"), KNOWN),
+    "reduced order": (listed("reduced-chain"), KNOWN),
     "an unknown": (unknown(hgo.StandardObserver), KNOWN + PLACED),
     "an unknown, low-power": (unknown(hgo.LowPowerObserver), KNOWN + PLACED),
     "chains": (chains, KNOWN + PLACED),

@@ -28,7 +28,7 @@ use crate::recursion::AnyObserver;
 use crate::spec::Spec;
 use crate::systems::AnyModel;
 use crate::value::{Numbers, Value};
-use hgo_rs::laws::{Form, Gain, Law, Sizes};
+use hgo_rs::laws::{Form, Gain, Law, Part, Sizes};
 use hgo_rs::motion::SUBSTEPS;
 use hgo_rs::observers::LAWS;
 use std::sync::Arc;
@@ -48,6 +48,9 @@ fn keys(kind: &str) -> Option<Vec<&'static str>> {
     let mut keys = vec!["gain"];
     if law.orders.len() > 1 {
         keys.push("order");
+    }
+    if law.gain == Gain::Constant {
+        keys.push("epsilon");
     }
     if law.gain == Gain::Any {
         keys.extend(if filters(law) { ["theta"].as_slice() } else { &["epsilon", "shape"] });
@@ -336,7 +339,7 @@ fn rates(
     }
     made.put_given(spec, "shape");
     manner(made, spec, method, known)?;
-    if law.saturated {
+    if law.saturated && (spec.has("saturation") || spec.has("clip") || !law.open) {
         let levels = spec.numbers("saturation")?.values.clone();
         let levels = if levels.len() == 1 { vec![levels[0]; n - 1] } else { levels };
         made.put("saturation", numbers(levels));
@@ -354,22 +357,26 @@ fn of_rows(spec: &Spec<'_>) -> Result<bool> {
 /// The lists of a law: given, or from poles.
 fn coefficients(law: &Law, spec: &Spec<'_>, n: usize, m: usize) -> Result<Vec<Vec<f64>>> {
     let lists = law.coefficients;
+    let sizes = Sizes { n, m, ..Sizes::default() };
     let given = lists.iter().filter(|list| spec.has(list.name)).count();
     if given == 0 && law.design.is_some() {
-        let sizes = Sizes { n, m, ..Sizes::default() };
         let poles = if spec.has("poles") { Some(poles(spec)?) } else { None };
         return of_law(law, &sizes, poles.as_deref());
     }
     let names: Vec<&str> = lists.iter().map(|list| list.name).collect();
     let names = names.join(" and ");
-    if given < lists.len() {
+    let open = |list: &&Part| !spec.has(list.name) && (list.len)(&sizes) == 0;
+    if given + lists.iter().filter(open).count() < lists.len() {
         return Err(refused(format!("{names} must be given together and without poles")));
     }
     if law.design.is_some() && spec.has("poles") {
         let message = format!("{names} is not allowed beside poles: give one of them");
         return Err(refused(message));
     }
-    lists.iter().map(|list| Ok(spec.numbers(list.name)?.values.clone())).collect()
+    let values = |list: &Part| {
+        if open(&list) { Ok(Vec::new()) } else { Ok(spec.numbers(list.name)?.values.clone()) }
+    };
+    lists.iter().map(values).collect()
 }
 
 /// Q, R and P(0) of a Kalman filter.

@@ -387,6 +387,15 @@ impl<'a> Given<'a> {
         Ok(Self::Paper(Some(model)))
     }
 
+    /// Whether anything is said of the system.
+    pub(crate) fn says(&self) -> Result<bool> {
+        match self {
+            Self::Paper(None) => Ok(false),
+            Self::Paper(Some(model)) => Ok(model.text("kind")? != "none"),
+            Self::Own(_) | Self::Chain(..) => Ok(true),
+        }
+    }
+
     /// Number of known inputs.
     pub(crate) fn n_u(&self) -> Result<usize> {
         match self {

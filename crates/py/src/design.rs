@@ -26,11 +26,14 @@ pub fn laws(py: Python<'_>) -> Result<Vec<Bound<'_, PyDict>>> {
         let gain = match law.gain {
             Gain::Any => "any",
             Gain::Adaptive => "adaptive",
+            Gain::Constant => "constant",
             Gain::None => "none",
         };
         row.set_item("gain", gain)?;
         row.set_item("saturated", law.saturated)?;
+        row.set_item("open", law.open)?;
         let form = match law.form {
+            Form::Unknown => "unknown",
             Form::Phase => "phase",
             Form::Triangular => "triangular",
             Form::Chain => "nonlinear-chain",

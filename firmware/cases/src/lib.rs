@@ -264,6 +264,10 @@ fn visit_precision<T: Scalar>(visitor: &mut impl Visitor, scalar: &'static str) 
     visitor.visit::<T, Zoh5>(scalar);
     visitor.visit::<T, LowPower5>(scalar);
     visitor.visit::<T, PeakingFree5>(scalar);
+    visitor.visit::<T, Filtered2>(scalar);
+    visitor.visit::<T, LimitedGain5>(scalar);
+    visitor.visit::<T, Cascade5>(scalar);
+    visitor.visit::<T, ReducedChain5>(scalar);
     visitor.visit::<T, StochasticApproximation2>(scalar);
     visitor.visit::<T, Adaptive2>(scalar);
     visitor.visit::<T, DeadZone2>(scalar);

@@ -8,7 +8,10 @@ use hgo_rs::models::{
 };
 use hgo_rs::nalgebra::{SMatrix, SVector, Vector2, Vector3};
 use hgo_rs::observer::{Current, CurrentState};
-use hgo_rs::observers::{CopyState, ModifiedState, StandardState, WindowObserver};
+use hgo_rs::observers::{
+    CascadeObserver, CopyState, FilteredObserver, LimitedGain, ModifiedState, ReducedChainObserver,
+    StandardState, WindowObserver,
+};
 use hgo_rs::prelude::*;
 
 /// A case: its name and order, observer and plant, and the three functions of [`Case`].
@@ -210,6 +213,56 @@ case! {
         let (alpha, beta) = (ALPHA.map(&number), BETA.map(&number));
         let clip = HardClip::new([3.0; 5].map(&number))?;
         Ok(Discretised { law: PeakingFreeObserver::new(alpha, beta, gain, model, clip)?, scheme: Euler })
+    };
+    plant: Crackle<T> = || crackle(Memory::zero());
+    schedule: |I| fixed(1e-3);
+}
+
+// --- Structures beyond the paper's, on its plant ------------------------------------------------
+
+case! {
+    /// Behind a filter of its innovation, n = 2 and one filter state: all poles at -1.
+    Filtered2 = "filtered", 2;
+    observer: Discretised<FilteredObserver<T, ConstantGain<T>, Unknown, 2, 1>, Euler> = |number| {
+        let (c, k) = ([3.0].map(&number), [1.0, 1.0 / 3.0].map(&number));
+        Ok(Discretised { law: FilteredObserver::new(c, k, ConstantGain::new(number(7.0))?, Unknown)?, scheme: Euler })
+    };
+    plant: Crackle<T> = || crackle(Memory::zero());
+    schedule: |I| fixed(1e-3);
+}
+
+case! {
+    /// Limited gain power, saturated at ±3: the blocks of the low-power observer but its last one.
+    LimitedGain5 = "limited-gain", 5;
+    observer: Discretised<LimitedGain<T, ConstantGain<T>, Crackle<T>, HardClip<T, 5>, 5>, Euler> = |number| {
+        let (gain, model) = (ConstantGain::new(number(7.0))?, Crackle::new(number(3.0))?);
+        let (alpha, beta) = (ALPHA.map(&number), BETA.map(&number));
+        let clip = HardClip::new([3.0; 5].map(&number))?;
+        Ok(Discretised { law: LimitedGain::new(alpha, beta, gain, model, clip)?, scheme: Euler })
+    };
+    plant: Crackle<T> = || crackle(Memory::zero());
+    schedule: |I| fixed(1e-3);
+}
+
+case! {
+    /// Cascade of levels 3: all poles at -1.
+    Cascade5 = "cascade", 5;
+    observer: Discretised<CascadeObserver<T, ConstantGain<T>, HardClip<T, 5>, 5>, Euler> = |number| {
+        let (k, beta) = ([2.0, 1.0].map(&number), [1.0; 5].map(&number));
+        let (gain, clip) = (ConstantGain::new(number(7.0))?, HardClip::new([3.0; 5].map(&number))?);
+        Ok(Discretised { law: CascadeObserver::new(k, beta, gain, clip)?, scheme: Euler })
+    };
+    plant: Crackle<T> = || crackle(Memory::zero());
+    schedule: |I| fixed(1e-3);
+}
+
+case! {
+    /// Reduced order of a chain, with the model φ: four poles at -1.
+    ReducedChain5 = "reduced-chain", 5;
+    observer: Discretised<ReducedChainObserver<T, Crackle<T>, 5>, Euler> = |number| {
+        let (gain, model) = (ConstantGain::new(number(7.0))?, Crackle::new(number(3.0))?);
+        let k = [4.0, 6.0, 4.0, 1.0, 0.0].map(&number);
+        Ok(Discretised { law: ReducedChainObserver::new(k, gain, model)?, scheme: Euler })
     };
     plant: Crackle<T> = || crackle(Memory::zero());
     schedule: |I| fixed(1e-3);

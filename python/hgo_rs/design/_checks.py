@@ -55,7 +55,7 @@ def _real(value: ArrayLike, parameter: str) -> Array:
 def vector(value: ArrayLike, parameter: str, length: int | None = None) -> Array:
     """``value`` as a finite float array, shape (length,)."""
     array = np.atleast_1d(_real(value, parameter))
-    fits = array.ndim == 1 and array.size > 0 and (length is None or array.size == length)
+    fits = array.ndim == 1 and array.size == (length if length is not None else max(array.size, 1))
     shape = "(n,), n >= 1" if length is None else f"({length},)"
     demand(fits, parameter, array.tolist(), f"of shape {shape}", f"it has shape {array.shape}")
     return array

@@ -152,6 +152,18 @@ def continuous(observer: Mapping[str, Any], *, gain: float | None = None) -> Con
 
     ``observer``: the spec of a law of one chain; saturations are at rest.
     ``gain``: the value [1/s] at which a gain that moves is frozen; needed there, refused elsewhere.
+
+    Raises DesignError for a law whose samples act at once ("reduced-chain").
+    """
+    law = linear(observer, gain=gain)
+    remedy = "give dt: its sample acts at once, and noise reaches its estimates at any frequency"
+    check(not _acts_at_once(unit(observer)), "dt", None, "given for this law", remedy, DesignError)
+    return law
+
+
+def linear(observer: Mapping[str, Any], *, gain: float | None = None) -> Continuous:
+    """The same of any law of one chain; of one whose samples act at once, the chain with ell times
+    what a sample moves, for its scales and its ``following``.
     """
     several = observer.get("kind") == "chains"
     remedy = "ask the observer of each output by itself, as it was made for MultiOutputObserver"
@@ -202,7 +214,7 @@ def discrete(observer: Mapping[str, Any], dt: float, *, gain: float | None = Non
             gain is None, "gain", gain, "left out", "this law has no gain that moves", DesignError
         )
         return _RECURSIONS[kind](observer, dt)
-    law = continuous(observer, gain=gain)
+    law = linear(observer, gain=gain)
     a, b, seen, direct = _step(unit(observer), method(observer), timing(observer), law.ell * dt)
     scale, n = law.scale[:, None], law.n
     back = scale / law.scale
@@ -274,7 +286,7 @@ def _spec(of: Unit, rule: str, now: str, ell: float = 1.0) -> dict[str, Any]:
     """The spec of the law without a model, its gain `ell`, or at rest at 1 where it must move."""
     spec: dict[str, Any] = {**dict(of), "method": rule, "timing": now}
     law = LAWS[spec["kind"]]
-    if law.saturated:
+    if law.saturated and not law.open:
         spec["saturation"] = [_AT_REST] * (spec["n"] - 1)
     spec["gain"] = {"law": "constant", "ell": ell}
     if law.gain == "adaptive":
@@ -340,7 +352,7 @@ def rates(of: Unit) -> tuple[Array, Array, Array]:
     """(F, G, powers of the gain) of a law in continuous time, in scaled coordinates."""
     one, two = (_euler(of, ell) for ell in (1.0, 2.0))
     f, g = one[:, :-1].copy(), one[:, -1].copy()
-    f[:, 0] += g
+    f[:, 0] += g  # without a sample
     for array in (f, g):
         array.flags.writeable = False
     return f, g, _powers(one, two)
@@ -349,7 +361,17 @@ def rates(of: Unit) -> tuple[Array, Array, Array]:
 def _euler(of: Unit, ell: float) -> Array:
     """[M G] at a gain, (m, m + 1), by forward Euler over 1 s."""
     a, b, *_ = Steps(of, "euler", "predictor", ell)(1.0)
-    return np.column_stack([a - np.eye(len(a)), b])
+    rate = a - np.eye(len(a))
+    if _acts_at_once(of):
+        jump = ell * Steps(of, "euler", "current", ell)(0.0)[3]
+        rate[:, :1] += b - jump
+        b = jump
+    return np.column_stack([rate, b])
+
+
+def _acts_at_once(of: Unit) -> bool:
+    """Whether a sample moves the memory however short its step."""
+    return bool(np.any(Steps(of, "euler", "current")(0.0)[3]))
 
 
 def _powers(one: Array, two: Array) -> Array:

@@ -92,8 +92,9 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
     """The largest stable step of the observer that the spec ``observer`` describes.
 
     - continuous laws: the step of the law itself, without a model and with its saturations at rest.
-    - peaking-free: also each block alone (E_i, -alpha_n), which is what is left while the
-      saturations are active.  For a complex pair of E_1 forward Euler's limit is alpha_1/beta_1.
+    - peaking-free, and limited-gain with a saturation: also each block alone (E_i, -alpha_n), which
+      is what is left while the saturations are active.  For a complex pair of E_1 forward Euler's
+      limit is alpha_1/beta_1.
     - collection, modified: copies that are alike, and their differences (if these decay in
       continuous time: else no step is to blame).
     - a gain that switches or has a deadline: at its largest.  homogeneous, in gain or shape: none;
@@ -127,7 +128,7 @@ def _continuous(observer: Mapping[str, Any]) -> StepLimit:
     check(holds, "method", rule, "a method of rates", remedy, DesignError)
     of = unit(observer, steepest=True)
     parts = {"linear": _critical(of, rule, now)}
-    if law.saturated:
+    if "saturation" in observer and "alpha" in observer:
         parts |= _saturated(dict(of), rule, now)
     if law.size and law.size[0] == "copies":
         apart = _critical(of, rule, now, "apart")
@@ -138,7 +139,7 @@ def _continuous(observer: Mapping[str, Any]) -> StepLimit:
 
 def _saturated(of: dict[str, Any], rule: str, now: str) -> dict[str, float]:
     """What is left while saturations are active: each block alone, x' = eta + alpha e,
-    eta' = beta e, which is the standard law of order 2; of the last one x' = alpha e.
+    eta' = beta e, which is the standard law of order 2; of a last one without beta x' = alpha e.
     """
     if rule in CORRECTING:
         limit = _SATURATED[rule].get(of["n"], 0.05 if of["n"] > 4 else math.inf)
@@ -146,7 +147,9 @@ def _saturated(of: dict[str, Any], rule: str, now: str) -> dict[str, float]:
     # only the first block has a sample: the innovations of the others follow the stages
     inner = "rk4" if rule == "rk4-innovation-held" else rule, "predictor"
     parts = {}
-    for i, k in enumerate([*zip(of["alpha"], of["beta"], strict=False), of["alpha"][-1:]]):
+    pairs = [*zip(of["alpha"], of["beta"], strict=False)]
+    rest = [(alpha,) for alpha in of["alpha"][len(pairs) :]]
+    for i, k in enumerate([*pairs, *rest]):
         block: Unit = (("kind", "standard"), ("n", len(k)), ("k", tuple(k)))
         parts[f"block {i + 1}"] = _critical(block, *((rule, now) if i == 0 else inner))
     return parts

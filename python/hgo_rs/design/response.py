@@ -16,7 +16,7 @@ import numpy as np
 
 from . import _checks
 from ._checks import Array
-from .discrete import Continuous, Discrete, continuous, discrete, following
+from .discrete import Continuous, Discrete, continuous, discrete, following, linear
 
 _POINTS = 300  # frequencies looked at before a crossing is refined
 _LONGEST = 2**20  # samples of a decay
@@ -115,9 +115,10 @@ def model_gain(
     Such noise w, x_n' = phi + w, stands for what the model lacks; its density has the unit
     (that of x_n)^2/s.  M P + P M' + B B' = 0; with ``dt`` P = a P a' + W, where the plant moves by
     noise of covariance W = int_0^dt exp(A s) B B' exp(A s)' ds.  What a method errs by
-    on a moving signal is not counted ("zoh" does not).  Standard, low-power, peaking-free laws.
+    on a moving signal is not counted ("zoh" does not).
 
-    Raises DesignError for a step that is not stable.
+    Raises DesignError for a step that is not stable, and for a law that lags behind ("cascade" from
+    order 3 on).
     """
     return _covariance_of_model(observer, dt, gain)[1]
 
@@ -166,11 +167,15 @@ def _covariance_of_model(
     """
     from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
 
-    law = continuous(observer, gain=gain)
+    law = linear(observer, gain=gain)
     system = _system(observer, dt, gain)
     n = law.n
     factor = law.ell ** (1.0 - 2.0 * n)
     lift = following(observer)  # z = L x without errors
+    kind, allowed = observer["kind"], "a law that follows the chain's own motion"
+    remedy = "its estimates lag behind a state that wanders, without bound; take another law"
+    follows = bool(np.allclose(lift[:n], np.eye(n), atol=1e-6))
+    _checks.demand(follows, "kind", kind, allowed, remedy)
     if isinstance(system, Continuous):
         end = lift[:, -1]  # x_n and, in low-power laws, eta_{n-1}
         p = solve_continuous_lyapunov(law.closed, -np.outer(end, end))
@@ -222,7 +227,7 @@ def settling(
     out = np.empty(len(errors))
     for i, error in enumerate(errors):
         above = np.flatnonzero(error > part * np.max(error))
-        out[i] = (above[-1] + 1) * period
+        out[i] = (above[-1] + 1) * period if above.size else 0.0  # never wrong
     return out
 
 

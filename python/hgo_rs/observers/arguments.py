@@ -118,6 +118,8 @@ def shape_spec(shape: Any, law: Law, n: int, method: str) -> dict[str, Any]:
         "a Stubborn or another Shape",
         "see docs/shapes.md",
     )
+    remedy = "its sample acts at once; choose StandardObserver"
+    check(law.gain != "constant", "shape", shape, f"left out of the {law.title}", remedy)
     if not shape.alike:
         remedy = "the rows of this shape differ: choose StandardObserver, Stubborn or DeadZone"
         check(law.kind == "standard", "shape", shape, f"left out of the {law.title}", remedy)
@@ -149,6 +151,8 @@ def of_law(
         m = out[name] = check_integer(usual, name, least=min(values), most=max(values))
     lists = {name: entries[name] for name in names if entries.get(name) is not None}
     if lists:
+        counts = law.counts(n, m)
+        lists |= {name: () for name, count in counts.items() if count == 0 and name not in lists}
         if len(names) > 1:
             whole = len(lists) == len(names) and poles is None
             if not whole:
@@ -156,7 +160,7 @@ def of_law(
         else:
             remedy = f"give poles or {names[0]}"
             check(poles is None, names[0], lists[names[0]], "given without poles", remedy)
-        for name, count in law.counts(n, m).items():
+        for name, count in counts.items():
             values = vector(lists[name], name, count).tolist()
             out[name] = hurwitz(values) if len(names) == 1 else values
         return out
@@ -190,12 +194,17 @@ def gain(
         allowed, remedy = "another gain law", "this one is for HighGainEKF"
         check(law is None, "gain", gain, allowed, remedy)
     if isinstance(gain, GainLaw):
+        held = law is None or law.gain != "constant" or isinstance(gain, ConstantGain)
+        check(held, "gain", gain, "a constant gain", "give ell [1/s], or take StandardObserver")
         return gain.spec
     return ConstantGain(check_number(gain, "gain", above=0.0)).spec
 
 
-def model(model: System | None, n: int) -> dict[str, Any]:
+def model(model: System | None, n: int, law: Law | None = None) -> dict[str, Any]:
     known = Unknown() if model is None else model
+    if law is not None and law.form == "unknown":
+        remedy = f"the {law.title} knows none; choose StandardObserver"
+        check(isinstance(known, Unknown), "model", model, "left out", remedy)
     check(
         isinstance(known, System), "model", model, "a Model or another System", "see hgo_rs.models"
     )

@@ -36,7 +36,8 @@ class HighGainObserver(Observer):
     poles : numbers, optional
         As many as make the law's coefficients, before scaling by ell. Default: the usual ones.
     saturation, clip
-        As in `PeakingFreeObserver`, where the law has a saturation.
+        As in `PeakingFreeObserver`, where the law has a saturation; "limited-gain" and "cascade"
+        are without one where it is left out.
     **entries
         By the names that the law has for them: its lists of coefficients, all of them and in place
         of `poles`; its second size.
@@ -84,7 +85,7 @@ class HighGainObserver(Observer):
             **coefficients,
             "gain": gain_law,
             **arguments.shape_spec(shape, law, n, method),
-            "model": arguments.model(model, n),
+            "model": arguments.model(model, n, law),
             **manner,
             **arguments.motion(method, motion, substeps, model, gain_law),
             **turn(wrap),
@@ -92,7 +93,7 @@ class HighGainObserver(Observer):
         for name, value in (("saturation", saturation), ("clip", clip)):
             remedy = f"the {law.title} has no saturation"
             check(law.saturated or value is None, name, value, "left out", remedy)
-        if law.saturated:
+        if law.saturated and not (law.open and saturation is None and clip is None):
             allowed, remedy = "given", "give the levels r_2 ... r_n >= max |x_i|"
             check(saturation is not None, "saturation", saturation, allowed, remedy)
             spec |= {

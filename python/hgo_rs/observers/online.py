@@ -258,6 +258,8 @@ class OnlineObserver(_core.Online):
                     explain("r0", r0, "left out for a constant gain", "set the gain itself")
                 )
             memory[index] = initial_gain(r0)
+        if x_hat0 is not None:
+            self._put_behind(memory)
         if y0 is not None:
             remedy = "give one of them"
             check(x_hat0 is None, "y0", y0, "given without x_hat0", remedy)
@@ -268,6 +270,26 @@ class OnlineObserver(_core.Online):
             check_samples(sample, self.n_y)
             memory = self._begun(memory, sample[0])
         return memory
+
+    def _put_behind(self, memory: Array) -> None:
+        """Entries from which estimates are shown, where a law has such, that show those given."""
+        law = LAWS.get(self.spec["kind"])
+        if law is None or "behind" not in dict(law.memory):
+            return
+        n, behind = self.n, slice(self.n, 2 * self.n - 1)
+        nothing = np.full(1, np.nan), np.zeros(self.n_u), 0.0, 0.0
+
+        def shown(entries: Array) -> Array:
+            start = memory.copy()
+            start[behind] = entries
+            return np.asarray(self._core.advance(start, *nothing)[0][1:n])
+
+        tiny = 1e-100  # where no saturation acts
+        map_ = np.array([shown(row) for row in tiny * np.eye(n - 1)]).T / tiny
+        memory[behind] = np.linalg.solve(map_, memory[1:n])
+        held = np.allclose(shown(memory[behind]), memory[1:n], rtol=1e-9, atol=0.0)
+        remedy = "start below the levels, or raise them"
+        check(held, "x_hat0", memory[:n].tolist(), "within the saturation", remedy)
 
     @property
     def _begins(self) -> bool:

@@ -112,6 +112,7 @@ class ContinuousLaw(Law):
 
     method: str
     model: Plant
+    placed = False  # whether its eigenvalues can be placed
     motion = ("held", 1)  # how the model moves between placed corrections, steps a period
     gain_rows: tuple[int, ...] = ()  # where in the memory gains r >= 1 stand
     gain: Any
@@ -359,6 +360,8 @@ class StandardObserver(ContinuousLaw):
     Memory: x_hat (n), and r if the gain moves.
     """
 
+    placed = True
+
     def __init__(self, spec: Spec, chain: Chain | None = None) -> None:
         self.n = _order(spec)
         self.k = _coefficients(spec, self.n)
@@ -466,6 +469,8 @@ class LowPowerObserver(ContinuousLaw):
     Memory: x_hat (n), eta (n-1), and r if the gain moves.  A known triangular part f enters row i
     of x_hat as f_i and row i of eta, which estimates x_{i+1}, as f_{i+1}.
     """
+
+    placed = True
 
     def __init__(self, spec: Spec, chain: Chain | None = None) -> None:
         n = self.n = _order(spec)
@@ -632,6 +637,8 @@ class FilteredObserver(StandardObserver):
     Memory: x_hat (n), eta (m), and r if the gain moves.
     """
 
+    placed = False
+
     def __init__(self, spec: Spec, chain: Chain | None = None) -> None:
         m = integer(
             member(spec, "filters", "observer"), "observer.filters", least=1, most=MAX_ORDER
@@ -674,6 +681,206 @@ class FilteredObserver(StandardObserver):
         rate[n + m - 1] = self.c[-1] * self._gain(memory, e) * self.shaped(memory, e)
         self.gain_rate(memory, e, rate, driven_only=True)
         return rate
+
+
+class LimitedGainObserver(ContinuousLaw):
+    """The observer of limited gain power: Astolfi, Marconi (2015); triangular: Wang et al. (2017).
+
+    p_i' = q_i + f_i + alpha_i g e_i, q_i' = sat(q_(i+1)) + f_(i+1) + beta_i g^2 e_i, i = 1 ... n-1,
+    e_1 = y - p_1, e_i = sat(q_(i-1)) - p_i; f takes x_hat = (p_1 ... p_(n-1), q_(n-1)).
+    Memory: x_hat (n), q_1 ... q_(n-2), and r if the gain moves.
+    """
+
+    def __init__(self, spec: Spec, chain: Chain | None = None) -> None:
+        n = self.n = _order(spec)
+        if n < 2:
+            raise fail("observer.n", n, ">= 2", "use the standard observer")
+        alpha = vector(member(spec, "alpha", "observer"), "observer.alpha", n - 1)
+        beta = vector(member(spec, "beta", "observer"), "observer.beta", n - 1)
+        sound = min(*alpha, *beta) > 0.0
+        if not (sound and is_hurwitz(low_power_polynomial(np.append(alpha, 1.0), beta))):
+            given = (alpha.tolist(), beta.tolist())
+            raise fail("observer.alpha, observer.beta", given, "> 0 and Hurwitz", "use poles")
+        self.alpha, self.beta = alpha[:, None], beta[:, None]
+        self.gain: GainLaw = gain_from(member(spec, "gain", "observer"), n)
+        self.model = _model(spec, n, chain)
+        self.may_be_undefined, self.n_u = self.model.kind == "own", self.model.n_u
+        self.method, self.motion = _method(spec), moving.motion_from(spec, "observer")
+        self.limit = limit_from(spec, n)
+        self.driven_by(2 * n - 2, alone=False)
+        self.wear(spec)
+
+    def _parts(self, memory: Array) -> tuple[Array, Array, Array]:
+        """p (n - 1), q (n - 1) and x_hat (n)."""
+        n = self.n
+        return memory[: n - 1], np.vstack([memory[n : 2 * n - 2], memory[n - 1 : n]]), memory[:n]
+
+    def _whole(self, p: Array, q: Array, memory: Array) -> Array:
+        """A memory of them, its other entries 0."""
+        rest = np.zeros_like(memory[2 * self.n - 2 :])
+        return np.vstack([p, q[-1:], q[:-1], rest])
+
+    def _gain(self, memory: Array, e: Array) -> Any:
+        acting = self.acting(memory, e)
+        return self.gain.ell if isinstance(self.gain, ConstantGain) else acting
+
+    def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
+        """Of every block, and of r."""
+        p, q, x_hat = self._parts(memory)
+        g, f, passed = self._gain(memory, e), known_terms(self.model, x_hat, u, t), self.limit(q)
+        own, coming = q.copy(), passed[1:].copy()
+        own[-1] = self.model.enters(x_hat, q[-1], u, t)
+        if len(coming):
+            coming[-1] = self.model.enters(x_hat, passed[-1], u, t)
+        errors = np.vstack([np.asarray(self.shaped(memory, e))[None], passed[:-1] - p[1:]])
+        p_rate = own + f[:-1] + self.alpha * g * errors
+        q_rate = in_unit(self.model, x_hat, self.beta * g * g * errors) + f[1:]
+        q_rate[:-1] += coming
+        rate = self._whole(p_rate, q_rate, memory)
+        self.gain_rate(memory, e, rate)
+        return rate
+
+    def injection(self, memory: Array, e: Array) -> Array:
+        """Into the first block; of r what its law has of e."""
+        p, q, x_hat = self._parts(memory)
+        g, v = self._gain(memory, e), self.shaped(memory, e)
+        p_rate, q_rate = np.zeros_like(p), np.zeros_like(q)
+        p_rate[0], q_rate[0] = self.alpha[0] * g * v, self.beta[0] * g * g * v
+        rate = self._whole(p_rate, in_unit(self.model, x_hat, q_rate), memory)
+        self.gain_rate(memory, e, rate, driven_only=True)
+        return rate
+
+    def lift(self, old: Array, new: Array, dt: float) -> None:
+        """q_i uses the new q_(i+1), then p_i the new q_i."""
+        n = self.n
+        (_, before, x_hat), (p, after, _) = self._parts(old), self._parts(new)
+        slope = np.ones_like(before)
+        slope[-1] = self.model.slope(x_hat)
+        for i in range(n - 2, 0, -1):
+            moved = (self.limit(after) - self.limit(before))[i]
+            after[i - 1] += dt * moved * slope[i]
+        p += dt * (after - before) * slope
+        new[n - 1], new[n : 2 * n - 2] = after[-1], after[:-1]
+
+
+class CascadeObserver(ContinuousLaw):
+    """The cascade of Khalil, Automatica 80 (2017) 110: a differentiator, then a filter a state.
+
+    x_1' = xb_2 + k_1 g e, xb_2' = k_2 g^2 e, w_i' = beta_i g (x_(i-1) - w_i), i = 3 ... n;
+    shown x_2 = sat(xb_2), x_i = sat(beta_i g (x_(i-1) - w_i)).
+    Memory: x_hat (n), xb_2, w_3 ... w_n, and r if the gain moves.
+    """
+
+    def __init__(self, spec: Spec, chain: Chain | None = None) -> None:
+        n = self.n = _order(spec)
+        if n < 2:
+            raise fail("observer.n", n, ">= 2", "use the standard observer")
+        self.k = vector(member(spec, "k", "observer"), "observer.k", 2)
+        beta = spec.get("beta", []) if n == 2 else member(spec, "beta", "observer")
+        self.beta = vector(beta, "observer.beta", n - 2)
+        if not min(*self.k, *self.beta) > 0.0:
+            given = (self.k.tolist(), self.beta.tolist())
+            raise fail("observer.k, observer.beta", given, "> 0", "use poles")
+        self.gain: GainLaw = gain_from(member(spec, "gain", "observer"), n)
+        if chain is not None or spec.get("model", {"kind": "none"})["kind"] != "none":
+            raise fail("observer.model", spec.get("model"), "left out", "a cascade knows none")
+        self.model = _model(spec, n, None)
+        self.method, self.motion = _method(spec), moving.motion_from(spec, "observer")
+        self.limit = limit_from(spec, n)
+        self.driven_by(2 * n - 1, alone=False)
+        self.wear(spec)
+
+    def _speed(self, memory: Array) -> Any:
+        """The gain of the filters."""
+        if isinstance(self.gain, (ConstantGain, SwitchedGain)):
+            return self.gain.ell if isinstance(self.gain, ConstantGain) else self.gain.fast
+        return self.gain.moving(memory[self.gain_at or 0], np.zeros_like(memory[0]))
+
+    def shown(self, memory: Array) -> Array:
+        """x_2 ... x_n."""
+        n, speed, x = self.n, self._speed(memory), np.empty_like(memory[1 : self.n])
+        for i in range(n - 1):
+            w = memory[n + i]
+            x[i] = w if i == 0 else self.beta[i - 1] * speed * (x[i - 1] - w)
+            x[i] = self.limit(x)[i]
+        return x
+
+    def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
+        """Of the differentiator and the filters, and of r."""
+        n, rate = self.n, self.injection(memory, e)
+        rate[0] += memory[n]
+        behind = self.shown(memory)[:-1] - memory[n + 1 : 2 * n - 1]
+        rate[n + 1 : 2 * n - 1] = self.beta[:, None] * self._speed(memory) * behind
+        self.gain_rate(memory, e, rate)
+        return rate
+
+    def injection(self, memory: Array, e: Array) -> Array:
+        """Into the differentiator; of r what its law has of e."""
+        rate, v, acting = np.zeros_like(memory), self.shaped(memory, e), self.acting(memory, e)
+        g: Any = self.gain.ell if isinstance(self.gain, ConstantGain) else acting
+        rate[0], rate[self.n] = self.k[0] * g * v, self.k[1] * g * g * v
+        self.gain_rate(memory, e, rate, driven_only=True)
+        return rate
+
+    def lift(self, old: Array, new: Array, dt: float) -> None:
+        """x_1 uses the new xb_2."""
+        new[0] += dt * (new[self.n] - old[self.n])
+
+    def clamp(self, memory: Array) -> None:
+        """And the estimates are shown anew."""
+        super().clamp(memory)
+        memory[1 : self.n] = self.shown(memory)
+
+
+class ReducedChainObserver(ContinuousLaw):
+    """The reduced-order observer of a chain: Esfandiari, Khalil (1992).
+
+    x_1 = y, x_(i+1) = eta_i + k_i ell^i y, eta_i' = x_(i+2) + f_(i+1) - k_i ell^i (x_2 + f_1),
+    without eta: between samples the chain alone, at a sample x_(i+1) += k_i ell^i e, x_1 += e.
+    Memory: x_hat (n).
+    """
+
+    def __init__(self, spec: Spec, chain: Chain | None = None) -> None:
+        n = self.n = self.memory_len = _order(spec)
+        if n < 2:
+            raise fail("observer.n", n, ">= 2", "use the standard observer")
+        k = _coefficients(spec, n - 1)
+        gain = gain_from(member(spec, "gain", "observer"), n)
+        if not isinstance(gain, ConstantGain):
+            raise fail("observer.gain.law", spec["gain"]["law"], "'constant'", "give a number")
+        self.gain = gain
+        self.jump = np.append(1.0, k)[:, None] * gain.ell ** np.arange(n)[:, None]
+        self.model = _model(spec, n, chain)
+        self.may_be_undefined, self.n_u = self.model.kind == "own", self.model.n_u
+        self.method, self.motion = _method(spec), moving.motion_from(spec, "observer")
+
+    def jumped(self, memory: Array, y: Array) -> Array:
+        """The memory after a sample."""
+        e = self.innovation(memory, y)
+        return memory + in_unit(self.model, memory, self.jump * e)
+
+    def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
+        """The chain's."""
+        return drift(self.model, memory, u, t)
+
+    def injection(self, memory: Array, e: Array) -> Array:
+        """Nothing: a sample acts at once."""
+        return np.zeros_like(memory)
+
+    def lift(self, old: Array, new: Array, dt: float) -> None:
+        """x_hat_i uses the new x_hat_{i+1}."""
+        lift_chain(self.model, old, new, dt, 0, self.n)
+
+
+def limit_from(spec: Spec, n: int) -> Callable[[Array], Array]:
+    """The saturation of states 2 ... n, (n - 1, runs), that a spec gives or leaves out."""
+    if "saturation" not in spec and "clip" not in spec:
+        return lambda q: q
+    levels = vector(member(spec, "saturation", "observer"), "observer.saturation", n - 1)
+    if not np.all(levels > 0.0):
+        raise fail("observer.saturation", levels.tolist(), "> 0", "bound each |x_i| from above")
+    clip = choice(spec.get("clip", "hard"), "observer.clip", ("hard", "smooth"))
+    return lambda q: saturate(q, levels[:, None], clip)
 
 
 SAMPLED = "sampled"
@@ -1367,13 +1574,18 @@ class CurrentLaw(Law):
         self.law.check(memory[:-1])
 
     def correct(self, memory: Array, y: Array, t: float) -> Array:
-        """What ``y`` injects for the time elapsed; nothing for no time, nor without a sample."""
+        """What ``y`` injects for the time elapsed, and moves at once; nothing without a sample."""
         new = memory.copy()
         elapsed, present = memory[-1], np.isfinite(y)
         for time in np.unique(elapsed[present]):  # gains are those of one time
+            some = present & (elapsed == time)
+            used = memory[:-1, some], y[some]
             if time > 0.0:
-                some = present & (elapsed == time)
-                new[:-1, some] = self.law.corrected(memory[:-1, some], y[some], float(time))
+                new[:-1, some] = self.law.corrected(*used, float(time))
+            else:
+                at_once = self.law.jumped(*used).copy()
+                self.law.clamp(at_once)
+                new[:-1, some] = at_once
         new[-1] = np.where(present, 0.0, elapsed)
         return new
 
@@ -1603,6 +1815,9 @@ LAWS: dict[str, type[Law]] = {
     "low-power": LowPowerObserver,
     "peaking-free": PeakingFreeObserver,
     "filtered": FilteredObserver,
+    "limited-gain": LimitedGainObserver,
+    "cascade": CascadeObserver,
+    "reduced-chain": ReducedChainObserver,
     "high-gain-ekf": HighGainEkf,
     "collection": CollectionObserver,
     "modified": ModifiedObserver,
@@ -1611,7 +1826,16 @@ LAWS: dict[str, type[Law]] = {
     "window": WindowObserver,
     "chains": ChainsObserver,
 }
-SINGLE = ("standard", "low-power", "peaking-free", "filtered", "high-gain-ekf")
+SINGLE = (
+    "standard",
+    "low-power",
+    "peaking-free",
+    "filtered",
+    "limited-gain",
+    "cascade",
+    "reduced-chain",
+    "high-gain-ekf",
+)
 
 
 _CHAIN = ("n", "gain", "model", "method", "motion", "substeps", "timing", "wrap")
@@ -1620,6 +1844,9 @@ KEYS: dict[str, tuple[str, ...]] = {
     "low-power": ("alpha", "beta", "shape", *_CHAIN),
     "peaking-free": ("alpha", "beta", "saturation", "clip", "shape", *_CHAIN),
     "filtered": ("c", "k", "filters", "shape", *_CHAIN),
+    "limited-gain": ("alpha", "beta", "saturation", "clip", "shape", *_CHAIN),
+    "cascade": ("k", "beta", "saturation", "clip", "shape", *_CHAIN),
+    "reduced-chain": ("k", *_CHAIN),
     "high-gain-ekf": ("Q", "R", "P0", *_CHAIN),
     "collection": ("k", "k_bar", "copies", *_CHAIN),
     "modified": ("k", "k_bar", "copies", *_CHAIN),
@@ -1693,7 +1920,7 @@ def _timed(law: Law, spec: Spec) -> Law:
     """The law under its timing."""
     timing = choice(spec.get("timing", "predictor"), "observer.timing", TIMINGS)
     method = spec.get("method")
-    if method in PLACED and isinstance(law, (CollectionObserver, FilteredObserver, HighGainEkf)):
+    if method in PLACED and not getattr(law, "placed", True):
         placed = "a method of step-by-step rates"
         raise fail("observer.method", method, placed, "eigenvalues are placed for single laws")
     if method == "bilinear" and law.n > BILINEAR_LIMIT[spec["kind"]]:

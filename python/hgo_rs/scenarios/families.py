@@ -14,13 +14,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hgo_rs.design import levant_coefficients
+from hgo_rs.design import continuous, discrete, levant_coefficients
 from hgo_rs.models import Model, Plant, VanDerPol
 from hgo_rs.observers import (
     Fal,
     HighGainEKF,
+    HighGainObserver,
     HomogeneousGain,
     InnovationGain,
+    LowPowerObserver,
     MultiOutputObserver,
     Observer,
     PiecewiseLinear,
@@ -52,11 +54,24 @@ SAVITZKY = "Savitzky, Golay, Analytical Chemistry 36 (1964) 1627"
 KALATA = "Kalata, IEEE TAES 20 (1984) 174"
 MORRISON = "Morrison, Sequential Smoothing and Prediction (1969)"
 HAN = "Han, IEEE TIE 56 (2009) 900"
+FILTERED = "Tréangle, Farza, M'Saad, Automatica 101 (2019); Astolfi et al., SCL 148 (2021) 104856"
+LIMITED = "Astolfi, Marconi, IEEE TAC 60 (2015) 3059; Wang et al., Automatica 75 (2017) 16"
+CASCADE = "Khalil, Automatica 80 (2017) 110"
+REDUCED = "Esfandiari, Khalil, IJC 56 (1992) 1007"
 
 
-def record(ctx: Context, observer: Observer, x_hat0: Any, added: Array, dt: float = DT) -> Array:
-    """Memories before each sample of sin t + `added`, (len(added), m)."""
-    plant = Plant(states=["s"], drift=["0"], output="sin(t)")
+def record(
+    ctx: Context,
+    observer: Observer,
+    x_hat0: Any,
+    added: Array,
+    dt: float = DT,
+    output: str = "sin(t)",
+) -> Array:
+    """Memories at each sample of `output` + `added`, (len(added), m): before it is used; with
+    current timing after that.
+    """
+    plant = Plant(states=["s"], drift=["0"], output=output)
     start = observer.initial_memory(x_hat0)
     run = ctx.run(
         plant,
@@ -311,6 +326,165 @@ def chains(ctx: Context) -> Outcome:
         ax.set_title(r"$\dot x_1 = x_2 + x_2^3$: rows over the product of slopes")
         ax.set_xlabel("time (s)")
         ax.legend()
+
+    return Outcome(rows, draw)
+
+
+# --- structures ---------------------------------------------------------------------------------
+
+
+def listed(kind: str, n: int, **given: Any) -> HighGainObserver:
+    """A law of the list at ell = 50, by Euler with predictor timing."""
+    return HighGainObserver(kind, n, 50.0, **{**EULER, **given})
+
+
+def deviations(observer: Observer, density: float) -> Array:
+    """Standard deviations of all states in continuous time, under noise of this density."""
+    from scipy.linalg import solve_continuous_lyapunov
+
+    law = continuous(observer.spec)
+    scale = law.scale[:, None]
+    closed, g = law.ell * scale * law.closed / law.scale, law.ell * law.scale * law.g
+    return np.asarray(
+        np.sqrt(density * np.diag(solve_continuous_lyapunov(closed, -np.outer(g, g))))
+    )
+
+
+def passed(observer: Observer, omega: float) -> Array:
+    """|x_hat_i / y| at `omega` [rad/s], in continuous time."""
+    law = continuous(observer.spec)
+    away = 1j * omega / law.ell * np.eye(len(law.g)) - law.closed
+    return np.asarray(np.abs(np.linalg.solve(away, law.g) * law.scale)[: observer.n])
+
+
+def values_of(
+    values: Any,
+    expected: tuple[float, ...],
+    names: Any,
+    what: str,
+    source: str = "",
+    rel: float = REL,
+) -> list[Row]:
+    """A row for each value; the source at the first."""
+    rows: list[Row] = []
+    for value, number, name in zip(values, expected, names, strict=True):
+        note = "" if rows else source
+        rows.append(row(f"{what}, {name}", value, expected=number, rel=rel, note=note))
+    return rows
+
+
+X = ("x̂1", "x̂2", "x̂3", "x̂4")
+
+
+@scenario(
+    "families-structures", title="Filtered, limited in gain, cascaded, reduced", paper="families"
+)
+def structures(ctx: Context) -> Outcome:
+    """Observers of other structures: what they estimate, and what they make of noise."""
+    nothing = np.zeros(5000)
+    filtered = listed("filtered", 2, poles=[-1.0] * 3)
+    standard = StandardObserver(2, 50.0, poles=[-1.0] * 2, **EULER)
+    rows = values_of(
+        deviations(filtered, 1e-9)[:2],
+        (1.936491673e-4, 2.795084972e-3),
+        X[:2],
+        "filtered, noise",
+        FILTERED,
+    )
+    numbers: tuple[float, ...] = (2.5e-4, 5.590169944e-3)
+    rows += values_of(deviations(standard, 1e-9), numbers, X[:2], "standard, noise")
+    numbers = (1.873308602e-3, 3.122072600e-2)
+    rows += values_of(passed(filtered, 2000.0), numbers, X[:2], "filtered at 2000 rad/s")
+    numbers = (4.997267318e-2, 1.249219238)
+    rows += values_of(passed(standard, 2000.0), numbers, X[:2], "standard at 2000 rad/s")
+    sine = record(ctx, filtered, None, nothing[:1501], output="sin(3*t)")
+    numbers = (-0.987552652672, -1.136641272811)
+    rows += rows_of(sine, {1500: numbers}, "filtered", "")
+    ramp = record(ctx, filtered, None, nothing[:4001], output="t")
+    left = 4.0 - ramp[4000, 0]
+    rows.append(row("filtered, error of a ramp", left, expected=0.0, abs=1e-9))
+
+    alpha, beta = (3.0, 3.0, 3.0), (40.0 / 11.0, 12.0 / 11.0, 4.0 / 11.0)
+    limited = listed("limited-gain", 4, alpha=alpha, beta=beta)
+    found = np.poly(continuous(limited.spec).closed)[1:]
+    numbers = (9, 30.636363636, 48.818181818, 36.694214876, 11.900826446, 1.442524418)
+    powers = [f"coefficient of s^{6 - i}" for i in range(1, 7)]
+    rows += values_of(found, numbers, powers, "limited gain power", LIMITED)
+    names: tuple[str, ...] = ("p1", "p2", "p3", "q3", "q1", "q2")
+    numbers = (3.273374883e-4, 1.229431330e-2, 1.818312218e-1, 1.095436945)
+    numbers += (1.682912642e-2, 2.148988910e-1)
+    rows += values_of(deviations(limited, 1e-9), numbers, names, "limited gain power, noise")
+    whole = LowPowerObserver(4, 50.0, alpha=(*alpha, 2.0), beta=beta, **EULER)
+    numbers = (0.854822664,)
+    rows += values_of(deviations(whole, 1e-9)[3:4], numbers, X[3:], "low-power, noise")
+    memory = record(ctx, limited, None, nothing[:1501], output="sin(2*t)")[1500]
+    numbers = (0.141113291100, -1.981663467943, -0.621132327908, 7.045082736871)
+    numbers += (-1.981244925786, -0.613315605590)
+    rows += values_of(memory, numbers, names, "limited gain power before 1500")
+
+    double = {"k": (2.0, 1.0), "beta": (1.0, 1.0)}
+    free, held = listed("cascade", 4, **double), listed("cascade", 4, **double, saturation=3.0)
+    usual = StandardObserver(4, 50.0, poles=[-1.0] * 4, **EULER)
+    numbers = (1.123093108e-4, 2.518867875e-3, 1.096182698e-1, 5.028509135)
+    std = np.sqrt(1e-6 * free.noise_gain(2e-4))
+    rows += values_of(std, numbers, X, "cascade, noise", CASCADE)
+    numbers = (1.719804280e-4, 1.219196668e-2, 4.042624877e-1, 5.028509135)
+    std = np.sqrt(1e-6 * usual.noise_gain(2e-4))
+    rows += values_of(std, numbers, X, "standard, noise")
+    cubic = "1 + t + t**2/2 + t**3/6"
+    tracks = [record(ctx, law, None, nothing, 2e-4, cubic) for law in (free, held, usual)]
+    largest = [np.abs(track[:, :4]).max(axis=0) for track in tracks]
+    numbers = (2.665382706665, 18.754786763816, 587.078325886596, 21464.8652148)
+    rows += values_of(largest[0], numbers, X, "cascade, peak")
+    numbers = (2.665382706665, 3.0, 3.0, 3.0)
+    rows += values_of(largest[1], numbers, X, "cascade of levels 3, peak")
+    numbers = (2.665382706665, 2.421000006667, 1.94, 1.0)
+    for track, what in zip(tracks, ("cascade", "cascade of levels 3"), strict=False):
+        rows += rows_of(track, {4999: numbers}, what, "")
+    rows_sine = [record(ctx, law, None, nothing[:1001], output="sin(2*t)") for law in (free, usual)]
+    apart = np.max(np.abs(rows_sine[0][:, 3] - rows_sine[1][:, 3]))
+    rows.append(row("cascade and standard, x̂4 apart", apart, at_most=1e-9))
+
+    reduced = listed("reduced-chain", 3, k=(2.0, 1.0), timing="current")
+    memory = record(ctx, reduced, None, nothing[:1001], output="sin(2*t)")[1000]
+    numbers = (-0.835214049507, -3.750081470973)
+    rows += values_of(memory[1:3], numbers, X[1:3], "reduced order at 1000", REDUCED)
+    # in continuous time, from short steps
+    responses = []
+    for dt in (1e-4, 5e-5):
+        a, b, c, d = discrete({**reduced.spec, "method": "rk4"}, dt)
+        z = np.exp(7j * dt)
+        responses.append((c @ np.linalg.solve(z * np.eye(3) - a, b) + d)[1:, 0])
+    found = (2.0 * responses[1] - responses[0]).view(float)
+    numbers = (0.036953237148, 7.129389120358, -46.210400127682, 13.197584695788)
+    names = ("Re x̂2/y", "Im x̂2/y", "Re x̂3/y", "Im x̂3/y")
+    rows += values_of(found, numbers, names, "reduced order at 7 rad/s", rel=1e-5)
+
+    def draw(fig: Figure) -> None:
+        fig.set_size_inches(10.0, 4.0)
+        left, right = fig.subplots(1, 2)
+        t = 2e-4 * np.arange(5000)
+        for track, name, colour in (
+            (tracks[2], "standard", "vermillion"),
+            (tracks[0], "cascade", "grey"),
+            (tracks[1], "cascade, levels 3", "blue"),
+        ):
+            left.semilogy(
+                t, np.maximum(np.abs(track[:, 3]), 1e-2), color=COLOURS[colour], label=name
+            )
+        left.set_title(r"$|\hat x_4|$ from a wrong start")
+        left.set_xlabel("time (s)")
+        left.legend()
+        omega = np.geomspace(1.0, 5e3, 200)
+        for law, name, colour in (
+            (standard, "standard", "vermillion"),
+            (filtered, "behind a filter", "blue"),
+        ):
+            response = [passed(law, w)[1] for w in omega]
+            right.loglog(omega, response, color=COLOURS[colour], label=name)
+        right.set_title(r"$|\hat x_2/y|$, order 2, all poles at $-50$")
+        right.set_xlabel("frequency (rad/s)")
+        right.legend()
 
     return Outcome(rows, draw)
 

@@ -11,7 +11,7 @@ use crate::tabled::{Gains, LawTables};
 use crate::tables::{PlacedChain, Shape, Tables};
 use crate::trace::{Setting, Traced};
 use hgo_rs::dual::Dual;
-use hgo_rs::gain::{AdaptiveGain, GainLaw};
+use hgo_rs::gain::{AdaptiveGain, ConstantGain, GainLaw};
 use hgo_rs::laws::{Form, Gain, Law, Sizes};
 use hgo_rs::model::{Model, PhaseVariable, Unknown};
 use hgo_rs::observer::Timing;
@@ -33,14 +33,24 @@ struct Described<'a> {
 struct Taken<T, G, Md, S> {
     gain: G,
     adaptive: Option<AdaptiveGain<T>>,
+    constant: Option<ConstantGain<T>>,
     model: Md,
     saturation: S,
+    open_saturation: S,
     no_saturation: S,
 }
 
-impl<T, G, Md, const N: usize> Taken<T, G, Md, AnySaturation<N, T>> {
+impl<T: Copy, G, Md, const N: usize> Taken<T, G, Md, AnySaturation<N, T>> {
     fn new(gain: G, model: Md, saturation: AnySaturation<N, T>) -> Self {
-        Self { gain, adaptive: None, model, saturation, no_saturation: AnySaturation::None }
+        Self {
+            gain,
+            adaptive: None,
+            constant: None,
+            model,
+            saturation,
+            open_saturation: saturation,
+            no_saturation: AnySaturation::None,
+        }
     }
 }
 
@@ -85,9 +95,20 @@ impl<'a> Described<'a> {
                 law.title
             )));
         }
-        if law.gain == Gain::Adaptive && gain.text("law")? != "adaptive" {
+        if let (Form::Unknown, true) = (law.form, given.says()?) {
             return Err(refused(format!(
-                "gain[\"law\"] = {:?} is not allowed: the {} needs the adaptive law, {}",
+                "a model is not allowed here: the {} knows none; use the standard observer",
+                law.title
+            )));
+        }
+        let only = match law.gain {
+            Gain::Adaptive => Some("adaptive"),
+            Gain::Constant => Some("constant"),
+            _ => None,
+        };
+        if let Some(only) = only.filter(|only| gain.text("law").is_ok_and(|law| law != *only)) {
+            return Err(refused(format!(
+                "gain[\"law\"] = {:?} is not allowed: the {} needs the {only} law, {}",
                 gain.text("law")?,
                 law.title,
                 law.source
@@ -104,7 +125,13 @@ impl<'a> Described<'a> {
     }
 
     fn saturation<T: Scalar, const N: usize>(&self) -> Result<AnySaturation<N, T>> {
-        if self.law.saturated { AnySaturation::read(self.spec) } else { Ok(AnySaturation::None) }
+        let (law, spec) = (self.law, self.spec);
+        let given = ["saturation", "clip"].iter().any(|key| spec.has(key));
+        if law.saturated && (given || !law.open) {
+            AnySaturation::read(spec)
+        } else {
+            Ok(AnySaturation::None)
+        }
     }
 
     /// What the law is made of over traced numbers, within a trace.
@@ -113,11 +140,12 @@ impl<'a> Described<'a> {
     ) -> Result<Taken<Traced, Chosen<Traced, N, E>, Known, AnySaturation<N, Traced>>> {
         let (model, saturation) = (self.given.install(N)?, self.saturation()?);
         let chosen = Chosen::<Traced, N, E>::read(self.spec)?;
-        let adaptive = match chosen.gain {
-            AnyGain::Adaptive(law) => Some(law),
-            _ => None,
+        let (adaptive, constant) = match chosen.gain {
+            AnyGain::Adaptive(law) => (Some(law), None),
+            AnyGain::Constant(law) => (None, Some(law)),
+            _ => (None, None),
         };
-        Ok(Taken { adaptive, ..Taken::new(chosen, model, saturation) })
+        Ok(Taken { adaptive, constant, ..Taken::new(chosen, model, saturation) })
     }
 
     /// What it is made of where its model does not matter.
@@ -151,7 +179,7 @@ macro_rules! traced {
         $(rates {
             kind: $kind:literal, title: $title:literal,
             law: $law:ty,
-            new: [$($name:ident $count:tt)*] [$gain:ident, model $(, $saturation:ident)?],
+            new: [$($name:ident $count:tt)*] [$gain:ident $(, $taken:ident)*],
             orders: $orders:tt, size: $size:tt,
             design: $design:tt,
             form: $form:ident, placed: $placed:ident,
@@ -176,8 +204,7 @@ macro_rules! traced {
                         Ok(<$law>::new(
                             $(of.list(stringify!($name)),)*
                             traced!(@gain $gain taken),
-                            taken.model,
-                            $(taken.$saturation,)?
+                            $(taken.$taken,)*
                         )?)
                     }
                     fn sized<const N: usize, const K: usize>(
@@ -197,6 +224,9 @@ macro_rules! traced {
     (@gain adaptive $taken:ident) => {
         $taken.adaptive.ok_or_else(|| refused("another gain law"))?
     };
+    (@gain constant $taken:ident) => {
+        $taken.constant.ok_or_else(|| refused("another gain law"))?
+    };
     (@gains gain $placed:ident $of:ident) => {
         match $of.chosen::<N>()? {
             (0, still) => traced!(@placed $placed $of 0 still),
@@ -206,6 +236,9 @@ macro_rules! traced {
     };
     (@gains adaptive $placed:ident $of:ident) => {
         traced!(@placed $placed $of 1 false)
+    };
+    (@gains constant $placed:ident $of:ident) => {
+        traced!(@placed $placed $of 0 true)
     };
     (@placed true $of:ident $entries:literal $still:ident) => {
         LawTables::any(
