@@ -224,7 +224,7 @@ def test_a_slope_that_a_correction_cannot_know_is_refused() -> None:
     for index in (0, table["inputs"].index("u[0]")):
         outputs = [*table["outputs"][:at], index]
         wrong = {**spec, "model": {**spec["model"], "table": {**table, "outputs": outputs}}}
-        with pytest.raises(ValueError, match="slope of an unknown depends on time or an input"):
+        with pytest.raises(ValueError, match="nonlinear chain depends on time or an input"):
             _core.Observer(wrong)
 
 

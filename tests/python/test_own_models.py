@@ -337,7 +337,7 @@ def test_chains_of_several_outputs():
         ({"orders": [2, 0]}, r"orders\[1\] = 0"),
         ({"orders": 5}, "a list of integers"),
         ({"orders": [5]}, "phi has 2 expressions: must have 1"),
-        ({"phi": None, "f": [0] * 5}, "a model of f, orders: must be one of the five forms"),
+        ({"phi": None, "f": [0] * 5}, "a model of f, orders: must be one of the forms"),
     ):
         with pytest.raises(HgoError, match=says):
             Model(**{**model.as_arguments(), **changes})
@@ -580,8 +580,8 @@ WRONG = {
     "no name": ({"states": [1]}, "must be a letter, then"),
     "one string": ({"states": "qv"}, "must be a list of names"),
     "no states": ({"states": []}, "at least one name"),
-    "nothing": ({"phi": None}, "a model of nothing: must be one of the five forms"),
-    "too much": ({"f": ["q", "v"]}, "a model of f, phi: must be one of the five forms"),
+    "nothing": ({"phi": None}, "a model of nothing: must be one of the forms"),
+    "too much": ({"f": ["q", "v"]}, "a model of f, phi: must be one of the forms"),
     "a list for phi": ({"phi": ["u", "v"]}, "phi"),
     "condition": ({"phi": "q < v"}, "phi: a condition stands where a number is needed"),
     "none": ({"phi": object()}, "phi: object is no number"),

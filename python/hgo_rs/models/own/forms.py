@@ -349,7 +349,7 @@ def form_of(
             return StrictFeedback(states, inputs, given["f1"])
     shown = ", ".join([*sorted(there), *(["orders"] if orders is not None else [])]) or "nothing"
     raise HgoError(
-        f"a model of {shown}: must be one of the five forms; give phi= (phase-variable), phi= and "
+        f"a model of {shown}: must be one of the forms; give phi= (phase-variable), phi= and "
         "orders= (several chains), f= (triangular), f= and K_T= with g= and h= where wanted "
         "(sampled-data), or f1=, g= and f2= (strict-feedback)"
     )
