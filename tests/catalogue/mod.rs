@@ -20,7 +20,7 @@ use hgo_rs::observer::{
 use hgo_rs::observers::{
     AdaptiveEkf, HardClip, InnovationGain, LAWS, LowPowerObserver, NoSaturation,
     PeakingFreeObserver, ReducedOrderObserver, SampledDataObserver, SampledEkf, Saturation,
-    SmoothSaturation, StandardObserver,
+    SmoothSaturation, StandardObserver, WindowObserver,
 };
 use hgo_rs::polynomial::coefficients_from_poles;
 use hgo_rs::shape::{Fal, Stubborn};
@@ -335,7 +335,7 @@ pub fn observers() -> u64 {
         (true, _) => 3 * (schemes + usize::from(law.placed) * placements),
     };
     let listed: usize = LAWS.iter().map(of_list).sum();
-    let (continuous, placed, recursions) = (11, 4, 4);
+    let (continuous, placed, recursions) = (11, 4, 5);
     (listed + continuous * schemes + placed * placements + recursions) as u64
 }
 
@@ -402,5 +402,8 @@ where
     let ship = Ship::new(c(0.0), [c(0.0); 3])?;
     let reduced = ReducedOrderObserver::new([0.1, 0.2, 0.2].map(c), c(0.1), ship)?;
     visitor.visit("reduced-order", "recursion", reduced, fill::<T, 2>);
+    let gains = SMatrix::from_fn(|i, j| c([[0.8, 0.2, -0.1], [3.0, 0.0, -2.0]][i][j]));
+    let window = WindowObserver::<T, 2, 3>::new(gains, c(0.01))?;
+    visitor.visit("window", "recursion", window, fill::<T, 0>);
     Ok(())
 }
