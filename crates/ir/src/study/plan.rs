@@ -405,7 +405,7 @@ impl Plan {
         spec: &Spec<'_>,
         runs: usize,
         steps: u64,
-    ) -> Result<(DrawKind, u64, Vec<Sine<f64>>, (Vec<f64>, Vec<f64>))> {
+    ) -> Result<(DrawKind, u64, Vec<Sine<f64>>, Coloured)> {
         let kind = spec.text("kind")?;
         let finite =
             |key: &'static str| -> Result<f64> { Ok(hgo_rs::error::finite(key, spec.f64(key)?)?) };
@@ -465,22 +465,7 @@ impl Plan {
             DrawKind::Shared(_) | DrawKind::Recorded { .. } => &["values"],
         };
         spec.only(&[&["kind", "hold", "sines"], own].concat())?;
-        let (mut ar, mut ar_start) = (Vec::new(), Vec::new());
-        if spec.has("ar") {
-            ar.clone_from(&spec.numbers("ar")?.values);
-            let start = spec.numbers("start")?;
-            if start.shape != [ar.len(), ar.len()] {
-                return Err(refused(format!(
-                    "start has shape {:?}; it must be ({n}, {n}), as there are {n} coefficients ar",
-                    start.shape,
-                    n = ar.len()
-                )));
-            }
-            ar_start.clone_from(&start.values);
-            if !ar.iter().chain(&ar_start).all(|value| value.is_finite()) {
-                return Err(refused("ar and start must be finite"));
-            }
-        }
+        let coloured = read_coloured(spec)?;
         let mut sines = Vec::new();
         if spec.has("sines") {
             for row in spec.numbers("sines")?.values.chunks(3) {
@@ -514,7 +499,7 @@ impl Plan {
                 )));
             }
         }
-        Ok((draw, hold, sines, (ar, ar_start)))
+        Ok((draw, hold, sines, coloured))
     }
 
     /// Variance of a noise that is white with mean zero.
@@ -528,6 +513,29 @@ impl Plan {
             _ => None,
         }
     }
+}
+
+/// Coefficients of coloured noise, and what it begins with.
+type Coloured = (Vec<f64>, Vec<f64>);
+
+fn read_coloured(spec: &Spec<'_>) -> Result<Coloured> {
+    let (mut ar, mut ar_start) = (Vec::new(), Vec::new());
+    if spec.has("ar") {
+        ar.clone_from(&spec.numbers("ar")?.values);
+        let start = spec.numbers("start")?;
+        if start.shape != [ar.len(), ar.len()] {
+            return Err(refused(format!(
+                "start has shape {:?}; it must be ({n}, {n}), as there are {n} coefficients ar",
+                start.shape,
+                n = ar.len()
+            )));
+        }
+        ar_start.clone_from(&start.values);
+        if !ar.iter().chain(&ar_start).all(|value| value.is_finite()) {
+            return Err(refused("ar and start must be finite"));
+        }
+    }
+    Ok((ar, ar_start))
 }
 
 const NOISES: [&str; 7] =
