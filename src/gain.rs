@@ -44,8 +44,25 @@ pub trait GainLaw<T: Scalar>: Copy {
     /// # Errors
     /// An order or a structure that the law was not made for; coefficients for which it may not converge.
     #[inline(always)]
-    fn fits(&self, _: Option<&[T]>) -> Result<(), DesignError> {
+    fn fits(&self, _: Option<usize>, _: Option<&[T]>) -> Result<(), DesignError> {
         Ok(())
+    }
+    /// Which innovation moves the gain: e = y − x̂₁, or what a filter in front of the chain lets through.
+    #[inline(always)]
+    fn seen(&self, e: T, _filtered: T) -> T {
+        e
+    }
+    /// Refuse the implicit step.
+    ///
+    /// # Errors
+    /// A gain whose value at the end of the step is the root of no polynomial.
+    fn closed(&self) -> Result<(), DesignError> {
+        Ok(())
+    }
+    /// 1/r at the end of an implicit step, whose innovation e⁺ solves e⁺ (1 + Σ gᵢ rⁱ) = b.
+    #[inline(always)]
+    fn closing(&self, memory: &Self::Memory, b: T, _g: &[T]) -> T {
+        T::ONE / self.moving(memory, b)
     }
     /// Refuse a correction whose eigenvalues are [placed](crate::injection).
     ///
@@ -317,11 +334,43 @@ impl<T: Scalar> GainLaw<T> for HomogeneousGain<T> {
     fn rate<const N: usize>(&self, (): &(), _: T) {}
     #[inline(always)]
     fn admissible(&self, (): ()) {}
-    fn fits(&self, k: Option<&[T]>) -> Result<(), DesignError> {
-        let allowed = "the homogeneous gain is made for the standard observer of its own order";
+    fn fits(&self, order: Option<usize>, _: Option<&[T]>) -> Result<(), DesignError> {
+        let allowed = "the homogeneous gain is made for the standard observer of its own order, or a filtered \
+                       one of this order with the filter's states counted";
         let count = T::from_u64(self.order as u64);
-        require("order of the gain", count, k.is_some_and(|k| k.len() == self.order), allowed)
-            .map(|_| ())
+        require("order of the gain", count, order == Some(self.order), allowed).map(|_| ())
+    }
+    #[inline(always)]
+    fn seen(&self, _: T, filtered: T) -> T {
+        filtered
+    }
+    fn closed(&self) -> Result<(), DesignError> {
+        let of_levant = self.degree == -T::ONE || self.degree == T::ZERO;
+        let allowed = "the implicit step is for degree -1 or 0 and mu = 0; choose method zoh";
+        require("degree", self.degree, of_levant && self.mu == T::ZERO, allowed).map(|_| ())
+    }
+    /// s = |e⁺|^{1/n} of degree −1, the root of sⁿ + g₁sⁿ⁻¹ + … + gₙ₋₁s = |b| − gₙ, or 0 where there is none
+    /// above 0. Newton's method comes down to it from a larger s and never passes it, as the left side is
+    /// convex: n + 3 steps reach the last digits, and one or two are to spare.
+    #[inline(always)]
+    fn closing(&self, (): &(), b: T, g: &[T]) -> T {
+        if self.degree == T::ZERO {
+            return T::ONE;
+        }
+        let n = g.len();
+        let at = |i: usize| g.get(i).copied().unwrap_or(T::ZERO);
+        let left = (b.abs() - at(n - 1)).max(T::ZERO);
+        let root = left.max(T::from_f64(LEAST_ERROR)).powf(-self.exponent);
+        let mut s = root.min(left / at(n.wrapping_sub(2)).or(T::ONE));
+        for _ in 0..n + 5 {
+            let (mut value, mut slope) = (T::ONE, T::ZERO);
+            for i in 0..n {
+                slope = slope * s + value;
+                value = if i + 1 < n { value * s + at(i) } else { value * s };
+            }
+            s = (s - (value - left) / slope.or(T::ONE)).max(T::ZERO);
+        }
+        s
     }
 }
 
@@ -459,6 +508,12 @@ impl<T: Scalar> GainLaw<T> for PrescribedTimeGain<T> {
     }
 }
 
+/// Refusal of the implicit step under a shape.
+pub const fn unshaped() -> DesignError {
+    let allowed = "the implicit step is for an innovation without a shape; choose another method";
+    DesignError { parameter: "shape", value: 1.0, allowed }
+}
+
 /// A gain law with a [`Shape`] between innovation and injection: a gain law itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -494,9 +549,16 @@ impl<T: Scalar, G: GainLaw<T>, S: Shape<T>> GainLaw<T> for Shaped<G, S> {
     fn rows(&self, (_, sigma): &Self::Memory, e: T, rows: &mut [T]) {
         self.shape.rows(sigma, e, rows);
     }
-    fn fits(&self, k: Option<&[T]>) -> Result<(), DesignError> {
-        self.gain.fits(k)?;
+    fn fits(&self, order: Option<usize>, k: Option<&[T]>) -> Result<(), DesignError> {
+        self.gain.fits(order, k)?;
         self.shape.fits(k)
+    }
+    #[inline(always)]
+    fn seen(&self, e: T, filtered: T) -> T {
+        self.gain.seen(e, filtered)
+    }
+    fn closed(&self) -> Result<(), DesignError> {
+        Err(unshaped())
     }
     fn placed(&self) -> Result<(), DesignError> {
         self.gain.placed()?;

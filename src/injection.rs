@@ -9,8 +9,10 @@
 //! A sample corrects, x̂⁺ = x̂⁻ + K (y − x̂₁⁻), with the one K that gives the error matrix (I − K C) e^{AT}
 //! the eigenvalues zᵢ = e^{Tλᵢ}, λᵢ those of the continuous law ([`Placement::Exact`]: the error is that of
 //! the continuous law at the sampling instants), or the places to which the bilinear rule takes them,
-//! zᵢ = (2 + Tλᵢ)/(2 − Tλᵢ) ([`Placement::Bilinear`]; Dabroom and Khalil, Int. J. Control 72 (1999)).
-//! Both lie within the unit circle for every T > 0.
+//! zᵢ = (2 + Tλᵢ)/(2 − Tλᵢ) ([`Placement::Bilinear`]; Dabroom and Khalil, Int. J. Control 72 (1999)), or
+//! those of backward Euler, zᵢ = 1/(1 − Tλᵢ) ([`Placement::ImplicitMap`]). All lie within the unit circle for
+//! every T > 0. With a gain that moves with e, the first is the matched discretisation of Koch, Reichhartinger,
+//! Horn and Fridman, IEEE TAC 65 (2020) 757.
 //!
 //! K has a closed form. κ(τ) = K₁ + K₂ τ + … + Kₙ τⁿ⁻¹/(n−1)! is by how much a unit innovation moves the
 //! prediction a time τ ahead, so that Σⱼ κ(jT) z⁻ʲ = Π(z − zᵢ)/(z − 1)ⁿ − 1. With δ = (z − 1)/T and
@@ -22,8 +24,9 @@
 
 use crate::Scalar;
 use crate::error::{DesignError, require};
-use crate::motion::{Flow, Held, Motion};
-use crate::observer::{ContinuousLaw, Scheme, absent};
+use crate::memory::Memory;
+use crate::motion::{Flow, Held, Motion, UnderSample};
+use crate::observer::{ContinuousLaw, Scheme, StaggeredEuler, absent};
 use crate::polynomial::{roots, times_root};
 use nalgebra::SVector;
 
@@ -36,18 +39,28 @@ pub enum Placement {
     Exact,
     /// (2 + Tλ)/(2 − Tλ).
     Bilinear,
+    /// 1/(1 − Tλ).
+    ImplicitMap,
 }
 
 impl Placement {
     /// Refuse an order above `most` under the bilinear rule, which takes all eigenvalues to −1 as ℓT grows:
     /// there, rounding moves a bundle of them out of the unit circle. `most` is the highest order at which
     /// one rounding of the gains in double precision, at ℓT = 100, changes the response of the error by
-    /// less than 5e-5 of its largest value. Exact placement keeps 1e-9 up to order 12.
-    pub(crate) fn hold<const N: usize>(self, most: usize) -> Result<(), DesignError> {
+    /// less than 5e-5 of its largest value. Exact placement keeps 1e-9 up to order 12. `by_map` is the highest
+    /// order under [`Self::ImplicitMap`].
+    pub(crate) fn hold<const N: usize>(
+        self,
+        most: usize,
+        by_map: usize,
+    ) -> Result<(), DesignError> {
         let allowed = "method bilinear gathers the eigenvalues at -1 for long steps, where rounding \
                        moves those of high orders out of the unit circle: at most 6 (standard) or 4 \
                        (low-power, peaking-free); choose method zoh";
-        let holds = self == Self::Exact || N <= most;
+        let mapped = "the gains of a low-power law under method implicit-map are found up to order 5; choose \
+                      method zoh";
+        require("n", N as f64, self != Self::ImplicitMap || N <= by_map, mapped)?;
+        let holds = self != Self::Bilinear || N <= most;
         require("n", N as f64, holds, allowed).map(|_| ())
     }
 
@@ -65,6 +78,10 @@ impl Placement {
             Self::Bilinear => {
                 let square = (two - a) * (two - a) + b * b;
                 (two * (a * (two - a) - b * b) / square, two * two * b / square)
+            }
+            Self::ImplicitMap => {
+                let square = (T::ONE - a) * (T::ONE - a) + b * b;
+                ((a * (T::ONE - a) - b * b) / square, b / square)
             }
         }
     }
@@ -194,7 +211,7 @@ pub fn ahead<T: Scalar, const N: usize>(
 
 /// A law whose injection can be placed.
 pub trait Injected<T: Scalar>:
-    ContinuousLaw<T> + Flow<T, <Self as ContinuousLaw<T>>::State, <Self as ContinuousLaw<T>>::Input>
+    OneChain<T> + Flow<T, <Self as ContinuousLaw<T>>::State, <Self as ContinuousLaw<T>>::Input>
 {
     /// What its poles are.
     type Poles: Copy;
@@ -221,6 +238,101 @@ pub trait Injected<T: Scalar>:
     ) -> Self::Gains;
     /// The memory after the use of the innovation e that ends a step of length dt.
     fn inject(&self, z: &Self::State, e: &Self::Innovation, k: &Self::Gains, dt: T) -> Self::State;
+}
+
+/// A law whose innovation enters one chain: what [`Implicit`] and the
+/// [inter-sample predictor](crate::inter_sample) ask of it.
+pub trait OneChain<T: Scalar>: ContinuousLaw<T> {
+    /// Refuse the implicit step.
+    ///
+    /// # Errors
+    /// A law or a gain whose implicit step is not the root of a polynomial.
+    fn closed(&self) -> Result<(), DesignError> {
+        Err(several_chains(Self::ESTIMATED))
+    }
+    /// What the sample injects at the end of an implicit step of length dt, as a rate; e is the innovation of
+    /// the prediction.
+    #[inline(always)]
+    fn closing(&self, z: &Self::State, e: &Self::Innovation, _dt: T) -> Self::State {
+        self.injection(z, e)
+    }
+    /// Refuse the inter-sample predictor.
+    ///
+    /// # Errors
+    /// A law with more chains than one; rows of an injection that are not alike.
+    fn decays(&self) -> Result<(), DesignError> {
+        Err(several_chains(Self::ESTIMATED))
+    }
+    /// By how much an innovation e that decays moves the memory over a step of length dt, and what is left of
+    /// it.
+    #[inline(always)]
+    fn decaying(
+        &self,
+        z: &Self::State,
+        e: &Self::Innovation,
+        _dt: T,
+    ) -> (Self::State, Self::Innovation) {
+        (self.injection(z, e), *e)
+    }
+}
+
+fn several_chains(n: usize) -> DesignError {
+    let allowed =
+        "methods implicit and inter-sample are for the standard observer; choose method zoh";
+    DesignError { parameter: "n", value: n as f64, allowed }
+}
+
+/// Backward Euler in the chain and its correction: x̂ᵢ⁺ = x̂ᵢ + T (x̂ᵢ₊₁⁺ + f̂ᵢ + vᵢ(e⁺)), e⁺ = y − x̂₁⁺, f̂ of
+/// the beginning. Without chattering under a gain whose last term is a sign.
+///
+/// Acary and Brogliato, Systems & Control Letters 59 (2010); Mojallizadeh, Brogliato and Acary, Int. J.
+/// Robust Nonlinear Control 31 (2021). For current timing: the sample is that of the step's end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Implicit;
+
+impl<T: Scalar, L: OneChain<T>> Scheme<T, L> for Implicit {
+    const OVER_GAPS: bool = true;
+
+    #[inline(always)]
+    fn advance(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State {
+        self.correct(law, &self.predict(law, t, z, u, dt), y, dt)
+    }
+
+    #[inline(always)]
+    fn predict(&self, law: &L, t: T, z: &L::State, u: &L::Input, dt: T) -> L::State {
+        StaggeredEuler.predict(law, t, z, u, dt)
+    }
+
+    #[inline(always)]
+    fn correct(&self, law: &L, z: &L::State, y: T, dt: T) -> L::State {
+        let e = law.innovation(z, y);
+        law.stagger(z, z.plus(dt, &law.closing(z, &e, dt)), dt)
+    }
+}
+
+/// The exact chain, then what the innovation of the step's beginning injects in its time:
+/// x̂⁺ = e^{AT} x̂ + T v. Livne and Levant, Automatica 50 (2014) 2023.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Proper<M = Held> {
+    /// How the known terms move.
+    pub motion: M,
+}
+
+impl<T, L, M> Scheme<T, L> for Proper<M>
+where
+    T: Scalar,
+    L: ContinuousLaw<T> + Flow<T, L::State, L::Input>,
+    M: Motion,
+{
+    #[inline(always)]
+    fn advance(&self, law: &L, t: T, z: &L::State, y: T, u: &L::Input, dt: T) -> L::State {
+        let moved = self.motion.moved(&UnderSample { law, y }, t, z, u, dt);
+        moved.plus(dt, &law.kick(z, &law.innovation(z, y)))
+    }
 }
 
 /// The scheme: correct, then predict. P and K are the law's [`Injected::Poles`] and

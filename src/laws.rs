@@ -27,8 +27,8 @@ pub struct Law {
     pub form: Form,
     /// Whether it is given by a rate, which a scheme discretises; else it is a recursion.
     pub continuous: bool,
-    /// Whether its eigenvalues can be placed (`zoh`, `bilinear`): see [`crate::injection`].
-    pub placed: bool,
+    /// The methods that it has beside those of rates.
+    pub steps: Steps,
     /// Parts of its memory in order, without the time that current timing holds behind them.
     pub memory: &'static [Part],
     /// Paper and equations.
@@ -113,7 +113,30 @@ pub enum Form {
     StrictFeedback,
 }
 
+/// Methods of a law.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Steps {
+    /// Those of rates alone.
+    Rates,
+    /// Its chain can move exactly (`proper`): see [`crate::motion::Flow`].
+    Exact,
+    /// Its eigenvalues can be placed too (`zoh`, `bilinear`, `implicit-map`): see [`crate::injection`].
+    Placed,
+}
+
 impl Law {
+    /// Whether its eigenvalues can be placed.
+    pub fn placed(&self) -> bool {
+        self.steps == Steps::Placed
+    }
+
+    /// Whether its chain can move exactly.
+    pub fn flows(&self) -> bool {
+        self.steps != Steps::Rates
+    }
+
     /// The law that specs call `kind`.
     pub fn find(list: &'static [Law], kind: &str) -> Option<&'static Law> {
         list.iter().find(|law| law.kind == kind)

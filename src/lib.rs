@@ -19,7 +19,7 @@
 //!
 //! A file uses lower floors only, or what is named before it on its own: `elementary`,
 //! `scalar`, `error`, `memory`, `measurement`, `wide`, `polynomial` (0); `dual`, `factor`, `shape`, `gain`, `schedule`, `saturation`, `model`, `laws`,
-//! `integrate`, `observer`, `motion`, `injection`, `noise`, `metrics`, `program` (1); `models`,
+//! `integrate`, `observer`, `motion`, `injection`, `inter_sample`, `noise`, `metrics`, `program` (1); `models`,
 //! `observers` (2); `simulate`, `covariance`, `estimator`, `turn` (3). Nothing names `std`, `alloc` or
 //! Python, nothing allocates and nothing panics.
 #![cfg_attr(not(feature = "std"), no_std)]
@@ -36,6 +36,7 @@ pub mod factor;
 pub mod gain;
 pub mod injection;
 pub mod integrate;
+pub mod inter_sample;
 pub mod laws;
 pub mod measurement;
 pub mod memory;

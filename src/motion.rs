@@ -33,6 +33,11 @@ pub trait Flow<T: Scalar, Z, U> {
     fn terms(&self, t: T, z: &Z, u: &U) -> Self::Terms;
     /// The memory after a time dt along the chain, exact, under the terms `f`.
     fn flow(&self, z: &Z, f: &Self::Terms, dt: T) -> Z;
+    /// The same under a sample that is held, where the chain leads into a filter of y − x̂₁.
+    #[inline(always)]
+    fn flow_under(&self, z: &Z, _y: T, f: &Self::Terms, dt: T) -> Z {
+        self.flow(z, f, dt)
+    }
     /// A δ.
     fn chain(&self, delta: &Self::Terms) -> Self::Terms;
     /// The memory with its estimate, and all that stands for an entry of it, moved by δ.
@@ -41,6 +46,36 @@ pub trait Flow<T: Scalar, Z, U> {
     #[inline(always)]
     fn rows(&self) -> usize {
         Self::Terms::LEN
+    }
+}
+
+/// A law under a sample that is held over the period.
+pub(crate) struct UnderSample<'a, T, L> {
+    pub(crate) law: &'a L,
+    pub(crate) y: T,
+}
+
+impl<T: Scalar, Z, U, L: Flow<T, Z, U>> Flow<T, Z, U> for UnderSample<'_, T, L> {
+    type Terms = L::Terms;
+    #[inline(always)]
+    fn terms(&self, t: T, z: &Z, u: &U) -> L::Terms {
+        self.law.terms(t, z, u)
+    }
+    #[inline(always)]
+    fn flow(&self, z: &Z, f: &L::Terms, dt: T) -> Z {
+        self.law.flow_under(z, self.y, f, dt)
+    }
+    #[inline(always)]
+    fn chain(&self, delta: &L::Terms) -> L::Terms {
+        self.law.chain(delta)
+    }
+    #[inline(always)]
+    fn shifted(&self, z: &Z, delta: &L::Terms) -> Z {
+        self.law.shifted(z, delta)
+    }
+    #[inline(always)]
+    fn rows(&self) -> usize {
+        self.law.rows()
     }
 }
 

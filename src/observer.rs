@@ -75,6 +75,12 @@ pub trait ContinuousLaw<T: Scalar>: Copy {
     fn rate(&self, t: T, z: &Self::State, e: &Self::Innovation, u: &Self::Input) -> Self::State;
     /// What of the rate is due to the innovation: the rate less that of a missing sample.
     fn injection(&self, z: &Self::State, e: &Self::Innovation) -> Self::State;
+    /// What of the rate is neither the chain's own nor known of the system: see
+    /// [`crate::injection::Proper`].
+    #[inline(always)]
+    fn kick(&self, z: &Self::State, e: &Self::Innovation) -> Self::State {
+        self.injection(z, e)
+    }
     /// Turn a forward Euler step `new` from `old` into a staggered one, in which every state is
     /// moved by the new value of the state above it in the chain.
     fn stagger(&self, old: &Self::State, new: Self::State, dt: T) -> Self::State;

@@ -17,7 +17,7 @@ class Law:
     size beside the order, the usual one first.  ``orders``: those that are built (of a recursion
     none: its model's).  ``poles``: how many make the coefficients, in words.  ``gain``: "any",
     "adaptive" or "none".  ``form``: of the model.  ``continuous``: given by a rate.  ``placed``:
-    whether "zoh" and "bilinear" are defined.
+    whether "zoh", "bilinear" and "implicit-map" are defined.  ``flows``: whether "proper" is.
     """
 
     kind: str
@@ -32,6 +32,7 @@ class Law:
     form: str
     continuous: bool
     placed: bool
+    flows: bool
     memory: tuple[tuple[str, str], ...]
     source: str
 

@@ -107,7 +107,7 @@ where
                 *entry = T::ZERO;
             }
         }
-        gain.fits(None)?;
+        gain.fits(None, None)?;
         let ell = gain.fixed();
         let k = folded(&checked("k", k)?, ell, |i| i + 1)?;
         let beta = folded(&checked("beta", beta)?, ell, |_| 1)?;

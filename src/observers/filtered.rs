@@ -2,24 +2,32 @@
 //!
 //! m filter states η in front of the chain of n, e = y − x̂₁ and f̂ what is known of the system:
 //!
-//!   η̇ᵢ = ℓ (ηᵢ₊₁ − cᵢ η₁)                 i = 1 … m−1,     η̇ₘ = cₘ ℓ (e − η₁)          (1)
-//!   x̂̇ⱼ = x̂ⱼ₊₁ + f̂ⱼ(x̂, u, t) + kⱼ ℓʲ η₁     j = 1 … n,       x̂ₙ₊₁ = 0                   (2)
+//!   η̇ᵢ = ℓ (ηᵢ₊₁ − cᵢ rⁱ η₁)                    i = 1 … m−1,     η̇ₘ = cₘ ℓ (e − rᵐ η₁)    (1)
+//!   x̂̇ⱼ = x̂ⱼ₊₁ + f̂ⱼ(x̂, u, t) + kⱼ ℓʲ rᵐ⁺ʲ η₁     j = 1 … n,       x̂ₙ₊₁ = 0                  (2)
 //!
+//! with a gain ℓ that is fixed, times r = 1 where nothing moves it. At r = 1
 //! e passes cₘ/(σᵐ + c₁σᵐ⁻¹ + … + cₘ), σ = s/ℓ, a low-pass filter of gain 1 at rest. With kⱼ = cₘ₊ⱼ/cₘ the
 //! poles are ℓ times the roots of sⁿ⁺ᵐ + c₁sⁿ⁺ᵐ⁻¹ + … + cₙ₊ₘ, and each state has less of the noise by m more
 //! integrations. The innovation is filtered and not y, so that x̂ = x, η = 0 remains a solution.
 //!
 //! Filters of the output error in front of a high-gain observer: Tréangle, Farza and M'Saad, Automatica 101
 //! (2019); Astolfi, Zaccarian and Jungers, Systems & Control Letters 148 (2021) 104856. In their coordinates
-//! w₁ = −η₁/(cₘℓᵐ) is the first state of a companion form, from which (1), (2) come by scaling.
+//! wᵢ = −ηᵢ/(cₘℓᵐ⁺¹⁻ⁱ) are the states of a companion form, ẇᵢ = wᵢ₊₁ − cᵢ(ℓr)ⁱw₁, ẇₘ = x̂₁ − y − cₘ(ℓr)ᵐw₁,
+//! from which (1), (2) come by scaling.
+//!
+//! A homogeneous gain sees −w₁ in the place of e: with degree −1 this is Levant's filtering differentiator,
+//! Levant and Livne, European J. Control 55 (2020), of order n + m with its coefficients cᵢ, cₘkⱼ. Its
+//! discretisation is [`Proper`](crate::injection::Proper): the chain w, x̂ moves exactly under y held.
 
-use super::{StandardObserver, checked, driven, folded, one_row};
+use super::{StandardObserver, chain, checked, driven, folded, one_row};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
+use crate::injection::ahead;
 use crate::laws::Sizes;
 use crate::memory::Memory;
 use crate::model::Model;
+use crate::motion::Flow;
 use crate::observer::ContinuousLaw;
 use nalgebra::SVector;
 
@@ -97,10 +105,24 @@ where
             *slot = entry;
         }
         crate::polynomial::require_hurwitz(polynomial.get(..N + K).unwrap_or(&[]))?;
-        gain.fits(None)?;
+        gain.fits(Some(N + K), None)?;
         let ell = gain.fixed();
         let c = folded(&c, ell, |_| 1)?;
         Ok(Self { c, chain: StandardObserver { k: folded(&k, ell, |i| i + 1)?, gain, model } })
+    }
+
+    /// r, and rⁱ η₁, i = 1 … m.
+    #[inline(always)]
+    fn powers(&self, z: &FilteredState<T, G::Memory, N, K>, e: T) -> (T, SVector<T, K>) {
+        let gain = &self.chain.gain;
+        let unit = gain.fixed().powi(K - 1) * self.c[K - 1]; // cₘ ℓᵐ
+        let r = gain.moving(&z.r, gain.seen(e, z.eta[0] / unit));
+        let mut power = z.eta[0];
+        let powers = SVector::from_fn(|_, _| {
+            power *= r;
+            power
+        });
+        (r, powers)
     }
 }
 
@@ -129,18 +151,17 @@ where
     #[inline(always)]
     fn rate(&self, t: T, z: &Self::State, e: &T, u: &Self::Input) -> Self::State {
         let FilteredState { x_hat, eta, r: m } = z;
-        let r = self.chain.gain.moving(m, *e);
+        let (r, powers) = self.powers(z, *e);
         let v = one_row(&self.chain.gain, m, *e);
-        let speed = self.chain.gain.fixed() * r;
         let eta_rate = SVector::from_fn(|i, _| {
             if i + 1 < K {
-                speed * eta[i + 1] - self.c[i] * r * eta[0] // (1)
+                self.chain.gain.fixed() * eta[i + 1] - self.c[i] * powers[i] // (1)
             } else {
-                self.c[i] * r * (v - eta[0])
+                self.c[i] * (v - powers[i])
             }
         });
         FilteredState {
-            x_hat: self.chain.rate_under(t, x_hat, r, &SVector::from_element(eta[0]), u), // (2)
+            x_hat: self.chain.rate_under(t, x_hat, r, &SVector::from_element(powers[K - 1]), u), // (2)
             eta: eta_rate,
             r: self.chain.gain.rate::<N>(m, *e),
         }
@@ -148,11 +169,21 @@ where
 
     #[inline(always)]
     fn injection(&self, z: &Self::State, e: &T) -> Self::State {
-        let r = self.chain.gain.moving(&z.r, *e);
         let v = one_row(&self.chain.gain, &z.r, *e);
         FilteredState {
             x_hat: SVector::zero(),
-            eta: SVector::from_fn(|i, _| if i + 1 < K { T::ZERO } else { self.c[i] * r * v }),
+            eta: SVector::from_fn(|i, _| if i + 1 < K { T::ZERO } else { self.c[i] * v }),
+            r: driven::<T, G, N>(&self.chain.gain, &z.r, *e),
+        }
+    }
+
+    /// What η₁ injects.
+    #[inline(always)]
+    fn kick(&self, z: &Self::State, e: &T) -> Self::State {
+        let (r, powers) = self.powers(z, *e);
+        FilteredState {
+            x_hat: self.chain.injected(&z.x_hat, r, &SVector::from_element(powers[K - 1])),
+            eta: SVector::from_fn(|i, _| -(self.c[i] * powers[i])),
             r: driven::<T, G, N>(&self.chain.gain, &z.r, *e),
         }
     }
@@ -164,4 +195,64 @@ where
     }
 
     super::of_gain_and_estimate!(FilteredState, chain.gain, e in e);
+}
+
+/// Memory of an observer under the gain law G.
+type Moved<T, G, const N: usize, const K: usize> =
+    FilteredState<T, <G as GainLaw<T>>::Memory, N, K>;
+
+/// The chain w, x̂ without what η₁ injects. Without a sample y is taken to be x̂₁ all the time.
+impl<T, G, Md, const N: usize, const K: usize, const M: usize>
+    Flow<T, Moved<T, G, N, K>, SVector<T, M>> for FilteredObserver<T, G, Md, N, K, M>
+where
+    T: Scalar,
+    G: GainLaw<T>,
+    Md: Model<T, N, M>,
+{
+    type Terms = SVector<T, N>;
+
+    #[inline(always)]
+    fn terms(&self, t: T, z: &Moved<T, G, N, K>, u: &SVector<T, M>) -> Self::Terms {
+        self.chain.known(t, &z.x_hat, u)
+    }
+
+    #[inline(always)]
+    fn flow(&self, z: &Moved<T, G, N, K>, f: &Self::Terms, dt: T) -> Moved<T, G, N, K> {
+        self.flow_under(z, T::from_f64(f64::NAN), f, dt)
+    }
+
+    #[inline(always)]
+    fn flow_under(&self, z: &Moved<T, G, N, K>, y: T, f: &Self::Terms, dt: T) -> Moved<T, G, N, K> {
+        let gain = &self.chain.gain;
+        let rate = chain(&z.x_hat, self.chain.model.carries()) + f;
+        let present = |rate: T| rate - rate.while_missing(y);
+        let v = one_row(gain, &z.r, y.innovation(z.x_hat[0]));
+        // η₂ … ηₘ, then e and its derivatives: what moves η₁ … ηₘ, one after the other
+        let above = |i: usize| match i + 1 {
+            next if next < K => z.eta[next] * gain.fixed(),
+            next if next == K => self.c[K - 1] * v,
+            next => -(self.c[K - 1] * present(rate[next - K - 1])),
+        };
+        let eta = SVector::from_fn(|i, _| {
+            let mut moved = T::NEG_ZERO;
+            for m in (0..K - i + N).rev() {
+                let step = dt * T::from_f64(1.0 / (m as f64 + 1.0));
+                let inner = if i + m + 1 < K { moved * gain.fixed() } else { moved };
+                moved = (above(i + m) + inner) * step;
+            }
+            z.eta[i] + moved
+        });
+        let r = z.r.plus(dt, &gain.rate::<N>(&z.r, T::ZERO));
+        FilteredState { x_hat: ahead(&z.x_hat, &rate, dt), eta, r }
+    }
+
+    #[inline(always)]
+    fn chain(&self, delta: &SVector<T, N>) -> Self::Terms {
+        chain(delta, self.chain.model.carries())
+    }
+
+    #[inline(always)]
+    fn shifted(&self, z: &Moved<T, G, N, K>, delta: &SVector<T, N>) -> Moved<T, G, N, K> {
+        FilteredState { x_hat: z.x_hat + delta, ..*z }
+    }
 }

@@ -350,7 +350,7 @@ where
         let order = T::from_f64(N as f64);
         require("n", order, (1..=6).contains(&N), "the order must be 1 to 6")?;
         positive("R", r)?;
-        gain.fits(None)?;
+        gain.fits(None, None)?;
         let theta = gain.fixed();
         let (start, noise) = (started(p0)?, of_gain(q, |_| theta, &[0; N])?);
         let driven = Driven::new(noise, model, [0; N]);

@@ -103,7 +103,7 @@ where
             positive("beta", beta[i])?;
         }
         crate::polynomial::require_low_power_hurwitz(alpha.as_slice(), beta.as_slice())?;
-        gain.fits(None)?;
+        gain.fits(None, None)?;
         let ell = gain.fixed();
         let (alpha, beta) = (folded(&alpha, ell, |_| 1)?, folded(&beta, ell, |_| 2)?);
         Ok(Self { alpha, beta, gain, model, saturation })

@@ -14,7 +14,7 @@ use super::{chain, checked, driven, folded, one_row};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
-use crate::injection::{Injected, Placement, Poles, ahead, chain_gains};
+use crate::injection::{Injected, OneChain, Placement, Poles, ahead, chain_gains};
 use crate::memory::{AllButLast, Memory};
 use crate::model::{PhaseVariable, last};
 use crate::motion::Flow;
@@ -91,7 +91,7 @@ where
     ) -> Result<Self, DesignError> {
         let (alpha, beta) = (checked("alpha", alpha)?, checked("beta", beta)?);
         crate::polynomial::require_low_power_hurwitz(alpha.as_slice(), beta.as_slice())?;
-        gain.fits(None)?;
+        gain.fits(None, None)?;
         let ell = gain.fixed();
         let (alpha, beta) = (folded(&alpha, ell, |_| 1)?, folded(&beta, ell, |_| 2)?);
         Ok(Self { alpha, beta, gain, model, saturation })
@@ -144,9 +144,6 @@ where
     #[inline(always)]
     fn rate(&self, t: T, z: &Self::State, e1: &T, u: &Self::Input) -> Self::State {
         let LowPowerState { x_hat, eta, r: m } = z;
-        let r = self.gain.moving(m, *e1);
-        let v = one_row(&self.gain, m, *e1);
-        let r2 = r * r;
         let phi = self.model.phi(t, x_hat, u);
         // sat(ηᵢ) at slot i estimates x of index i + 2 in the paper's count
         let eta_s: SVector<T, N> =
@@ -155,20 +152,18 @@ where
                     if i + 1 < N { self.saturation.apply(i, eta[i]) } else { T::ZERO }
                 },
             );
-        let e: SVector<T, N> =
-            SVector::from_fn(|i, _| if i == 0 { v } else { eta_s[i - 1] - x_hat[i] }); // (11b)
+        let kick = self.kick(z, e1);
         let x_rate = SVector::from_fn(|i, _| {
             let above = if i + 1 < N { self.above(t, x_hat, (i, eta[i]), u) } else { phi };
-            above + self.alpha[i] * r * e[i]
+            above + kick.x_hat[i]
         });
-        let injected = self.in_unit(x_hat, SVector::from_fn(|i, _| self.beta[i] * r2 * e[i]));
         let eta_rate: SVector<T, N> = SVector::from_fn(|i, _| {
             if i + 1 == N {
                 T::ZERO
             } else {
                 let above =
                     if i + 2 < N { self.above(t, x_hat, (i + 1, eta_s[i + 1]), u) } else { phi };
-                above + injected[i]
+                above + kick.eta[i]
             }
         });
         LowPowerState { x_hat: x_rate, eta: eta_rate.into(), r: self.gain.rate::<N>(m, *e1) }
@@ -186,6 +181,25 @@ where
             x_hat: SVector::from_fn(|i, _| first(i, self.alpha[0] * r * v)),
             eta: eta.into(),
             r: driven::<T, G, N>(&self.gain, &z.r, *e1),
+        }
+    }
+
+    /// αᵢ r eᵢ and βᵢ r² eᵢ.
+    #[inline(always)]
+    fn kick(&self, z: &Self::State, e1: &T) -> Self::State {
+        let LowPowerState { x_hat, eta, r: m } = z;
+        let r = self.gain.moving(m, *e1);
+        let v = one_row(&self.gain, m, *e1);
+        let e: SVector<T, N> = SVector::from_fn(|i, _| {
+            if i == 0 { v } else { self.saturation.apply(i - 1, eta[i - 1]) - x_hat[i] } // (11b)
+        });
+        let injected = self.in_unit(x_hat, SVector::from_fn(|i, _| self.beta[i] * (r * r) * e[i]));
+        let eta: SVector<T, N> =
+            SVector::from_fn(|i, _| if i + 1 < N { injected[i] } else { T::ZERO });
+        LowPowerState {
+            x_hat: SVector::from_fn(|i, _| self.alpha[i] * r * e[i]),
+            eta: eta.into(),
+            r: driven::<T, G, N>(&self.gain, m, *e1),
         }
     }
 
@@ -317,6 +331,15 @@ fn placed_gains<const N: usize>(
     [a.map(over), b.map(over), blocks.map(|block| block[0]), blocks.map(|block| block[1])]
 }
 
+impl<T, G, Md, S, const N: usize, const M: usize> OneChain<T> for LowPower<T, G, Md, S, N, M>
+where
+    T: Scalar,
+    G: GainLaw<T>,
+    Md: PhaseVariable<T, N, M>,
+    S: Saturation<T>,
+{
+}
+
 /// What a correction moves: block i moves x̂ᵢ by aᵢ eᵢ and ηᵢ by bᵢ eᵢ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -368,7 +391,7 @@ where
     /// The roots of Pₙ₋₁; the last one of each half is not used.
     fn poles(&self, at: Placement) -> Result<Self::Poles, DesignError> {
         self.gain.placed()?;
-        at.hold::<N>(4)?;
+        at.hold::<N>(4, PLAIN)?;
         let alpha: [f64; N] = core::array::from_fn(|i| self.alpha[i].to_f64());
         let beta: [f64; N] = core::array::from_fn(|i| self.beta[i].to_f64());
         if const { N > PLAIN } {

@@ -38,7 +38,7 @@ pub use crate::saturation::{HardClip, NoSaturation, Saturation, SmoothSaturation
 use crate::Scalar;
 use crate::error::{DesignError, finite};
 use crate::gain::GainLaw;
-use crate::laws::{Design, Form, Gain, Law, Sizes, part};
+use crate::laws::{Design, Form, Gain, Law, Sizes, Steps, part};
 use crate::memory::Memory;
 use nalgebra::SVector;
 
@@ -61,7 +61,8 @@ pub const MAX_ORDER: usize = 12;
 /// - `orders`: those built at run time;
 /// - `size`: name and values of the second size, the usual one first; or nothing;
 /// - `design`: how many poles make the coefficients, by which function, and the usual poles; or nothing;
-/// - `form`: of the model; `placed`: whether `zoh` and `bilinear` are defined;
+/// - `form`: of the model; `steps`: `placed` where eigenvalues can be placed (`zoh`), `exact` where the chain can
+///   move exactly (`proper`), else `rates`;
 /// - `memory`: its parts with their counts;
 /// - `source`: paper and equations.
 ///
@@ -77,7 +78,7 @@ macro_rules! for_each_law {
                 new: [k(n)] [gain, model],
                 orders: [1 2 3 4 5 6 7 8 9 10 11 12], size: [],
                 design: [(n) $crate::observers::chain_from_poles, $crate::observers::equidistant],
-                form: Chain, placed: true,
+                form: Chain, steps: placed,
                 memory: [x_hat(n) r(moves) sigma(threshold)],
                 source: "Sanfelice and Praly (5)-(7); Astolfi et al. (2); Lee, Choi and Khalil (39)",
             }
@@ -90,7 +91,7 @@ macro_rules! for_each_law {
                     (2 n - 1) $crate::observers::blocks_from_poles,
                     $crate::observers::equidistant_blocks
                 ],
-                form: Phase, placed: true,
+                form: Phase, steps: placed,
                 memory: [x_hat(n) eta(n - 1) r(moves) sigma(threshold)],
                 source: "Astolfi, Marconi, Praly and Teel (5)",
             }
@@ -103,7 +104,7 @@ macro_rules! for_each_law {
                     (2 n - 1) $crate::observers::blocks_from_poles,
                     $crate::observers::equidistant_blocks
                 ],
-                form: Phase, placed: true,
+                form: Phase, steps: placed,
                 memory: [x_hat(n) eta(n - 1) r(moves) sigma(threshold)],
                 source: "Astolfi, Marconi, Praly and Teel (11)",
             }
@@ -113,7 +114,7 @@ macro_rules! for_each_law {
                 new: [c(m) k(n)] [gain, model],
                 orders: [1 2 3 4 5 6], size: [filters 1 2 3],
                 design: [(n + m) $crate::observers::filter_from_poles, $crate::observers::equidistant],
-                form: Chain, placed: false,
+                form: Chain, steps: exact,
                 memory: [x_hat(n) eta(m) r(moves) sigma(threshold)],
                 source: "Treangle, Farza and M'Saad (2019); Astolfi, Zaccarian and Jungers (2021)",
             }
@@ -123,7 +124,7 @@ macro_rules! for_each_law {
                 new: [alpha(n - 1) beta(n - 1)] [gain, model, open_saturation],
                 orders: [2 3 4 5 6 7 8], size: [],
                 design: [(2 n - 2) $crate::observers::limited_from_poles, $crate::observers::equidistant],
-                form: Triangular, placed: false,
+                form: Triangular, steps: rates,
                 memory: [x_hat(n) eta(n - 2) r(moves) sigma(threshold)],
                 source: "Astolfi and Marconi (2015); Wang, Astolfi, Marconi and Su (2017)",
             }
@@ -133,7 +134,7 @@ macro_rules! for_each_law {
                 new: [k(2) beta(n - 2)] [gain, open_saturation],
                 orders: [2 3 4 5 6 7 8], size: [],
                 design: [(n) $crate::observers::cascade_from_poles, $crate::observers::equidistant],
-                form: Unknown, placed: false,
+                form: Unknown, steps: rates,
                 memory: [x_hat(n) behind(n - 1) r(moves) sigma(threshold)],
                 source: "Khalil, Automatica 80 (2017)",
             }
@@ -143,7 +144,7 @@ macro_rules! for_each_law {
                 new: [k(n - 1)] [constant, model],
                 orders: [2 3 4 5 6 7 8], size: [],
                 design: [(n - 1) $crate::observers::chain_from_poles, $crate::observers::equidistant],
-                form: Triangular, placed: false,
+                form: Triangular, steps: rates,
                 memory: [x_hat(n)],
                 source: "Esfandiari and Khalil (1992); Khalil and Praly (2014)",
             }
@@ -153,7 +154,7 @@ macro_rules! for_each_law {
                 new: [Q(n (n + 1)/2) R(1) P0(n (n + 1)/2)] [gain, model],
                 orders: [1 2 3 4 5 6], size: [],
                 design: [],
-                form: Triangular, placed: false,
+                form: Triangular, steps: rates,
                 memory: [x_hat(n) p(n (n + 1)/2) r(moves)],
                 source: "Deza, Busvelle, Gauthier and Rakotopara (1992); Boizot, Busvelle and Gauthier (2010)",
             }
@@ -163,7 +164,7 @@ macro_rules! for_each_law {
                 new: [k(n) k_bar(n)] [adaptive, model],
                 orders: [2], size: [copies 3 2 4 5],
                 design: [],
-                form: Chain, placed: false,
+                form: Chain, steps: rates,
                 memory: [copies(m (n + 1))],
                 source: "Sanfelice and Praly (23), (24)",
             }
@@ -173,7 +174,7 @@ macro_rules! for_each_law {
                 new: [k(n) k_bar(n)] [adaptive, model],
                 orders: [2], size: [copies 3 2 4 5],
                 design: [],
-                form: Chain, placed: false,
+                form: Chain, steps: rates,
                 memory: [x_hat(n) r(1) copies(m (n + 1))],
                 source: "Sanfelice and Praly (25)",
             }
@@ -232,7 +233,7 @@ macro_rules! table {
             new: [$($name:ident $count:tt)*] [$gain:ident $(, $taken:ident)*],
             orders: [$($order:literal)*], size: [$($size:ident $($value:literal)*)?],
             design: [$($poles:tt $place:path, $usual:path)?],
-            form: $form:ident, placed: $placed:literal,
+            form: $form:ident, steps: $steps:ident,
             memory: [$($part:ident $len:tt)*],
             source: $source:literal,
         })*
@@ -260,7 +261,7 @@ macro_rules! table {
                 open: taken!(@saturated $($taken),*).1,
                 form: Form::$form,
                 continuous: true,
-                placed: $placed,
+                steps: table!(@steps $steps),
                 memory: &[$(part!($part $len)),*],
                 source: $source,
             },)*
@@ -276,12 +277,15 @@ macro_rules! table {
                 open: false,
                 form: Form::$r_form,
                 continuous: false,
-                placed: false,
+                steps: Steps::Rates,
                 memory: &[$(part!($r_part $r_len)),*],
                 source: $r_source,
             },)*
         ];
     };
+    (@steps rates) => { Steps::Rates };
+    (@steps exact) => { Steps::Exact };
+    (@steps placed) => { Steps::Placed };
     (@first) => { None };
     (@first $value:expr) => { Some($value) };
 }

@@ -12,7 +12,8 @@ use super::{chain, checked, driven, folded, swept};
 use crate::Scalar;
 use crate::error::DesignError;
 use crate::gain::GainLaw;
-use crate::injection::{Injected, Placement, Poles, ahead, chain_gains};
+use crate::injection::{Injected, OneChain, Placement, Poles, ahead, chain_gains};
+use crate::inter_sample::phi;
 use crate::memory::Memory;
 use crate::model::Model;
 use crate::motion::Flow;
@@ -65,7 +66,7 @@ where
     pub fn new(k: [T; N], gain: G, model: Md) -> Result<Self, DesignError> {
         let k = checked("k", k)?;
         crate::polynomial::require_hurwitz(k.as_slice())?;
-        gain.fits(Some(k.as_slice()))?;
+        gain.fits(Some(N), Some(k.as_slice()))?;
         Ok(Self { k: folded(&k, gain.fixed(), |i| i + 1)?, gain, model })
     }
 
@@ -216,7 +217,7 @@ where
 
     fn poles(&self, at: Placement) -> Result<Poles<T, N>, DesignError> {
         self.gain.placed()?;
-        at.hold::<N>(6)?;
+        at.hold::<N>(6, super::MAX_ORDER)?;
         Ok(Poles::of(&self.k))
     }
 
@@ -239,6 +240,65 @@ where
             x_hat: z.x_hat + self.in_unit(&z.x_hat, SVector::from_fn(|i, _| k[i] * rows[i])),
             r: z.r.plus(dt, &driven::<T, G, N>(&self.gain, &z.r, *e)),
         }
+    }
+}
+
+impl<T, G, Md, const N: usize, const M: usize> OneChain<T> for StandardObserver<T, G, Md, N, M>
+where
+    T: Scalar,
+    G: GainLaw<T>,
+    Md: Model<T, N, M>,
+{
+    fn closed(&self) -> Result<(), DesignError> {
+        self.gain.closed()
+    }
+
+    /// vᵢ = kᵢℓⁱ pᵢ with pᵢ = rⁱ e⁺ = sⁿ⁻ⁱ e/(sⁿ + Σ gⱼ sⁿ⁻ʲ), s = 1/r: in sliding, s = 0, it is pₙ = e/gₙ alone.
+    #[inline(always)]
+    fn closing(&self, z: &Self::State, e: &T, dt: T) -> Self::State {
+        let mut power = T::ONE;
+        let g: SVector<T, N> = self.k.map(|k| {
+            power *= dt;
+            power * k
+        });
+        let s = self.gain.closing(&z.r, *e, g.as_slice());
+        let over = *e / g.iter().fold(T::ONE, |sum, g| sum * s + *g).or(T::ONE);
+        let mut left = over;
+        let mut v: SVector<T, N> = SVector::zero();
+        for i in (0..N).rev() {
+            v[i] = self.k[i] * left;
+            left *= s;
+        }
+        StandardState {
+            x_hat: self.in_unit(&z.x_hat, v),
+            r: driven::<T, G, N>(&self.gain, &z.r, *e),
+        }
+    }
+
+    fn decays(&self) -> Result<(), DesignError> {
+        self.gain.placed()
+    }
+
+    #[inline(always)]
+    fn decaying(&self, z: &Self::State, e: &T, dt: T) -> (Self::State, T) {
+        let (r, rows) = (self.gain.moving(&z.r, *e), self.rows(&z.r, *e));
+        let mut power = T::ONE;
+        let k = self.k.map(|k| {
+            power *= r;
+            power * k
+        });
+        let (gone, phi) = phi::<T, N>(k[0] * dt);
+        let g = SVector::from_fn(|i, _| {
+            let (mut sum, mut power) = (T::NEG_ZERO, T::ONE);
+            for m in 0..N - i {
+                power *= dt;
+                sum += k[i + m] * power * phi[m];
+            }
+            sum * rows[i]
+        });
+        let r = driven::<T, G, N>(&self.gain, &z.r, *e);
+        let moves = StandardState { x_hat: self.in_unit(&z.x_hat, g), r: r.zip(&r, |r, _| dt * r) };
+        (moves, *e - rows[0] + rows[0] * gone)
     }
 }
 

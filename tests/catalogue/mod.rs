@@ -8,17 +8,19 @@ use hgo_rs::gain::{
     AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw, HomogeneousGain, PrescribedTimeGain, Shaped,
     SwitchedGain,
 };
-use hgo_rs::injection::{Injected, Placed, Placement};
+use hgo_rs::injection::{Implicit, Injected, Placed, Placement, Proper};
 use hgo_rs::integrate::Integrator;
+use hgo_rs::inter_sample::InterSample;
 use hgo_rs::laws::{Design, Law, Sizes};
 use hgo_rs::memory::Memory;
 use hgo_rs::model::{Model, PhaseVariable, Unknown, last};
 use hgo_rs::models::{Correction, Crackle, Diffusion, SanfelicePraly, Ship, VanDerPol};
+use hgo_rs::motion::{Held, Rk4Motion};
 use hgo_rs::observer::{
     ContinuousLaw, Current, Discretisation, Discretised, Euler, Hold, RungeKutta,
 };
 use hgo_rs::observers::{
-    AdaptiveEkf, HardClip, InnovationGain, LAWS, LowPowerObserver, NoSaturation,
+    AdaptiveEkf, FilteredObserver, HardClip, InnovationGain, LAWS, LowPowerObserver, NoSaturation,
     PeakingFreeObserver, ReducedOrderObserver, SampledDataObserver, SampledEkf, Saturation,
     SmoothSaturation, StandardObserver, WindowObserver,
 };
@@ -240,7 +242,7 @@ macro_rules! list {
             new: [$($name:ident $count:tt)*] [$($taken:ident),*],
             orders: $orders:tt, size: [$($size:ident $first:literal $($others:literal)*)?],
             design: $design:tt,
-            form: $form:ident, placed: $placed:ident,
+            form: $form:ident, steps: $steps:ident,
             memory: $memory:tt,
             source: $source:literal,
         })*
@@ -266,7 +268,7 @@ macro_rules! list {
                     <$law>::new($(numbers.list(stringify!($name)),)* $(given.$taken.into()),*)
                 }
                 const K: usize = list!(@size $($first $($others)*)?);
-                list!(@orders $orders $kind, $placed, visitor, adaptive, K, [$($taken)*]);
+                list!(@orders $orders $kind, $steps, visitor, adaptive, K, [$($taken)*]);
             })*
             Ok(())
         }
@@ -285,13 +287,13 @@ macro_rules! list {
         let gain = ConstantGain::new(T::from_f64(4.0))?;
         list!(@gain $n, gain, concat!($kind, ", n = ", $n), $($rest)*);
     };
-    (@moving $kind:literal, $placed:ident, $visitor:ident, $adaptive:ident, $k:ident, $taken:tt) => {
+    (@moving $kind:literal, $steps:ident, $visitor:ident, $adaptive:ident, $k:ident, $taken:tt) => {
         let name = concat!($kind, ", adaptive");
-        list!(@gain 2, $adaptive, name, $placed, $visitor, $adaptive, $k, $taken);
+        list!(@gain 2, $adaptive, name, $steps, $visitor, $adaptive, $k, $taken);
     };
     (
         @gain $n:literal, $gain:expr, $name:expr,
-        $placed:ident, $visitor:ident, $adaptive:ident, $k:ident, $taken:tt
+        $steps:ident, $visitor:ident, $adaptive:ident, $k:ident, $taken:tt
     ) => {
         let saturation = list!(@saturation $taken, $n);
         let given = Given {
@@ -304,7 +306,7 @@ macro_rules! list {
             no_saturation: saturation,
         };
         let law = build::<T, _, Swing, _, $n, $k, 1>(given)?;
-        list!(@placed $placed, $visitor, $name, law);
+        list!(@steps $steps, $visitor, $name, law);
     };
     (@saturation [$gain:ident model saturation], $n:literal) => {
         HardClip::new([T::from_f64(3.0); $n])?
@@ -315,10 +317,10 @@ macro_rules! list {
     (@saturation $taken:tt, $n:literal) => {
         NoSaturation
     };
-    (@placed true, $visitor:ident, $name:expr, $law:ident) => {
+    (@steps placed, $visitor:ident, $name:expr, $law:ident) => {
         each_placement($visitor, $name, $law, fill::<T, 1>)?;
     };
-    (@placed false, $visitor:ident, $name:expr, $law:ident) => {
+    (@steps $other:ident, $visitor:ident, $name:expr, $law:ident) => {
         each_scheme($visitor, $name, $law, fill::<T, 1>);
     };
 }
@@ -332,11 +334,11 @@ pub fn observers() -> u64 {
     let of_list = |law: &Law| match (law.continuous, law.orders) {
         (false, _) => 0,
         (true, [2]) => schemes,
-        (true, _) => 3 * (schemes + usize::from(law.placed) * placements),
+        (true, _) => 3 * (schemes + usize::from(law.placed()) * placements),
     };
     let listed: usize = LAWS.iter().map(of_list).sum();
-    let (continuous, placed, recursions) = (11, 4, 5);
-    (listed + continuous * schemes + placed * placements + recursions) as u64
+    let (continuous, placed, others) = (11, 4, 9);
+    (listed + continuous * schemes + placed * placements + others) as u64
 }
 
 /// Construct every observer and show it to the visitor.
@@ -363,6 +365,22 @@ where
     let levant = HomogeneousGain::levant(c(1.1), 3)?;
     let levant = StandardObserver::<T, _, _, 3>::new([c(2.0), c(2.121), c(1.1)], levant, Unknown)?;
     each_placement(visitor, "homogeneous", levant, fill::<T, 0>)?;
+    let proper = Discretised { law: levant, scheme: Proper { motion: Held } };
+    visitor.visit("homogeneous", "proper", proper, fill::<T, 0>);
+    let implicit = Current { law: levant, scheme: Implicit };
+    visitor.visit("homogeneous", "implicit, current", implicit, fill::<T, 0>);
+    let motion = Rk4Motion::default();
+    let inter_sample = InterSample { law: levant, motion };
+    visitor.visit("homogeneous", "inter-sample", inter_sample, fill::<T, 0>);
+    let (c3, k3) = ([c(2.0)], [c(1.0607), c(0.55)]);
+    let filtered = FilteredObserver::<T, _, _, 2, 1>::new(
+        c3,
+        k3,
+        HomogeneousGain::levant(c(1.1), 3)?,
+        Unknown,
+    )?;
+    let proper = Discretised { law: filtered, scheme: Proper { motion } };
+    visitor.visit("homogeneous, filtered", "proper", proper, fill::<T, 0>);
     let gain = SwitchedGain::new(c(20.0), c(5.0), c(0.1), c(0.05))?;
     let gain = Shaped { gain, shape: Stubborn::new(c(5.0), c(20.0), c(0.01))? };
     let switched = StandardObserver::<T, _, _, 2>::new([c(2.0); 2], gain, Unknown)?;

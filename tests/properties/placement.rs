@@ -58,7 +58,11 @@ fn wanted(poles: &[f64], at: Placement, dt: f64) -> Vec<f64> {
     let mut p = vec![1.0];
     for pole in poles {
         let h = pole * dt;
-        let z = if at == Placement::Exact { h.exp() } else { (2.0 + h) / (2.0 - h) };
+        let z = match at {
+            Placement::Exact => h.exp(),
+            Placement::Bilinear => (2.0 + h) / (2.0 - h),
+            Placement::ImplicitMap => 1.0 / (1.0 - h),
+        };
         let above = p.clone();
         p.push(0.0);
         for (slot, c) in p[1..].iter_mut().zip(above) {
@@ -83,7 +87,7 @@ fn standard<T: Scalar, const N: usize>(tolerance: f64) {
     let gain = ConstantGain::new(T::from_f64(ELL)).unwrap();
     let law = StandardObserver::<T, _, _, N>::new(k, gain, Unknown).unwrap();
     let powers: Vec<usize> = (0..N).collect();
-    for at in [Placement::Exact, Placement::Bilinear] {
+    for at in [Placement::Exact, Placement::Bilinear, Placement::ImplicitMap] {
         for c in STEPS {
             if Placed::new(&law, at).is_err() {
                 assert!(at == Placement::Bilinear && N > 6);
@@ -121,10 +125,10 @@ fn low_power<const N: usize, const R: usize>(tolerance: f64) {
     let gain = ConstantGain::new(ELL).unwrap();
     let law = LowPower::<f64, _, _, _, N>::new(alpha, beta, gain, Unknown, NoSaturation).unwrap();
     let powers: Vec<usize> = (0..N).chain(1..N).collect();
-    for at in [Placement::Exact, Placement::Bilinear] {
+    for at in [Placement::Exact, Placement::Bilinear, Placement::ImplicitMap] {
         for c in STEPS {
             if Placed::new(&law, at).is_err() {
-                assert!(at == Placement::Bilinear && N > 4);
+                assert!(at != Placement::Exact && N > 4);
                 continue;
             }
             let dt = c / ELL;

@@ -23,7 +23,7 @@ from hgo_rs.simulation import ColouredNoise
 
 STEPS = 10_000
 METHODS = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine")
-PLACED = ("zoh", "bilinear")
+PLACED = ("zoh", "bilinear", "implicit-map")
 JOINT = ("euler", "rk4", "bogacki-shampine")
 TOLERANCE = 1e-12
 
@@ -49,6 +49,7 @@ class Case:
 
 CONSTANT = {"law": "constant", "ell": 3.0}
 ADAPTIVE = {"law": "adaptive", "p1": 10.0, "p2": 0.0025, "b": 0.183}
+HOMOGENEOUS = {"law": "homogeneous", "rho": 3.0, "degree": -0.6}
 DEAD_ZONE = {"law": "dead-zone", "p1": 0.2, "p2": 0.05, "b": 0.183}
 GAINS = {"constant": CONSTANT, "adaptive": ADAPTIVE, "dead-zone": DEAD_ZONE}
 
@@ -81,6 +82,11 @@ def peaking_free(
     levels = [0.4 / (i + 1) for i in range(n - 1)]
     own = {"kind": "peaking-free", "saturation": levels, "clip": clip}
     return {**low_power(n, gain, method, model), **own}
+
+
+def filtered(n: int, gain: Spec, model: Spec = NONE) -> Spec:
+    spec = hgo_rs.HighGainObserver("filtered", n, 1.0, filters=2).spec
+    return {**spec, "gain": gain, "model": model}
 
 
 def copies(kind: str, method: str, count: int = 3) -> Spec:
@@ -435,6 +441,33 @@ def own_records() -> Iterator[Case]:
                 continue
             given = observer if law == "chains" else {**observer, "timing": timing}
             yield Case(f"own {law}", f"{method} {timing}", "loop", {"observer": given})
+    for (law, observer), (method, timing) in itertools.product(
+        {
+            "phase": standard(2, CONSTANT, "euler", OWN["phase"].spec),
+            "phase, adaptive": standard(2, ADAPTIVE, "euler", OWN["phase"].spec),
+            "triangular": standard(3, CONSTANT, "euler", OWN["triangular"].spec),
+            "homogeneous": standard(3, HOMOGENEOUS, "euler"),
+            "low-power, phase": low_power(2, CONSTANT, "euler", OWN["phase"].spec),
+            "peaking-free, phase": peaking_free(2, CONSTANT, "euler", OWN["phase"].spec),
+            "filtered, phase": filtered(2, CONSTANT, OWN["phase"].spec),
+            "filtered, adaptive": filtered(2, ADAPTIVE, OWN["phase"].spec),
+            "filtered, homogeneous": filtered(3, {**HOMOGENEOUS, "degree": -0.2}),
+        }.items(),
+        (
+            ("proper", "predictor"),
+            ("proper", "current"),
+            ("implicit", "current"),
+            ("inter-sample", "predictor"),
+        ),
+    ):
+        if method != "proper" and observer["kind"] != "standard":
+            continue
+        if method == "implicit" and law == "homogeneous":  # x_hat_n has roundings over dt^(n-1)
+            observer = standard(2, {**HOMOGENEOUS, "degree": -1.0})
+        given = {**observer, "method": method, "timing": timing}
+        if method != "implicit" and "phase" in law and "low" not in law:
+            given["motion"] = "rk4"
+        yield Case(f"own {law}", f"{method} {timing}", "loop", {"observer": given})
     model = OWN["sampled"]
     sampled = dict(hgo_rs.SampledDataObserver(model).spec)
     yield Case("own sampled-data", "record", "loop", {"observer": sampled})

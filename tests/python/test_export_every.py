@@ -18,6 +18,7 @@ import pytest
 from exported import STRICT, put, run
 
 import hgo_rs as hgo
+from hgo_rs.design.discrete import fixed_timing
 from hgo_rs.exports.c import files as c_files
 from hgo_rs.exports.expressions import RUST, C, Dialect
 from hgo_rs.exports.program import Program, program
@@ -38,7 +39,8 @@ Y[sorted(MISSING)] = np.nan
 U = rng.normal(0.0, 0.5, (36, 2))
 
 KNOWN = ("euler", "rk4", "bogacki-shampine", "rk4-innovation-held", "staggered-euler")
-PLACED = ("zoh", "bilinear")
+PLACED = ("zoh", "bilinear", "implicit-map")
+CHAINED = (*PLACED, "proper", "implicit", "inter-sample")
 TIMINGS = ("predictor", "current")
 
 
@@ -151,6 +153,13 @@ def filters(*orders: int) -> Callable[[], Observer]:
     return made
 
 
+def filtered(gain: Any) -> Callable[..., Observer]:
+    def made(**manner: Any) -> Observer:
+        return hgo.HighGainObserver("filtered", 3, gain, filters=2, model=phase(3), **manner)
+
+    return made
+
+
 def copies(law: type[Any]) -> Callable[..., Observer]:
     def made(**manner: Any) -> Observer:
         gain = hgo.AdaptiveGain(0.05, 0.5, 0.2)
@@ -195,13 +204,18 @@ def ship() -> Observer:
 
 
 LAWS: dict[str, tuple[Callable[..., Observer], tuple[str, ...]]] = {
-    "standard": (standard, KNOWN + PLACED),
+    "standard": (standard, KNOWN + CHAINED),
     "low-power": (low_power, KNOWN + PLACED),
     "low-power, order 7": (of_high_order, ("rk4", "zoh")),
     "peaking-free, hard": (free("hard"), KNOWN + PLACED),
     "peaking-free, smooth": (free("smooth"), KNOWN + PLACED),
     "adaptive": (adaptive, KNOWN + PLACED),
-    "homogeneous": (shaped(hgo.HomogeneousGain(2.0, -0.7)), ("euler", "rk4", "zoh")),
+    "homogeneous": (
+        shaped(hgo.HomogeneousGain(2.0, -0.7)),
+        ("euler", "rk4", "zoh", "proper", "inter-sample"),
+    ),
+    "levant": (shaped(hgo.HomogeneousGain.levant(2.0, 3)), ("implicit",)),
+    "levant, filtered": (filtered(hgo.HomogeneousGain.levant(2.0, 5)), ("proper",)),
     "switched, stubborn": (
         shaped(hgo.SwitchedGain(9.0, 3.0, 0.05, 0.05), hgo.Stubborn(5.0, 20.0, 1e-4)),
         ("euler", "rk4", "zoh"),
@@ -231,6 +245,7 @@ CASES: dict[str, Callable[[], Observer]] = {
     )
     for law, (make, methods) in LAWS.items()
     for method, timing in itertools.product(methods, TIMINGS)
+    if fixed_timing(method) in (None, timing)
 }
 CASES |= {"adaptive EKF": adaptive_filter}
 CASES |= {"EKFs of two outputs": filters(2, 3), "EKFs of three outputs": filters(1, 2, 2)}

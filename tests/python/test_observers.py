@@ -686,7 +686,7 @@ def test_a_record_gives_the_bits_of_single_steps(n):
         try:
             observer = law(n, 2.0, method=method, timing=timing, model=model)
         except HgoError:
-            assert method == "bilinear"  # refused at high orders
+            assert method in ("bilinear", "implicit-map", "implicit", "inter-sample")
             continue
         told = None if model is None else u
         rows = observer.run(clock, y, told).memory

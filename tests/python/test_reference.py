@@ -1249,7 +1249,7 @@ def driven_phi(t: Any, x1: Any, x2: Any, u: Any) -> list[Any]:
 
 
 DRIVEN = own("phase", 2, 1, driven_phi, n_u=1)
-PLACED = ("zoh", "bilinear")
+PLACED = ("zoh", "bilinear", "implicit-map")
 TIMINGS = ("predictor", "current")
 PAIR: Spec = {"n": 2, "gain": constant(5.0), "model": DRIVEN}
 LAWS: dict[str, Spec] = {

@@ -6,9 +6,10 @@ use hgo_rs::Scalar;
 use hgo_rs::error::DesignError;
 use hgo_rs::gain::{
     AdaptiveGain, ConstantGain, DeadZoneGain, GainLaw, HomogeneousGain, PrescribedTimeGain,
-    SwitchedGain,
+    SwitchedGain, unshaped,
 };
 use hgo_rs::injection::Placement;
+use hgo_rs::laws::Law;
 use hgo_rs::memory::Memory;
 use hgo_rs::motion::{Flow, Held, ImplicitMotion, Motion, Rk4Motion, SUBSTEPS};
 use hgo_rs::observer::{BogackiShampine, Discretisation, Rk4, Rk4InnovationHeld, Timing};
@@ -22,7 +23,7 @@ macro_rules! choice {
     (
         $d:tt $(#[$doc:meta])* $any:ident[$($generics:tt)*]<$($argument:ident),*>, $of:ident;
         $($(#[$law_doc:meta])* $word:literal $variant:ident($law:ty)
-            [$($key:literal),*] |$spec:ident| $new:expr;)+
+            [$($key:literal),*] |$spec:ident, $order:pat_param| $new:expr;)+
     ) => {
         $(#[$doc])*
         #[derive(Clone, Copy)]
@@ -41,13 +42,13 @@ macro_rules! choice {
         where
             T: Scalar,
         {
-            /// The one that a spec names.
-            pub fn read(spec: &Spec<'_>) -> Result<Self> {
+            /// The one that a spec names, for a chain of this order.
+            pub fn read(spec: &Spec<'_>, order: usize) -> Result<Self> {
                 let word = spec.text("law")?;
                 match word.as_str() {
                     $($word => {
                         spec.only(&["law", $($key),*])?;
-                        let $spec = spec;
+                        let ($spec, $order) = (spec, order);
                         Ok(Self::$variant($new?))
                     })+
                     other => Err(spec.unknown("law", other, &[$($word),+])),
@@ -62,23 +63,25 @@ choice! {
     /// A gain law by its name.
     AnyGain[T, const N: usize]<T, N>, of_gain;
     /// ℓ.
-    "constant" Constant(ConstantGain<T>) ["ell"] |of| ConstantGain::new(number(of, "ell")?);
+    "constant" Constant(ConstantGain<T>) ["ell"] |of, _| ConstantGain::new(number(of, "ell")?);
     /// Sanfelice and Praly (6).
-    "adaptive" Adaptive(AdaptiveGain<T>) ["p1", "p2", "b"] |of|
+    "adaptive" Adaptive(AdaptiveGain<T>) ["p1", "p2", "b"] |of, _|
         AdaptiveGain::new(number(of, "p1")?, number(of, "p2")?, number(of, "b")?);
     /// With a dead zone, Sanfelice and Praly (4).
-    "dead-zone" DeadZone(DeadZoneGain<T>) ["p1", "p2", "b"] |of|
+    "dead-zone" DeadZone(DeadZoneGain<T>) ["p1", "p2", "b"] |of, _|
         DeadZoneGain::new(number(of, "p1")?, number(of, "p2")?, number(of, "b")?);
     /// Of the innovation alone.
-    "homogeneous" Homogeneous(HomogeneousGain<T>) ["rho", "degree", "mu"] |of|
-        HomogeneousGain::new(number(of, "rho")?, number(of, "degree")?, number_or_0(of, "mu")?, N);
+    "homogeneous" Homogeneous(HomogeneousGain<T>) ["rho", "degree", "mu"] |of, order|
+        HomogeneousGain::new(
+            number(of, "rho")?, number(of, "degree")?, number_or_0(of, "mu")?, order
+        );
     /// Two gains and a timer.
-    "switched" Switched(SwitchedGain<T>) ["fast", "slow", "zone", "delay"] |of|
+    "switched" Switched(SwitchedGain<T>) ["fast", "slow", "zone", "delay"] |of, _|
         SwitchedGain::new(
             number(of, "fast")?, number(of, "slow")?, number(of, "zone")?, number_or_0(of, "delay")?
         );
     /// Of a clock.
-    "prescribed-time" PrescribedTime(PrescribedTimeGain<T>) ["mu0", "deadline", "r_max"] |of|
+    "prescribed-time" PrescribedTime(PrescribedTimeGain<T>) ["mu0", "deadline", "r_max"] |of, _|
         PrescribedTimeGain::new(number(of, "mu0")?, number(of, "deadline")?, number(of, "r_max")?);
 }
 
@@ -87,19 +90,19 @@ choice! {
     /// A shape by its name.
     AnyShape[T, const N: usize]<T, N>, of_shape;
     /// A threshold on what is injected.
-    "stubborn" Stubborn(Stubborn<T>) ["decay", "growth", "sigma0"] |of|
+    "stubborn" Stubborn(Stubborn<T>) ["decay", "growth", "sigma0"] |of, _|
         Stubborn::new(number(of, "decay")?, number(of, "growth")?, number_or_0(of, "sigma0")?);
     /// A threshold on what is not.
-    "dead-zone" DeadZone(DeadZone<T>) ["decay", "growth", "sigma0"] |of|
+    "dead-zone" DeadZone(DeadZone<T>) ["decay", "growth", "sigma0"] |of, _|
         DeadZone::new(number(of, "decay")?, number(of, "growth")?, number_or_0(of, "sigma0")?);
     /// Two gains.
-    "piecewise-linear" PiecewiseLinear(PiecewiseLinear<T>) ["ratio", "zone"] |of|
+    "piecewise-linear" PiecewiseLinear(PiecewiseLinear<T>) ["ratio", "zone"] |of, _|
         PiecewiseLinear::new(number(of, "ratio")?, number(of, "zone")?);
     /// Powers of the innovation.
-    "fal" Fal(Fal<T, N>) ["alpha", "delta"] |of|
+    "fal" Fal(Fal<T, N>) ["alpha", "delta"] |of, _|
         Fal::new(vector(of, "alpha")?, number(of, "delta")?);
     /// One degree near 0, another far away.
-    "bi-homogeneous" BiHomogeneous(BiHomogeneous<T, N>) ["near", "far", "kappa", "theta"] |of|
+    "bi-homogeneous" BiHomogeneous(BiHomogeneous<T, N>) ["near", "far", "kappa", "theta"] |of, _|
         BiHomogeneous::new(
             number(of, "near")?, number(of, "far")?, vector(of, "kappa")?, vector(of, "theta")?
         );
@@ -135,8 +138,9 @@ impl<T: Scalar, const N: usize, const E: usize> Chosen<T, N, E> {
     /// As an observer's spec has them.
     pub fn read(spec: &Spec<'_>) -> Result<Self> {
         let shape = if spec.has("shape") { Some(spec.sub("shape")?) } else { None };
-        let shape = shape.as_ref().map(AnyShape::read).transpose()?;
-        Ok(Self { gain: AnyGain::read(&spec.sub("gain")?)?, shape })
+        let order = N + if spec.has("filters") { spec.count("filters")? } else { 0 };
+        let shape = shape.as_ref().map(|shape| AnyShape::read(shape, order)).transpose()?;
+        Ok(Self { gain: AnyGain::read(&spec.sub("gain")?, order)?, shape })
     }
 
     /// Entries of memory that it needs.
@@ -210,9 +214,21 @@ impl<T: Scalar, const N: usize, const E: usize> GainLaw<T> for Chosen<T, N, E> {
             }
         }
     }
-    fn fits(&self, k: Option<&[T]>) -> std::result::Result<(), DesignError> {
-        of_gain!(&self.gain, law => law.fits(k))?;
+    fn fits(&self, order: Option<usize>, k: Option<&[T]>) -> std::result::Result<(), DesignError> {
+        of_gain!(&self.gain, law => law.fits(order, k))?;
         self.shape.as_ref().map_or(Ok(()), |shape| of_shape!(shape, law => law.fits(k)))
+    }
+    fn seen(&self, e: T, filtered: T) -> T {
+        of_gain!(&self.gain, law => GainLaw::<T>::seen(law, e, filtered))
+    }
+    fn closed(&self) -> std::result::Result<(), DesignError> {
+        if self.shape.is_some() {
+            return Err(unshaped());
+        }
+        of_gain!(&self.gain, law => law.closed())
+    }
+    fn closing(&self, memory: &Self::Memory, b: T, g: &[T]) -> T {
+        of_gain!(&self.gain, law => law.closing(&Memory::read(memory.as_slice()), b, g))
     }
     fn placed(&self) -> std::result::Result<(), DesignError> {
         of_gain!(&self.gain, law => law.placed())?;
@@ -281,8 +297,8 @@ impl<T: Scalar, const N: usize> AnySaturation<N, T> {
 }
 
 /// The methods by their names.
-const METHODS: [(&str, AnyMethod); 7] = {
-    use AnyMethod::{Known, Placed};
+const METHODS: [(&str, AnyMethod); 11] = {
+    use AnyMethod::{Implicit, InterSample, Known, Placed, Proper};
     use Discretisation::{Euler, RungeKutta, StaggeredEuler};
     [
         ("euler", Known(Euler)),
@@ -292,16 +308,25 @@ const METHODS: [(&str, AnyMethod); 7] = {
         ("bogacki-shampine", Known(RungeKutta(BogackiShampine::CHOICE))),
         ("zoh", Placed(Placement::Exact)),
         ("bilinear", Placed(Placement::Bilinear)),
+        ("implicit-map", Placed(Placement::ImplicitMap)),
+        ("proper", Proper),
+        ("implicit", Implicit),
+        ("inter-sample", InterSample),
     ]
 };
 
-/// Refusal of a placed step by a law that has none.
-pub fn not_placed() -> Error {
-    let placed: Vec<&str> = LAWS.iter().filter(|law| law.placed).map(|law| law.kind).collect();
+/// Refusal of a method that a law has not.
+pub fn not_placed(method: AnyMethod) -> Error {
+    let has = |law: &&Law| match method {
+        AnyMethod::Proper => law.flows(),
+        AnyMethod::Implicit | AnyMethod::InterSample => law.kind == "standard",
+        _ => law.placed(),
+    };
+    let laws: Vec<&str> = LAWS.iter().filter(has).map(|law| law.kind).collect();
     refused(format!(
-        "method = 'zoh' or 'bilinear' is not allowed here: it is defined for the laws {}; choose another \
-         method",
-        placed.join(", ")
+        "method = '{}' is not allowed here: it is defined for the laws {}; choose another method",
+        method.name(),
+        laws.join(", ")
     ))
 }
 
@@ -317,12 +342,34 @@ pub struct Manner {
 }
 
 /// A method by its name.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq, Eq)]
 pub enum AnyMethod {
     /// One of the schemes that the core steps any law with.
     Known(Discretisation),
     /// One that places the eigenvalues of the correction.
     Placed(Placement),
+    /// [`Proper`](hgo_rs::injection::Proper).
+    Proper,
+    /// [`Implicit`](hgo_rs::injection::Implicit).
+    Implicit,
+    /// [`InterSample`](hgo_rs::inter_sample::InterSample).
+    InterSample,
+}
+
+impl AnyMethod {
+    /// Of a name, if there is one.
+    pub fn find(name: &str) -> Option<Self> {
+        METHODS.iter().find(|(known, _)| *known == name).map(|(_, method)| *method)
+    }
+
+    fn name(self) -> &'static str {
+        METHODS.iter().find(|(_, method)| *method == self).map_or("", |(name, _)| name)
+    }
+
+    /// Whether the model moves by a [`Motion`] of its own.
+    pub fn moves_by_motion(self) -> bool {
+        matches!(self, Self::Placed(_) | Self::Proper | Self::InterSample)
+    }
 }
 
 /// A motion of the model by its name.
@@ -360,10 +407,10 @@ impl AnyMotion {
             Ok(u8::try_from(count).unwrap_or(u8::MAX))
         };
         let given = ["motion", "substeps"].into_iter().find(|key| spec.has(key));
-        if let (AnyMethod::Known(_), Some(key)) = (method, given) {
+        if let (false, Some(key)) = (method.moves_by_motion(), given) {
             return Err(refused(format!(
                 "{key} is not allowed with this method, which moves the model itself: leave it out, or \
-                 choose method zoh or bilinear"
+                 choose method zoh or proper"
             )));
         }
         match motion.as_str() {
@@ -383,7 +430,7 @@ impl Manner {
     /// Method, motion and timing of an observer's spec.
     pub fn read(spec: &Spec<'_>) -> Result<Self> {
         let method = spec.text_or("method", "euler")?;
-        let Some((_, method)) = METHODS.iter().find(|(name, _)| *name == method) else {
+        let Some(method) = AnyMethod::find(&method) else {
             return Err(spec.unknown("method", &method, &METHODS.map(|(name, _)| name)));
         };
         let timing = spec.text_or("timing", "predictor")?;
@@ -392,7 +439,23 @@ impl Manner {
             "current" => Timing::Current,
             other => return Err(spec.unknown("timing", other, &["predictor", "current"])),
         };
-        Ok(Self { method: *method, motion: AnyMotion::read(spec, *method)?, timing })
+        match (method, timing) {
+            (AnyMethod::Implicit, Timing::Predictor) => Err(refused(
+                "timing = 'predictor' is not allowed with method implicit, whose step ends with its sample: \
+                 choose timing current",
+            )),
+            (AnyMethod::InterSample, Timing::Current) => Err(refused(
+                "timing = 'current' is not allowed with method inter-sample, whose estimate does not jump at a \
+                 sample: choose timing predictor",
+            )),
+            _ => Ok(()),
+        }?;
+        Ok(Self { method, motion: AnyMotion::read(spec, method)?, timing })
+    }
+
+    /// Entries of an observer's memory behind its law's: see [`Timing::held`]; what decays between samples.
+    pub fn held(self) -> usize {
+        self.timing.held() + usize::from(self.method == AnyMethod::InterSample)
     }
 
     /// The scheme of a law that is compiled as one loop.

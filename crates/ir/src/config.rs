@@ -21,6 +21,7 @@
 //! - `[log]` is handed on as it is: no file of samples is read here.
 //! - No step is compared with a stability limit, so that `allow_unstable` changes nothing.
 
+use crate::choices::AnyMethod;
 use crate::design::{covariances, of_law};
 use crate::error::{Result, refused};
 use crate::observer::build;
@@ -321,13 +322,16 @@ fn rates(
         made.put(name, whole(m));
     }
     let gain = gain(spec)?;
-    let moves = Spec::new(&gain, "gain")?.text("law")? != "constant";
-    let placed = law.placed && !(moves && law.form == Form::Phase) && !of_rows(spec)?;
+    let of_gain = Spec::new(&gain, "gain")?.text("law")?;
+    let moves = of_gain != "constant";
+    let placed = law.placed() && !(moves && law.form == Form::Phase) && !of_rows(spec)?;
     let filters = filters(law);
     let method = if filters {
         SAMPLED
     } else if placed {
         METHOD
+    } else if of_gain == "homogeneous" && !law.placed() {
+        "proper"
     } else {
         "rk4"
     };
@@ -412,7 +416,8 @@ fn gain(spec: &Spec<'_>) -> Result<Value> {
 
 fn manner(made: &mut Map, spec: &Spec<'_>, method: &str, known: Option<&Value>) -> Result<()> {
     let method = spec.text_or("method", method)?;
-    if matches!(method.as_str(), "zoh" | "bilinear") || spec.has("motion") {
+    let by_motion = AnyMethod::find(&method).is_some_and(AnyMethod::moves_by_motion);
+    if by_motion || spec.has("motion") {
         let motion = spec.text_or("motion", usual_motion(known)?)?;
         if motion != "held" {
             made.put("substeps", spec.get("substeps").cloned().unwrap_or(whole(SUBSTEPS.into())));
@@ -423,8 +428,9 @@ fn manner(made: &mut Map, spec: &Spec<'_>, method: &str, known: Option<&Value>) 
     } else {
         made.put_given(spec, "substeps");
     }
+    let timing = if method == "inter-sample" { "predictor" } else { TIMING };
     made.put("method", Value::Text(method));
-    made.put("timing", Value::Text(spec.text_or("timing", TIMING)?));
+    made.put("timing", Value::Text(spec.text_or("timing", timing)?));
     Ok(())
 }
 

@@ -8,6 +8,7 @@ use crate::tabled::{LawTables, PlacedTables};
 use crate::trace::{Traced, inline};
 use hgo_rs::memory::Memory;
 use hgo_rs::motion::{Flow, Motion};
+use hgo_rs::observer::absent;
 use hgo_rs::observers::MAX_ORDER;
 use nalgebra::SVector;
 use std::ops::Range;
@@ -127,7 +128,8 @@ impl Flow<Traced, State, Inputs> for Joint<'_> {
         let mut moved = *z;
         for chain in &self.chains {
             let f = &f.as_slice()[chain.f.clone()];
-            self.put(chain, |of| &of.flow, &[&chain.own(z), f, &[dt]], &mut moved);
+            let given: [&[Traced]; 4] = [&chain.own(z), &[absent()], f, &[dt]];
+            self.put(chain, |of| &of.flow, &given, &mut moved);
         }
         moved
     }

@@ -8,11 +8,12 @@ use crate::order::MAX_INPUTS;
 use crate::table::Table;
 use crate::trace::{self, PlacedGains, Setting, Traced, inline, input, inputs, named, trace};
 use hgo_rs::Scalar;
-use hgo_rs::injection::{Injected, Placement};
+use hgo_rs::injection::{Implicit, Injected, OneChain, Placement, Proper};
+use hgo_rs::inter_sample::InterSample;
 use hgo_rs::memory::Memory;
 use hgo_rs::motion::{Flow, Motion};
 use hgo_rs::observer::{
-    ContinuousLaw, Current, CurrentState, Discretised, Observer, Scheme, Timing,
+    ContinuousLaw, Current, CurrentState, Discretised, Observer, Scheme, Timing, absent,
 };
 use hgo_rs::observers::BlockGains;
 use nalgebra::SVector;
@@ -53,20 +54,24 @@ pub struct LawTables {
     pub(crate) placed: Option<PlacedTables>,
 }
 
-/// The halves of a step of a law whose eigenvalues are placed.
+/// The halves of a step of a law whose chain moves exactly.
+#[derive(Default)]
 pub(crate) struct PlacedTables {
     /// How many known terms there are.
     pub(crate) n_f: usize,
     /// (t, z, u) → the known terms.
     pub(crate) terms: Table,
-    /// (z, terms, dt) → z after a step along the chain under these terms.
+    /// (z, y, terms, dt) → z after a step along the chain under these terms.
     pub(crate) flow: Table,
     /// terms → what the chain makes of them.
     pub(crate) chain: Table,
     /// (z, δ) → z, its estimate moved by δ.
     pub(crate) shifted: Table,
-    /// (z, y, dt, gains) → z after the use of a sample.
+    /// Of a placed method: (z, y, dt, gains) → z after the use of a sample.
     pub(crate) correct: Table,
+    /// Of the others: (z, e, dt) → what a sample moves, as a rate; of the inter-sample predictor over the step,
+    /// with what is left of e.
+    kick: Table,
     /// The gains, where they are inputs.
     gains: Option<Arc<Gains>>,
 }
@@ -209,12 +214,19 @@ trait Law {
     fn jumped(&self, z: &[Traced], e: &[Traced]) -> Vec<Traced>;
 }
 
-/// One whose eigenvalues can be placed.
-trait PlacedLaw: Law {
+/// One whose chain can move exactly.
+trait FlowingLaw: Law {
     fn terms(&self, t: Traced, z: &[Traced], u: &[Traced]) -> Vec<Traced>;
-    fn flow(&self, z: &[Traced], f: &[Traced], dt: Traced) -> Vec<Traced>;
+    fn flow(&self, z: &[Traced], y: Traced, f: &[Traced], dt: Traced) -> Vec<Traced>;
     fn chain(&self, delta: &[Traced]) -> Vec<Traced>;
     fn shifted(&self, z: &[Traced], delta: &[Traced]) -> Vec<Traced>;
+    fn kick(&self, z: &[Traced], e: &[Traced]) -> Vec<Traced>;
+}
+
+/// One whose eigenvalues can be placed.
+trait PlacedLaw: FlowingLaw {
+    fn closing(&self, z: &[Traced], e: &[Traced], dt: Traced) -> Result<Vec<Traced>>;
+    fn decaying(&self, z: &[Traced], e: &[Traced], dt: Traced) -> Result<Vec<Traced>>;
     /// For a time that is asked for once the poles are known.
     fn gains(
         &self,
@@ -257,21 +269,39 @@ where
     }
 }
 
-impl<L> PlacedLaw for Flat<L>
+impl<L> FlowingLaw for Flat<L>
 where
-    L: Injected<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>, Gains: Numbers<Traced>>,
+    L: ContinuousLaw<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>>
+        + Flow<Traced, L::State, L::Input>,
 {
     fn terms(&self, t: Traced, z: &[Traced], u: &[Traced]) -> Vec<Traced> {
         flat(&self.0.terms(t, &L::State::read(z), &L::Input::read(u)))
     }
-    fn flow(&self, z: &[Traced], f: &[Traced], dt: Traced) -> Vec<Traced> {
-        flat(&self.0.flow(&L::State::read(z), &L::Terms::read(f), dt))
+    fn flow(&self, z: &[Traced], y: Traced, f: &[Traced], dt: Traced) -> Vec<Traced> {
+        flat(&self.0.flow_under(&L::State::read(z), y, &L::Terms::read(f), dt))
     }
     fn chain(&self, delta: &[Traced]) -> Vec<Traced> {
         flat(&self.0.chain(&L::Terms::read(delta)))
     }
     fn shifted(&self, z: &[Traced], delta: &[Traced]) -> Vec<Traced> {
         flat(&self.0.shifted(&L::State::read(z), &L::Terms::read(delta)))
+    }
+    fn kick(&self, z: &[Traced], e: &[Traced]) -> Vec<Traced> {
+        flat(&self.0.kick(&L::State::read(z), &L::Innovation::read(e)))
+    }
+}
+
+impl<L> PlacedLaw for Flat<L>
+where
+    L: Injected<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>, Gains: Numbers<Traced>>,
+{
+    fn closing(&self, z: &[Traced], e: &[Traced], dt: Traced) -> Result<Vec<Traced>> {
+        self.0.closed()?;
+        Ok(flat(&self.0.closing(&L::State::read(z), &L::Innovation::read(e), dt)))
+    }
+    fn decaying(&self, z: &[Traced], e: &[Traced], dt: Traced) -> Result<Vec<Traced>> {
+        self.0.decays()?;
+        Ok(flat(&self.0.decaying(&L::State::read(z), &L::Innovation::read(e), dt)))
     }
     fn gains(
         &self,
@@ -321,6 +351,15 @@ fn part(
     })
 }
 
+/// (z, e, dt) → what a sample moves, as a rate.
+fn kicked(
+    setting: Setting,
+    Sizes { len, errors, .. }: Sizes,
+    kick: impl Fn(&[Traced], &[Traced], Traced) -> Result<Vec<Traced>>,
+) -> Result<Table> {
+    part(setting, &[("z", len), ("e", errors), ("dt", 1)], |of| kick(&of[0], &of[1], of[2][0]))
+}
+
 pub fn flat<M: Memory<Traced>>(memory: &M) -> Vec<Traced> {
     let mut values = vec![Traced::ZERO; M::LEN];
     memory.write(&mut values);
@@ -341,8 +380,33 @@ impl LawTables {
         let build = || -> Result<Box<dyn Law>> { Ok(Box::new(Flat(build()?))) };
         match manner.method {
             AnyMethod::Known(_) => Self::of(setting, n_u, Sizes::of::<L>(), &build),
-            AnyMethod::Placed(_) => Err(not_placed()),
+            other => Err(not_placed(other)),
         }
+    }
+
+    /// Of a law whose chain can move exactly and whose eigenvalues cannot be placed.
+    pub fn flowing<L>(
+        setting: Setting,
+        manner: Manner,
+        n_u: usize,
+        build: impl Fn() -> Result<L>,
+    ) -> Result<Self>
+    where
+        L: ContinuousLaw<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>>
+            + Flow<Traced, L::State, L::Input>
+            + 'static,
+    {
+        let sizes = Sizes::of::<L>();
+        let build = || -> Result<Box<dyn FlowingLaw>> { Ok(Box::new(Flat(build()?))) };
+        let placed = match manner.method {
+            AnyMethod::Known(_) => None,
+            AnyMethod::Proper => Some(PlacedTables {
+                kick: kicked(setting, sizes, |z, e, _| Ok(build()?.kick(z, e)))?,
+                ..Self::chain(setting, (sizes.len, L::Terms::LEN, n_u), &build)?
+            }),
+            other => return Err(not_placed(other)),
+        };
+        Ok(Self { placed, ..Self::of(setting, n_u, sizes, &|| Ok(build()?))? })
     }
 
     /// Of any other; `still`: its gain is the same at every sample.
@@ -363,8 +427,22 @@ impl LawTables {
     {
         let sizes = Sizes::of::<L>();
         let build = || -> Result<Box<dyn PlacedLaw>> { Ok(Box::new(Flat(build()?))) };
+        let lens = (sizes.len, L::Terms::LEN, n_u);
+        let chain = || Self::chain(setting, lens, &|| Ok(build()?));
         let placed = match manner.method {
             AnyMethod::Known(_) => None,
+            AnyMethod::Proper => Some(PlacedTables {
+                kick: kicked(setting, sizes, |z, e, _| Ok(build()?.kick(z, e)))?,
+                ..chain()?
+            }),
+            AnyMethod::Implicit => Some(PlacedTables {
+                kick: kicked(setting, sizes, |z, e, dt| build()?.closing(z, e, dt))?,
+                ..PlacedTables::default()
+            }),
+            AnyMethod::InterSample => Some(PlacedTables {
+                kick: kicked(setting, sizes, |z, e, dt| build()?.decaying(z, e, dt))?,
+                ..chain()?
+            }),
             AnyMethod::Placed(at) => {
                 let known = still && matches!(setting.gains, PlacedGains::For(_));
                 let given = still
@@ -381,9 +459,10 @@ impl LawTables {
                 Some(Self::placed(
                     setting,
                     (at, manner.timing),
-                    (sizes.len, L::Terms::LEN, n_u),
+                    sizes.len,
                     &build,
                     gains,
+                    chain()?,
                 )?)
             }
         };
@@ -426,17 +505,17 @@ impl LawTables {
         })
     }
 
-    fn placed(
+    /// The parts of a law whose chain moves exactly.
+    fn chain(
         setting: Setting,
-        (at, timing): (Placement, Timing),
         (len, n_f, n_u): (usize, usize, usize),
-        build: &dyn Fn() -> Result<Box<dyn PlacedLaw>>,
-        gains: GainsOf,
+        build: &dyn Fn() -> Result<Box<dyn FlowingLaw>>,
     ) -> Result<PlacedTables> {
-        let (known, free) =
-            ([("t", 1), ("z", len), ("u", n_u)], [("z", len), ("f", n_f), ("dt", 1)]);
+        let known = [("t", 1), ("z", len), ("u", n_u)];
+        let free = [("z", len), ("y", 1), ("f", n_f), ("dt", 1)];
         let terms = part(setting, &known, |of| Ok(build()?.terms(of[0][0], &of[1], &of[2])))?;
-        let flow = part(setting, &free, |of| Ok(build()?.flow(&of[0], &of[1], of[2][0])))?;
+        let flow =
+            part(setting, &free, |of| Ok(build()?.flow(&of[0], of[1][0], &of[2], of[3][0])))?;
         let chain = part(setting, &[("delta", n_f)], |of| Ok(build()?.chain(&of[0])))?;
         let shifted =
             part(
@@ -444,6 +523,17 @@ impl LawTables {
                 &[("z", len), ("delta", n_f)],
                 |of| Ok(build()?.shifted(&of[0], &of[1])),
             )?;
+        Ok(PlacedTables { n_f, terms, flow, chain, shifted, ..PlacedTables::default() })
+    }
+
+    fn placed(
+        setting: Setting,
+        (at, timing): (Placement, Timing),
+        len: usize,
+        build: &dyn Fn() -> Result<Box<dyn PlacedLaw>>,
+        gains: GainsOf,
+        chain: PlacedTables,
+    ) -> Result<PlacedTables> {
         let (inputs, called) = match gains {
             GainsOf::Inputs(gains) => (Some(gains), None),
             GainsOf::Call(gains) => (None, Some(gains)),
@@ -479,7 +569,7 @@ impl LawTables {
             });
             Ok(chosen.collect())
         })?;
-        Ok(PlacedTables { n_f, terms, flow, chain, shifted, correct, gains: inputs })
+        Ok(PlacedTables { correct, gains: inputs, ..chain })
     }
 
     /// The gains of a placed correction, where they are inputs of the step.
@@ -508,14 +598,19 @@ impl LawTables {
     }
 
     /// Entries of an observer's memory.
-    pub fn memory(&self, timing: Timing) -> usize {
-        self.len + timing.held()
+    pub fn memory(&self, manner: Manner) -> usize {
+        self.len + manner.held()
+    }
+
+    /// Whether the estimate is corrected, then moves.
+    pub fn is_placed(&self) -> bool {
+        self.placed.as_ref().is_some_and(|of| !of.correct.outputs.is_empty())
     }
 
     /// What a step is traced over: (t, dt, z, y, u, own inputs of the model, gains).
     fn over<R>(&self, manner: Manner, step: impl FnOnce(Tabled<'_>, Given<'_>) -> R) -> R {
         let (t, dt) = (input("t"), input("dt"));
-        let memory = inputs("z", self.memory(manner.timing));
+        let memory = inputs("z", self.memory(manner));
         let (y, u) = (input("y[0]"), Inputs::read(&inputs("u", self.n_u)));
         let own = self.own();
         let gains = inputs("gains", self.gains().map_or(0, |gains| gains.count));
@@ -536,9 +631,16 @@ impl LawTables {
             return Ok(None);
         }
         let table = trace(setting, || {
-            self.over(manner, |law, given| match manner.method {
-                AnyMethod::Known(scheme) => Ok(self.corrected(law, scheme, &given)),
-                AnyMethod::Placed(_) => Ok(self.corrected(law, law, &given)),
+            self.over(manner, |law, given| {
+                Ok(match manner.method {
+                    AnyMethod::Known(scheme) => self.corrected(law, scheme, &given),
+                    AnyMethod::Placed(_) => self.corrected(law, law, &given),
+                    AnyMethod::Proper => {
+                        self.corrected(law, Proper { motion: manner.motion }, &given)
+                    }
+                    AnyMethod::Implicit => self.corrected(law, Implicit, &given),
+                    AnyMethod::InterSample => return Err(not_placed(manner.method)),
+                })
             })
         })?;
         Ok(Some(table))
@@ -547,9 +649,16 @@ impl LawTables {
     /// The way to the next sample: (t, dt, z, y, u, …) → (z⁺, innovation with predictor timing).
     pub fn advance(&self, setting: Setting, manner: Manner) -> Result<Table> {
         trace(setting, || {
-            self.over(manner, |law, given| match manner.method {
-                AnyMethod::Known(scheme) => Ok(self.moved(law, scheme, manner, &given)),
-                AnyMethod::Placed(_) => Ok(self.moved(law, law, manner, &given)),
+            self.over(manner, |law, given| {
+                Ok(match manner.method {
+                    AnyMethod::Known(scheme) => self.moved(law, scheme, manner, &given),
+                    AnyMethod::Placed(_) => self.moved(law, law, manner, &given),
+                    AnyMethod::Proper => {
+                        self.moved(law, Proper { motion: manner.motion }, manner, &given)
+                    }
+                    AnyMethod::Implicit => self.moved(law, Implicit, manner, &given),
+                    AnyMethod::InterSample => self.decayed(law, manner, &given),
+                })
             })
         })
     }
@@ -590,6 +699,16 @@ impl LawTables {
                 self.made(&next.law, &[next.elapsed], &[])
             }
         }
+    }
+
+    fn decayed(&self, law: Tabled<'_>, manner: Manner, given: &Given<'_>) -> Vec<(String, Traced)> {
+        let Given { t, dt, z, held, y, u } = given;
+        let observer = InterSample { law, motion: manner.motion };
+        let before = (*z, Innovations::read(held));
+        let mut next = before;
+        observer.advance(&mut next, y, u, *t, *dt);
+        let innovation = observer.innovation(*t, &before, y, u);
+        self.made(&next.0, &next.1.as_slice()[..self.errors], &[innovation])
     }
 }
 
@@ -662,11 +781,25 @@ impl ContinuousLaw<Traced> for Tabled<'_> {
     fn jumped(&self, z: State, e: &Innovations) -> State {
         self.call(&self.tables.jumped, &[self.z(&z), self.e(e)])
     }
+    fn kick(&self, z: &State, e: &Innovations) -> State {
+        self.placed(|of| &of.kick, &[self.z(z), self.e(e), &[Traced::ZERO]])
+    }
     fn speed(&self, _: &State) -> Traced {
         Traced::ONE
     }
     fn estimate<'a>(&self, z: &'a State) -> &'a [Traced] {
         &z.as_slice()[..self.tables.n]
+    }
+}
+
+impl OneChain<Traced> for Tabled<'_> {
+    fn decaying(&self, z: &State, e: &Innovations, dt: Traced) -> (State, Innovations) {
+        let made = self.placed(|of| &of.kick, &[self.z(z), self.e(e), &[dt]]);
+        (made, Innovations::read(&made.as_slice()[self.tables.len..]))
+    }
+
+    fn closing(&self, z: &State, e: &Innovations, dt: Traced) -> State {
+        self.placed(|of| &of.kick, &[self.z(z), self.e(e), &[dt]])
     }
 }
 
@@ -676,7 +809,10 @@ impl Flow<Traced, State, Inputs> for Tabled<'_> {
         self.placed(|of| &of.terms, &[&[t], self.z(z), self.u(u)])
     }
     fn flow(&self, z: &State, f: &State, dt: Traced) -> State {
-        self.placed(|of| &of.flow, &[self.z(z), self.f(f), &[dt]])
+        self.flow_under(z, absent(), f, dt)
+    }
+    fn flow_under(&self, z: &State, y: Traced, f: &State, dt: Traced) -> State {
+        self.placed(|of| &of.flow, &[self.z(z), &[y], self.f(f), &[dt]])
     }
     fn chain(&self, delta: &State) -> State {
         self.placed(|of| &of.chain, &[self.f(delta)])

@@ -74,7 +74,7 @@ fn a_file_names_any_law_of_the_list() {
         }
         let usual = if filters {
             "sampled"
-        } else if law.placed {
+        } else if law.placed() {
             "zoh"
         } else {
             "rk4"

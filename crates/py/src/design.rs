@@ -42,7 +42,8 @@ pub fn laws(py: Python<'_>) -> Result<Vec<Bound<'_, PyDict>>> {
         };
         row.set_item("form", form)?;
         row.set_item("continuous", law.continuous)?;
-        row.set_item("placed", law.placed)?;
+        row.set_item("placed", law.placed())?;
+        row.set_item("flows", law.flows())?;
         row.set_item("memory", words(law.memory))?;
         row.set_item("source", law.source)?;
         Ok(row)

@@ -22,7 +22,7 @@ from hgo_rs.config import keys
 from hgo_rs.config.keys import FORMAT, MODELS, OBSERVERS, TEXT, TOP, ConfigError, Kind
 from hgo_rs.config.tables import model_table, observer_table, plain
 from hgo_rs.config.text import parsed, read
-from hgo_rs.design.discrete import CORRECTING
+from hgo_rs.design.discrete import EXACT
 from hgo_rs.errors import HgoError, nearest
 from hgo_rs.files import write_text
 from hgo_rs.laws import LAWS
@@ -205,7 +205,7 @@ class Config:
         under a method that moves the model itself.
         """
         data = dict(self.data)
-        if changes.get("method", CORRECTING[0]) not in CORRECTING:
+        if changes.get("method", EXACT[0]) not in EXACT:
             data = {key: value for key, value in data.items() if key not in ("motion", "substeps")}
         if changes.get("motion") == "held":
             data.pop("substeps", None)

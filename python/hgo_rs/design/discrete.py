@@ -27,25 +27,29 @@ import numpy as np
 
 from hgo_rs import _core
 from hgo_rs.errors import DesignError, check, check_integer, explain
-from hgo_rs.laws import LAWS
+from hgo_rs.laws import LAWS, Law
 
 from . import _checks
 from ._checks import Array
 
-METHODS = (
-    "euler",
-    "staggered-euler",
-    "rk4",
-    "rk4-innovation-held",
-    "bogacki-shampine",
-    "zoh",
-    "bilinear",
-)
+RATED = ("euler", "staggered-euler", "rk4", "rk4-innovation-held", "bogacki-shampine")
+"""Methods of rates: every continuous law has them."""
+
+CORRECTING = ("zoh", "bilinear", "implicit-map")
+"""Methods that correct by the sample, then move: stable for any step."""
+
+EXACT = (*CORRECTING, "proper", "inter-sample")
+"""Methods whose chain moves exactly between samples."""
+
+METHODS = (*RATED, *EXACT, "implicit")
 """Discretisations of a continuous law.
 
 `rk4` and `bogacki-shampine` hold the measurement over a step, `rk4-innovation-held` the innovation.
-`zoh` and `bilinear` are stable at any step: between samples the chain is solved exactly, and the
-correction gives the error the eigenvalues exp(dt lambda), or those of the bilinear rule.
+`zoh`, `bilinear` and `implicit-map` are stable at any step: between samples the chain is solved
+exactly, and the correction gives the error the eigenvalues exp(dt lambda), those of the bilinear
+rule, or 1/(1 - dt lambda).  `proper` moves the chain exactly and adds dt times the injection.
+`inter-sample` predicts the output between samples: the injection decays.  `implicit` is backward
+Euler in chain and injection.
 """
 
 TIMINGS = ("predictor", "current")
@@ -66,11 +70,8 @@ GAIN_LAWS = (
 )
 """Gain laws by their words in specs."""
 
-CORRECTING = ("zoh", "bilinear")
-"""Methods that correct by the sample, then move: stable for any step."""
-
 MOTIONS = ("held", "rk4", "implicit")
-"""How the model moves over a period under such a method: held at its beginning; by RK4; implicit
+"""How the model moves over a period under an exact method: held at its beginning; by RK4; implicit
 (backward Euler) where it is stiff, else by RK4."""
 
 SUBSTEPS = 2
@@ -216,10 +217,29 @@ def discrete(observer: Mapping[str, Any], dt: float, *, gain: float | None = Non
         return _RECURSIONS[kind](observer, dt)
     law = linear(observer, gain=gain)
     a, b, seen, direct = _step(unit(observer), method(observer), timing(observer), law.ell * dt)
-    scale, n = law.scale[:, None], law.n
-    back = scale / law.scale
+    kept = np.zeros(len(a) - len(law.power))  # an innovation that decays has the unit of y
+    power = np.append(law.power, kept)
+    each, n = law.ell**power, law.n
+    scale = each[:, None]
+    back = scale / each
     shown = (back * seen)[:n], (scale * direct)[:n]
-    return Discrete(back * a, scale * b, *shown, dt, law.ell, law.power)
+    return Discrete(back * a, scale * b, *shown, dt, law.ell, power)
+
+
+def defines(law: Law, rule: str) -> bool:
+    """Whether a method is defined for a law."""
+    if rule in CORRECTING:
+        return law.placed
+    if rule == "proper":
+        return law.flows
+    return rule in RATED or law.kind == "standard"
+
+
+def fixed_timing(rule: str) -> str | None:
+    """The timing of a method that has only one: a step that ends with its sample; an estimate that
+    does not jump at one.
+    """
+    return {"implicit": "current", "inter-sample": "predictor"}.get(rule)
 
 
 # --- the law's own steps ----------------------------------------------------------------------

@@ -21,13 +21,26 @@ from hgo_rs.laws import LAWS
 
 from . import _checks
 from ._checks import Array
-from .discrete import CORRECTING, GAIN_LAWS, Steps, Unit, choice, member, method, timing, unit
+from .discrete import (
+    CORRECTING,
+    GAIN_LAWS,
+    Steps,
+    Unit,
+    choice,
+    defines,
+    member,
+    method,
+    timing,
+    unit,
+)
 
 _ROUNDED = 200.0
 _OFF = 0.05  # of a law's own period, that a step may be
+_ANY_STEP = (*CORRECTING, "implicit")
 _SATURATED = {
     "zoh": {1: math.inf, 2: math.inf, 3: math.inf, 4: 2.0, 5: 1.0, 6: 0.5},
     "bilinear": {3: 2.0, 4: 1.0},
+    "implicit-map": {1: math.inf, 2: math.inf, 3: math.inf, 4: 5.0, 5: 1.5},
 }
 """Below these c the peaking-free law of order n came back from every start that was tried."""
 
@@ -101,8 +114,9 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
       the last state chatters by about 2 dt k_n rho^n.
     - a shape: at its steepest slope; a threshold sigma must not fall below 0 in one step,
       dt < 1/decay.
-    - zoh: none.  bilinear: |lambda| dt < 200, where rounding takes over.  peaking-free: bounded at
-      any step; ``c`` is up to where it was seen to converge from anywhere, default coefficients.
+    - zoh, implicit-map, implicit: none.  bilinear: |lambda| dt < 200, where rounding takes over.
+      peaking-free: bounded at any step; ``c`` is up to where it was seen to converge from
+      anywhere, default coefficients.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with
       mu = epsilon (1 - y^2) moves with y; the limit is where the product of these matrices along
       the noise-free limit cycle ceases to contract (+- 0.01 s).  ``parts`` holds the frozen bound
@@ -123,9 +137,8 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
 
 def _continuous(observer: Mapping[str, Any]) -> StepLimit:
     rule, now, law = method(observer), timing(observer), LAWS[observer["kind"]]
-    remedy = f"choose another: eigenvalues are not placed for the {law.title}"
-    holds = law.placed or rule not in CORRECTING
-    check(holds, "method", rule, "a method of rates", remedy, DesignError)
+    remedy = f"choose another: this one is not defined for the {law.title}"
+    check(defines(law, rule), "method", rule, "a method of rates", remedy, DesignError)
     of = unit(observer, steepest=True)
     parts = {"linear": _critical(of, rule, now)}
     if "saturation" in observer and "alpha" in observer:
@@ -169,7 +182,7 @@ def _limit(observer: Mapping[str, Any], rule: str, parts: dict[str, float]) -> S
     if shape is not None and "decay" in shape:
         parts = {**parts, "threshold": ell / _checks.positive(shape["decay"], "shape.decay")}
     c = min(parts.values())
-    current = timing(observer) == "current" and rule not in CORRECTING
+    current = timing(observer) == "current" and rule not in _ANY_STEP
     return StepLimit(rule + ", current timing" * current, c / ell, c, parts)
 
 
@@ -185,8 +198,8 @@ def _critical(of: Unit, rule: str, now: str, part: str = "") -> Any:
     if part and np.max(eigenvalues.real) >= 0.0:
         return None
     fastest = float(np.max(np.abs(eigenvalues)))
-    if rule in CORRECTING:  # the bilinear rule gathers eigenvalues at -1
-        return math.inf if rule == "zoh" else _ROUNDED / fastest
+    if rule in _ANY_STEP:  # the bilinear rule gathers eigenvalues at -1
+        return _ROUNDED / fastest if rule == "bilinear" else math.inf
     steps = Steps(of, rule, now)
 
     def radius(grid: Array) -> Array:
@@ -215,7 +228,7 @@ def _first_crossing(radius: Callable[[Array], Array], highest: float) -> float:
     if unstable.size == 0:
         return highest
     low, high = grid[unstable[0] : unstable[0] + 2].tolist()
-    for _ in range(16):
+    for _ in range(30):
         middle = 0.5 * (low + high)
         if radius(np.array([middle]))[0] > 1.0 + 1e-10:
             high = middle

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from hgo_rs import _core
+from hgo_rs.design.discrete import CORRECTING
 from hgo_rs.errors import DesignError, HgoError, check
 from hgo_rs.exports.precision import Precision
 from hgo_rs.observers import Observer
@@ -174,7 +175,7 @@ def _laws(spec: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
 
 def _placed(law: Mapping[str, Any]) -> bool:
     """Whether a law's corrections are placed."""
-    return law.get("method") in ("zoh", "bilinear")
+    return law.get("method") in CORRECTING
 
 
 def _in_blocks(law: Mapping[str, Any]) -> bool:

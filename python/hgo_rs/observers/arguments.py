@@ -12,14 +12,18 @@ from hgo_rs import _core
 from hgo_rs.design.discrete import (
     CORRECTING,
     DEFAULT_METHOD,
+    DEFAULT_TIMING,
+    EXACT,
     MAX_SUBSTEPS,
     METHODS,
     MOTIONS,
     SUBSTEPS,
     TIMINGS,
+    defines,
+    fixed_timing,
 )
 from hgo_rs.errors import HgoError, check, check_choice, check_integer, check_number, explain
-from hgo_rs.laws import Law
+from hgo_rs.laws import LAWS, Law
 from hgo_rs.models import Ship, System, Unknown
 from hgo_rs.observers.gains import ConstantGain, GainLaw, HomogeneousGain, InnovationGain
 from hgo_rs.observers.records import vector
@@ -38,11 +42,21 @@ def order(n: Any, least: int = 1, most: int = 12) -> int:
     return check_integer(n, "n", least=least, most=most, remedy=remedy)
 
 
-def manner(method: str, timing: str) -> dict[str, str]:
-    return {
-        "method": check_choice("method", method, METHODS),
-        "timing": check_choice("timing", timing, TIMINGS),
-    }
+def manner(law: Law, method: str, timing: str | None) -> dict[str, str]:
+    check_choice("method", method, METHODS)
+    has = ", ".join(each.kind for each in LAWS.values() if defines(each, method))
+    remedy = f"this one is defined for the laws {has}"
+    allowed = f"a method of the {law.title}, such as 'rk4'"
+    check(defines(law, method), "method", method, allowed, remedy)
+    only = fixed_timing(method)
+    if timing is None:
+        timing = only or DEFAULT_TIMING
+    check_choice("timing", timing, TIMINGS)
+    remedy = "the step of this method ends with its sample"
+    if only == "predictor":
+        remedy = "by this method an estimate does not jump at a sample"
+    check(only in (None, timing), "timing", timing, f"{only!r} under method {method!r}", remedy)
+    return {"method": method, "timing": timing}
 
 
 def motion(
@@ -55,7 +69,7 @@ def motion(
     """How the model moves between corrections, by itself where it is left open; of a method that
     does not place them nothing.
     """
-    if method not in CORRECTING:
+    if method not in EXACT:
         for name, value in (("motion", motion), ("substeps", substeps)):
             remedy = f"method {method!r} moves the model itself; or choose method 'zoh'"
             check(value is None, name, value, "left out", remedy)
@@ -103,6 +117,8 @@ def pairs(poles: Poles, count: int, law: str) -> list[tuple[float, float]]:
 
 def usual_method(law: Law, gain: dict[str, Any], shape: Shape | None) -> str:
     """The method where it is left open."""
+    if gain["law"] == "homogeneous" and not law.placed:
+        return "proper"
     placed = law.placed and (gain["law"] == "constant" or law.form != "phase")
     return DEFAULT_METHOD if placed and getattr(shape, "alike", True) else "rk4"
 
@@ -187,9 +203,10 @@ def gain(
     if epsilon is not None:
         return ConstantGain.from_epsilon(epsilon).spec
     if isinstance(gain, HomogeneousGain) and law is not None:
-        remedy = "this gain is made for the standard law from order 2 on"
+        remedy = "this gain is made for the standard law from order 2 on, and the filtered one"
         allowed = f"another gain law for the {law.title} of order {n}"
-        check(law.kind == "standard" and n > 1, "gain", gain, allowed, remedy)
+        fits = (law.kind == "standard" and n > 1) or law.kind == "filtered"
+        check(fits, "gain", gain, allowed, remedy)
     if isinstance(gain, InnovationGain):
         allowed, remedy = "another gain law", "this one is for HighGainEKF"
         check(law is None, "gain", gain, allowed, remedy)

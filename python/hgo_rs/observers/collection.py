@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from hgo_rs.design.discrete import DEFAULT_TIMING
 from hgo_rs.errors import HgoError, check, check_array, check_integer
+from hgo_rs.laws import LAWS
 from hgo_rs.models import System
 from hgo_rs.observers import arguments
 from hgo_rs.observers.base import Observer
@@ -51,7 +52,7 @@ class _Copies(Observer):
             "copies": check_integer(copies, "copies", least=2, most=5),
             "gain": gain.spec,
             "model": arguments.model(model, 2),
-            **arguments.manner(method, timing),
+            **arguments.manner(LAWS[self._kind], method, timing),
             **turn(wrap),
         }
         super().__init__(spec, model=model, allow_unstable=allow_unstable)

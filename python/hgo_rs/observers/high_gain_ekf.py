@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs import _core
-from hgo_rs.design.discrete import CORRECTING, DEFAULT_TIMING, METHODS, TIMINGS
+from hgo_rs.design.discrete import DEFAULT_TIMING, RATED, TIMINGS
 from hgo_rs.errors import HgoError, check, check_array, check_choice, check_number
 from hgo_rs.laws import LAWS
 from hgo_rs.models import System
@@ -56,7 +56,7 @@ class HighGainEKF(Observer):
     model : System, optional
         What is known of the system; its slopes are computed. Default: nothing.
     method : str
-        "sampled" (default), or a method of rates of `METHODS`: "euler", "rk4", ...
+        "sampled" (default), or a method of rates: "euler", "rk4", ...
     timing : "predictor" or "current"
         As in `StandardObserver`; "sampled" has current timing.
     wrap : float, optional
@@ -108,7 +108,7 @@ class HighGainEKF(Observer):
         if gain_law["law"] == "constant":
             remedy = "1 is the extended Kalman filter"
             check(gain_law["ell"] >= 1.0, "theta", gain_law["ell"], ">= 1", remedy)
-        methods = (SAMPLED, *(name for name in METHODS if name not in CORRECTING))
+        methods = (SAMPLED, *RATED)
         check_choice("method", method, methods)
         check_choice("timing", timing, TIMINGS)
         if method == SAMPLED:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hgo_rs.design.discrete import DEFAULT_TIMING
 from hgo_rs.errors import check, check_array, check_choice
 from hgo_rs.laws import LAWS
 from hgo_rs.models import System
@@ -62,7 +61,7 @@ class HighGainObserver(Observer):
         method: str | None = None,
         motion: str | None = None,
         substeps: int | None = None,
-        timing: str = DEFAULT_TIMING,
+        timing: str | None = None,
         saturation: npt.ArrayLike | None = None,
         clip: str | None = None,
         wrap: float | None = None,
@@ -78,13 +77,14 @@ class HighGainObserver(Observer):
         coefficients = arguments.of_law(law, n, poles, entries)
         if method is None:
             method = arguments.usual_method(law, gain_law, shape)
-        manner = arguments.manner(method, timing)
+        shaped = arguments.shape_spec(shape, law, n, method)
+        manner = arguments.manner(law, method, timing)
         spec = {
             "kind": kind,
             "n": n,
             **coefficients,
             "gain": gain_law,
-            **arguments.shape_spec(shape, law, n, method),
+            **shaped,
             "model": arguments.model(model, n, law),
             **manner,
             **arguments.motion(method, motion, substeps, model, gain_law),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy.typing as npt
 
-from hgo_rs.design.discrete import DEFAULT_TIMING
 from hgo_rs.models import System
 from hgo_rs.observers.arguments import Gain, Poles
 from hgo_rs.observers.listed import HighGainObserver
@@ -42,7 +41,7 @@ class LowPowerObserver(HighGainObserver):
         method: str | None = None,
         motion: str | None = None,
         substeps: int | None = None,
-        timing: str = DEFAULT_TIMING,
+        timing: str | None = None,
         wrap: float | None = None,
         allow_unstable: bool = False,
     ) -> None:
@@ -101,7 +100,7 @@ class PeakingFreeObserver(HighGainObserver):
         method: str | None = None,
         motion: str | None = None,
         substeps: int | None = None,
-        timing: str = DEFAULT_TIMING,
+        timing: str | None = None,
         wrap: float | None = None,
         allow_unstable: bool = False,
     ) -> None:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
-from hgo_rs.design.discrete import DEFAULT_TIMING
 from hgo_rs.design.riccati import poles_of_gains, riccati
 from hgo_rs.errors import check_choice, check_integer, check_number
 from hgo_rs.models import System
@@ -51,16 +50,17 @@ class StandardObserver(HighGainObserver):
         "rk4" for a low-power or peaking-free law with a gain that moves, and for a shape whose rows
         differ (`PiecewiseLinear`, `Fal`).
     motion : "held", "rk4" or "implicit", optional
-        How the model moves over a period under "zoh" and "bilinear": held at the period's
-        beginning; by RK4; implicit (backward Euler) where a known term is stiff in the state that
-        it moves, else by RK4. Default: "held" where the model depends on inputs alone or nothing
-        is known, "implicit" where a known term may jump or has a slope above the gain in the state
-        that it moves, such as dry friction (`model.own_slope`), else "rk4".
+        How the model moves over a period under "zoh", "bilinear", "implicit-map", "proper" and
+        "inter-sample": held at the period's beginning; by RK4; implicit (backward Euler) where a
+        known term is stiff in the state that it moves, else by RK4. Default: "held" where the model
+        depends on inputs alone or nothing is known, "implicit" where a known term may jump or has a
+        slope above the gain in the state that it moves, such as dry friction (`model.own_slope`),
+        else "rk4".
     substeps : int, optional
         Steps that a period is cut into by the last two, 1 to 16. Default: 2.
-    timing : "predictor" or "current"
+    timing : "predictor" or "current", optional
         Whether the estimate at sample k uses samples up to k - 1, as the papers' recursions do, or
-        up to k.
+        up to k. Default: "current"; "predictor" for the method "inter-sample", which has no other.
     wrap : float, optional
         The length of a turn of an output that begins again after it, in its unit: 2*pi, or the
         counts of a counter. The innovation is then that to the nearest turn, and x_hat_1 stays
@@ -87,7 +87,7 @@ class StandardObserver(HighGainObserver):
         method: str | None = None,
         motion: str | None = None,
         substeps: int | None = None,
-        timing: str = DEFAULT_TIMING,
+        timing: str | None = None,
         wrap: float | None = None,
         allow_unstable: bool = False,
     ) -> None:

@@ -85,6 +85,26 @@ class HomogeneousGain(_Law):
         grown = np.where(size > 0.0, size, 1.0) ** self.power * (1.0 + self.mu * size)
         return np.asarray(np.where(size > 0.0, self.rho * grown, self.rho))
 
+    def closing(self, k: Array, b: Array, dt: float) -> Array:
+        """k_i rho^i |e+|^((n-i)/n) sign b, (n, runs), of an implicit step: degree -1, mu = 0.
+
+        s = |e+|^(1/n) is the root of s^n + g_1 s^(n-1) + ... + g_n = |b|, by bisection; below
+        |b| = g_n it is 0, and b/g_n stands for the sign.
+        """
+        n = len(k)
+        powers = np.arange(1, n + 1)[:, None]
+        of = k[:, None] * self.rho**powers
+        g = of * dt**powers
+        left = np.maximum(np.abs(b) - g[-1], 0.0)
+        low, high = np.zeros_like(left), left ** (1.0 / n)
+        for _ in range(200):
+            s = 0.5 * (low + high)
+            value = s ** (n + 0.0) + np.sum(g[:-1] * s ** (n - powers[:-1]), axis=0)
+            low, high = np.where(value < left, s, low), np.where(value < left, high, s)
+        sign = np.where(np.abs(b) <= g[-1], b / g[-1], np.sign(b))
+        last = np.ones_like(s)
+        return np.asarray(of * np.vstack([s ** (n - powers[:-1]), last[None]]) * sign)
+
 
 class SwitchedGain(_Law):
     """g = fast while |e| > zone or the quiet time s < delay, else slow: Ahrens, Khalil (2009)."""

@@ -15,6 +15,9 @@ import numpy as np
 from .error import Array, Spec, choice, fail, integer
 from .placement import PLACED
 
+BY_MOTION = (*PLACED, "proper", "inter-sample")
+"""Methods whose model moves so."""
+
 MOTIONS = ("held", "rk4", "implicit")
 SUBSTEPS = 2
 MAX_SUBSTEPS = 16
@@ -40,8 +43,8 @@ class Moving(Protocol):
 def motion_from(spec: Spec, where: str) -> tuple[str, int]:
     """The motion and the steps that a period is cut into, of an observer's spec."""
     motion = choice(spec.get("motion", "held"), f"{where}.motion", MOTIONS)
-    if "motion" in spec and spec.get("method", "euler") not in PLACED:
-        raise fail(f"{where}.motion", motion, "left out", f"or take a method of {PLACED}")
+    if "motion" in spec and spec.get("method", "euler") not in BY_MOTION:
+        raise fail(f"{where}.motion", motion, "left out", f"or take a method of {BY_MOTION}")
     if motion == "held":
         if "substeps" in spec:
             raise fail(f"{where}.substeps", spec["substeps"], "left out", "or take motion 'rk4'")

@@ -27,7 +27,14 @@ from .gain import (
     gain_from,
 )
 from .models import CHAINED, Chain, Own, Plant, Ship, VanDerPol, plant_from
-from .placement import BILINEAR_LIMIT, PLACED, ahead, chain_gains, low_power_gains
+from .placement import (
+    BILINEAR_LIMIT,
+    PLACED,
+    ahead,
+    chain_gains,
+    decaying_gains,
+    low_power_gains,
+)
 from .polynomial import is_hurwitz, low_power_polynomial
 from .shape import Shape, shape_from
 
@@ -38,6 +45,9 @@ METHODS = (
     "rk4-innovation-held",
     "bogacki-shampine",
     *PLACED,
+    "proper",
+    "implicit",
+    "inter-sample",
 )
 TIMINGS = ("predictor", "current")
 MAX_ORDER = 12
@@ -223,9 +233,18 @@ class ContinuousLaw(Law):
     def step(self, memory: Array, y: Array, u: Array | None, t: float, dt: float) -> Array:
         """One step of the scheme with y held; of a placed method, correct over dt, then predict."""
         method = self.method
+        if method == "inter-sample":
+            return self.decayed(memory, y, u, t, dt)
         if method in PLACED:
             return self.moved(self.sampled(memory, y, dt), u, t, dt)
         memory = self.jumped(memory, y)
+        if method == "proper":
+            self.held_y = y
+            new = moving.moved(self, self.motion, memory, u, t, dt)
+            self.held_y = None
+            new += dt * self.kick(memory, self.innovation(memory, y))
+            self.clamp(new)
+            return new
         if method == "euler" or method == "staggered-euler":
             new = memory + dt * self.rate(memory, self.innovation(memory, y), u, t)
             if method == "staggered-euler":
@@ -242,6 +261,11 @@ class ContinuousLaw(Law):
 
     def moved(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
         """A step without a sample."""
+        if self.method == "implicit":  # the chain with new values, without a sample
+            new = memory + dt * self.rate(memory, np.zeros(memory.shape[1]), u, t)
+            self.lift(memory, new, dt)
+            self.clamp(new)
+            return new
         if self.method not in PLACED:
             return self.step(memory, np.full(memory.shape[1], np.nan), u, t, dt)
         new = moving.moved(self, self.motion, memory, u, t, dt)
@@ -260,7 +284,30 @@ class ContinuousLaw(Law):
         e = self.innovation(memory, y)
         if self.method in PLACED:
             return self.place(memory, e, dt)
+        if self.method == "implicit":
+            new = memory + dt * self.closing(memory, e, dt)
+            self.lift(memory, new, dt)
+            return new
         return memory + dt * self.injection(memory, e)
+
+    @property
+    def signals(self) -> int:
+        """All but what decays between samples."""
+        return self.memory_len - (self.method == "inter-sample")
+
+    held_y: Array | None = None  # the sample of a step by "proper", for a chain behind a filter
+
+    def kick(self, memory: Array, e: Array) -> Array:
+        """What of the rate is neither the chain's own nor known."""
+        return self.injection(memory, e)
+
+    def closing(self, memory: Array, e: Array, dt: float) -> Array:
+        """What the sample injects at the end of an implicit step, as a rate."""
+        raise NotImplementedError
+
+    def decayed(self, memory: Array, y: Array, u: Array | None, t: float, dt: float) -> Array:
+        """A step of the inter-sample predictor; the last entry of the memory is what decays."""
+        raise NotImplementedError
 
     @property
     def n_terms(self) -> int:
@@ -375,6 +422,7 @@ class StandardObserver(ContinuousLaw):
             powers = self.gain.ell ** np.arange(1, self.n + 1)
             self._injection = (self.k * powers)[:, None]  # k_i ell^i
         self.wear(spec, rows=True)
+        self.memory_len += self.method == "inter-sample"
 
     def injected(self, v: Array, g: Array | None) -> Array:
         """k_i g^i v, (n, runs); ``v`` is e, or what a shape makes of it."""
@@ -447,6 +495,37 @@ class StandardObserver(ContinuousLaw):
     def lift(self, old: Array, new: Array, dt: float) -> None:
         """x_hat_i uses the new x_hat_{i+1}."""
         lift_chain(self.model, old, new, dt, 0, self.n)
+
+    def closing(self, memory: Array, e: Array, dt: float) -> Array:
+        """k_i r^i e+ at the end of the step, where e+ (1 + sum_i (r dt)^i k_i) = e."""
+        n, powers = self.n, np.arange(1, self.n + 1)[:, None]
+        rate = np.empty_like(memory)
+        self.gain_rate(memory, e, rate, driven_only=True)
+        if isinstance(self.gain, HomogeneousGain) and self.gain.power != 0.0:
+            v = self.gain.closing(self.k, e, dt)
+        else:
+            r: Any = getattr(self.gain, "ell", None) or self.gain.moving(
+                memory[self.gain_at or 0], e
+            )
+            of = self.k[:, None] * r**powers
+            v = of * e / (1.0 + np.sum(dt**powers * of, axis=0))
+        rate[:n] = in_unit(self.model, memory[:n], v)
+        return rate
+
+    def decayed(self, memory: Array, y: Array, u: Array | None, t: float, dt: float) -> Array:
+        """flow(x_hat) + G c: Karafyllis, Kravaris (2009)."""
+        own, kept = memory[:-1], memory[-1]
+        n, powers = self.n, np.arange(1, self.n + 1)
+        c = np.where(np.isfinite(y), self.innovation(own, y), kept)
+        own = self.jumped(own, np.where(np.isfinite(y), y, own[0] + kept))
+        new = moving.moved(self, self.motion, own, u, t, dt)
+        r: Any = getattr(self.gain, "ell", None) or self.gain.moving(own[self.gain_at or 0], c)
+        v = self.shaped(own, c)
+        each = [decaying_gains(self.k * g**powers, dt) for g in np.broadcast_to(r, c.shape)]
+        new[:n] += in_unit(self.model, own[:n], np.array([gains for gains, _ in each]).T * v)
+        self.gain_moved(own, c, new, dt, True)
+        self.clamp(new)
+        return np.vstack([new, c - v + v * np.array([left for _, left in each])])
 
 
 def driven(gain: GainLaw, r: Array, e: Array, n: int) -> Array:
@@ -546,6 +625,18 @@ class LowPowerObserver(ContinuousLaw):
         first[0] = beta_ell2[0] * v
         rate[n : 2 * n - 1] = in_unit(self.model, memory[:n], first)
         self.gain_rate(memory, e, rate, driven_only=True)
+        return rate
+
+    def kick(self, memory: Array, e: Array) -> Array:
+        """alpha_i ell e_i and beta_i ell^2 e_i of all blocks."""
+        n, rate = self.n, self.injection(memory, e)
+        x_hat, eta = memory[:n], memory[n : 2 * n - 1]
+        alpha_ell, beta_ell2 = self._injections or self._scaled(
+            self.gain.moving(memory[self.gain_at or 0], e)
+        )
+        e_all = np.vstack([np.asarray(self.shaped(memory, e))[None], self.limit(eta) - x_hat[1:]])
+        rate[:n] = alpha_ell * e_all
+        rate[n : 2 * n - 1] = in_unit(self.model, x_hat, beta_ell2 * e_all[:-1])
         return rate
 
     @property
@@ -649,38 +740,80 @@ class FilteredObserver(StandardObserver):
         if not is_hurwitz(np.concatenate([c, c[-1] * k])):
             raise fail("observer.c, observer.k", (c.tolist(), k.tolist()), "Hurwitz", "use poles")
         self.n, self.k = n, k
-        self.gain = gain_from(member(spec, "gain", "observer"), n)
+        self.gain = gain_from(member(spec, "gain", "observer"), n + m)
         self.model = _model(spec, n, chain)
         self.may_be_undefined, self.n_u = self.model.kind == "own", self.model.n_u
         self.method, self.motion = _method(spec), moving.motion_from(spec, "observer")
-        self.driven_by(n + m, alone=False)
+        self.driven_by(n + m)
         if isinstance(self.gain, ConstantGain):
             self._injection = (k * self.gain.ell ** np.arange(1, n + 1))[:, None]
         self.wear(spec)
 
-    def _gain(self, memory: Array, e: Array) -> Any:
-        """ell or r."""
-        acting = self.acting(memory, e)
-        return self.gain.ell if isinstance(self.gain, ConstantGain) else acting
+    @property
+    def _ell(self) -> float:
+        """The part of the gain that is fixed: it scales the filter's states."""
+        return float(
+            getattr(self.gain, "ell", getattr(self.gain, "rho", getattr(self.gain, "fast", 1.0)))
+        )
+
+    def _w(self, eta: Array) -> Array:
+        """The filter's states in companion form: w_i' = w_(i+1) - c_i g^i w_1."""
+        m, ell = len(self.c), self._ell
+        return -eta / (self.c[-1] * ell ** (m - np.arange(m))[:, None])
+
+    def _eta(self, w: Array) -> Array:
+        m, ell = len(self.c), self._ell
+        return -w * (self.c[-1] * ell ** (m - np.arange(m))[:, None])
+
+    def kick(self, memory: Array, e: Array) -> Array:
+        """What w_1 injects: -c_i g^i w_1, and k_j c_m g^(m+j) of its opposite."""
+        n, m = self.n, len(self.c)
+        w = self._w(memory[n : n + m])
+        seen = -w[0] if isinstance(self.gain, HomogeneousGain) else e
+        g: Any = self._ell if isinstance(self.gain, ConstantGain) else self.acting(memory, seen)
+        polynomial = np.append(self.c, self.c[-1] * self.k)[:, None]
+        injected = polynomial * g ** np.arange(1, n + m + 1)[:, None] * -w[0]
+        rate = np.zeros_like(memory)
+        rate[:n] = in_unit(self.model, memory[:n], injected[m:])
+        rate[n : n + m] = self._eta(injected[:m])
+        self.gain_rate(memory, e, rate, driven_only=True)
+        return rate
 
     def rate(self, memory: Array, e: Array, u: Array | None, t: float) -> Array:
-        """eta_i' = g (eta_(i+1) - c_i eta_1), eta_m' = c_m g (e - eta_1); x_hat by eta_1 for e."""
-        n, m, g = self.n, len(self.c), self._gain(memory, e)
-        eta, rate = memory[n : n + m], np.empty_like(memory)
-        moved = None if isinstance(self.gain, ConstantGain) else g
-        rate[:n] = self.driven(memory[:n], eta[0], moved, u, t)
-        rate[n : n + m] = -self.c[:, None] * g * eta[0]
-        rate[n : n + m - 1] += g * eta[1:]
-        rate[n + m - 1] += self.c[-1] * g * self.shaped(memory, e)
+        """The chain w, x_hat, into which y - x_hat_1 comes, with the kick of w_1."""
+        n, m, rate = self.n, len(self.c), self.kick(memory, e)
+        w = self._w(memory[n : n + m])
+        into = np.concatenate([w[1:], -np.asarray(self.shaped(memory, e))[None]])
+        rate[n : n + m] += self._eta(into)
+        rate[:n] += drift(self.model, memory[:n], u, t)
         self.gain_rate(memory, e, rate)
         return rate
 
     def injection(self, memory: Array, e: Array) -> Array:
-        """c_m g e into the filter; of r what its law has of e."""
+        """e into the filter; of r what its law has of e."""
         n, m, rate = self.n, len(self.c), np.zeros_like(memory)
-        rate[n + m - 1] = self.c[-1] * self._gain(memory, e) * self.shaped(memory, e)
+        into = np.zeros((m, memory.shape[1]))
+        into[-1] = -self.shaped(memory, e)
+        rate[n : n + m] = self._eta(into)
         self.gain_rate(memory, e, rate, driven_only=True)
         return rate
+
+    def flow(self, memory: Array, f: Array, dt: float) -> Array:
+        """w, x_hat along one chain, the sample of the step held; without one y is x_hat_1."""
+        n, m = self.n, len(self.c)
+        new = super().flow(memory, f, dt)
+        y = np.full(memory.shape[1], np.nan) if self.held_y is None else self.held_y
+        present = np.isfinite(y)
+        rates = self.chain(memory[:n]) + f
+        w = self._w(memory[n : n + m])
+        e = np.asarray(self.shaped(memory, self.innovation(memory, y)))
+        behind = np.concatenate([w[1:], -e[None], np.where(present, rates, 0.0)])
+        new[n : n + m] = self._eta(w + ahead(behind, dt)[:m])
+        return new
+
+    def shifted(self, memory: Array, delta: Array) -> Array:
+        """x_hat alone."""
+        return np.vstack([memory[: self.n] + delta, memory[self.n :]])
 
 
 class LimitedGainObserver(ContinuousLaw):
@@ -1592,7 +1725,8 @@ class CurrentLaw(Law):
     def predict(self, memory: Array, u: Array | None, t: float, dt: float) -> Array:
         """The law's step without a sample."""
         moved = self.law.moved(memory[:-1], u, t, dt)
-        elapsed = memory[-1] + dt if self.law.method in PLACED else np.full_like(memory[-1], dt)
+        over_gaps = (*PLACED, "implicit")
+        elapsed = memory[-1] + dt if self.law.method in over_gaps else np.full_like(memory[-1], dt)
         return np.vstack([moved, elapsed])
 
 
@@ -1920,9 +2054,18 @@ def _timed(law: Law, spec: Spec) -> Law:
     """The law under its timing."""
     timing = choice(spec.get("timing", "predictor"), "observer.timing", TIMINGS)
     method = spec.get("method")
-    if method in PLACED and not getattr(law, "placed", True):
-        placed = "a method of step-by-step rates"
-        raise fail("observer.method", method, placed, "eigenvalues are placed for single laws")
+    single = isinstance(law, StandardObserver) and not isinstance(law, FilteredObserver)
+    has = {
+        "proper": isinstance(law, (StandardObserver, LowPowerObserver)),
+        "implicit": single,
+        "inter-sample": single,
+    }
+    placed = method not in PLACED or getattr(law, "placed", True)
+    if not placed or not has.get(str(method), True):
+        allowed = "a method of step-by-step rates"
+        raise fail("observer.method", method, allowed, "eigenvalues are placed for single laws")
+    if timing == {"implicit": "predictor", "inter-sample": "current"}.get(str(method)):
+        raise fail("observer.timing", timing, "the other", "or another method")
     if method == "bilinear" and law.n > BILINEAR_LIMIT[spec["kind"]]:
         allowed = f"at most {BILINEAR_LIMIT[spec['kind']]} under method bilinear"
         remedy = "choose method zoh: rounding moves eigenvalues gathered at -1"

@@ -2,7 +2,8 @@
 
 Between samples the chain moves by Phi = exp(A T), exactly; a sample corrects by K (y - x_1).  The
 error then moves by (I - K C) Phi, whose eigenvalues are to be z_i = exp(T lambda_i) ("zoh") or
-(2 + T lambda_i) / (2 - T lambda_i) ("bilinear"), lambda_i those of the continuous law.
+(2 + T lambda_i) / (2 - T lambda_i) ("bilinear") or 1 / (1 - T lambda_i) ("implicit-map"), lambda_i
+those of the continuous law.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .error import Array
 
-PLACED = ("zoh", "bilinear")
+PLACED = ("zoh", "bilinear", "implicit-map")
 BILINEAR_LIMIT = {"standard": 6, "low-power": 4, "peaking-free": 4}
 """Orders up to which one rounding of the gains, at ell T = 100, changes the response of the error
 by less than 5e-5 of its largest value.  Under "zoh" it is 1e-9 up to order 12."""
@@ -27,6 +28,8 @@ by less than 5e-5 of its largest value.  Under "zoh" it is 1e-9 up to order 12."
 def steps(poles: ArrayLike, dt: float, method: str) -> NDArray[np.complex128]:
     """z_i - 1."""
     p = np.asarray(poles, dtype=np.complex128) * dt
+    if method == "implicit-map":
+        return np.asarray(p / (1.0 - p))
     return np.asarray(np.expm1(p) if method == "zoh" else 2.0 * p / (2.0 - p))
 
 
@@ -177,7 +180,9 @@ def _precise_roots(alpha: tuple[float, ...], beta: tuple[float, ...]) -> list[Pa
 
 
 def _image(z: Pair, method: str) -> Pair:
-    """exp(z) - 1, or 2 z / (2 - z)."""
+    """exp(z) - 1, 2 z / (2 - z), or z / (1 - z)."""
+    if method == "implicit-map":
+        return _over(z, (1 - z[0], -z[1]))
     if method == "bilinear":
         return _over((2 * z[0], 2 * z[1]), (2 - z[0], -z[1]))
     halvings = 0
@@ -264,3 +269,30 @@ def ahead(rates: Array, dt: Array | float) -> Array:
         for m in range(1, n - i + 1):
             moved[i] += dt**m / factorial(m) * rates[i + m - 1]
     return moved
+
+
+def decaying_gains(k: Array, dt: float) -> tuple[Array, float]:
+    """G_i = sum_j k_j int_0^T exp(-k_1 s) (T - s)^(j-i)/(j-i)! ds, (n,), and exp(-k_1 T).
+
+    By the exponential of the matrix of x' = A x + k c, c' = -k_1 c, from x = 0 and c = 1.
+    """
+    n = len(k)
+    system = np.zeros((n + 1, n + 1))
+    system[: n - 1, 1:n] = np.eye(n - 1)
+    system[:n, n], system[n, n] = k, -k[0]
+    scale = np.append(dt ** np.arange(n), 1.0)
+    moved = _expm(scale[:, None] * system / scale * dt)[:, n]
+    return np.asarray(moved[:n] / scale[:n]), float(moved[n])
+
+
+def _expm(a: Array) -> Array:
+    """exp(a): a series for a/2^s, squared s times."""
+    halvings = max(0, int(np.ceil(np.log2(max(float(np.abs(a).sum(axis=0).max()), 1e-300)))) + 3)
+    a = a / 2.0**halvings
+    total, term = np.eye(len(a)), np.eye(len(a))
+    for i in range(1, 20):
+        term = term @ a / i
+        total = total + term
+    for _ in range(halvings):
+        total = total @ total
+    return total

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hgo_rs.design import continuous, discrete, levant_coefficients
+from hgo_rs.design import continuous, discrete, levant_coefficients, noise_gain
+from hgo_rs.design.discrete import fixed_timing
 from hgo_rs.models import Model, Plant, VanDerPol
 from hgo_rs.observers import (
     Fal,
@@ -45,6 +46,9 @@ REL = 1e-9
 EULER: Mapping[str, Any] = {"method": "euler", "timing": "predictor"}
 PRASOV = "Prasov, Khalil, IEEE TAC 58 (2013) 569"
 STUBBORN = "Alessandri, Zaccarian, Automatica 88 (2018); with Astolfi, IEEE TAC 66 (2021) 667"
+FILTERING = "Levant, Livne, European J. Control 55 (2020)"
+INTER_SAMPLE = "Karafyllis, Kravaris, IEEE TAC 54 (2009) 2169"
+NADRI = "Nadri, Hammouri, Grajales, IEEE TAC 58 (2013) 757"
 LEVANT = "Levant, IJC 76 (2003) 924; Koch et al., IEEE TAC 65 (2020) 757"
 AHRENS = "Ahrens, Khalil, Automatica 45 (2009) 936"
 HOLLOWAY = "Holloway, Krstic, IEEE TAC 64 (2019) 3905"
@@ -72,7 +76,9 @@ def record(
     current timing after that.
     """
     plant = Plant(states=["s"], drift=["0"], output=output)
-    start = observer.initial_memory(x_hat0)
+    start = np.array(observer.initial_memory(x_hat0))
+    if observer.spec.get("method") == "implicit":  # the first sample ends a whole step
+        start[-1] = dt
     run = ctx.run(
         plant,
         observer,
@@ -200,8 +206,26 @@ SAMPLED = {
     ("zoh", 3): (0.728126468, 0.604172064, 0.569180023),
     ("bilinear", 2): (0.752821387, 0.542741968),
     ("bilinear", 3): (0.728117769, 0.604149128, 0.569175252),
+    ("proper", 2): (0.755391520, 0.5566),
+    ("proper", 3): (0.728883454, 0.611970967, 0.5808),
+    ("implicit-map", 2): (0.750157561, 0.529099460),
+    ("implicit-map", 3): (0.727804772, 0.599268928, 0.557755150),
+    ("implicit", 2): (0.763870726, 0.5687),
+    ("implicit", 3): (0.737931243, 0.626036706, 0.5929),
 }
-"""Levant's differentiator of sin, L = 1.1, T = 10 ms: x_hat before sample 100."""
+"""Levant's differentiator of sin, L = 1.1, T = 10 ms: x_hat before sample 100 ("implicit": after
+it, a period before sample 0).
+"""
+WORST: Mapping[str, Mapping[float, tuple[float | None, float, float | None]]] = {
+    "proper": {
+        0.02: (7.21e-5, 2.88e-3, 0.0910),
+        0.01: (8.49e-6, 6.70e-4, 0.0430),
+        0.005: (1.08e-6, 1.70e-4, 0.0215),
+    },
+    "euler": {0.02: (None, 1.14e-2, None), 0.01: (None, 5.32e-3, None)},
+    "zoh": {0.02: (None, 1.32e-2, None), 0.01: (None, 4.14e-3, None)},
+}
+"""Its largest errors for t in 15 ... 20 s, n = 3, to 10 %."""
 
 
 @scenario("families-gains", title="Gains of the innovation and of a clock", paper="families")
@@ -215,12 +239,50 @@ def gains(ctx: Context) -> Outcome:
             HomogeneousGain.levant(1.1, n),
             k=levant_coefficients(n),
             method=method,
-            timing="predictor",
+            timing=fixed_timing(method) or "predictor",
         )
         start = (0.5, *[0.0] * (n - 1))
         memory = record(ctx, law, start, nothing[:101], 0.01)
         source = "" if rows else LEVANT
         rows += rows_of(memory, {100: numbers}, f"Levant, n = {n}, {method}", source, 1e-6)
+    for method, errors in WORST.items():
+        for dt, worst in errors.items():
+            law = StandardObserver(
+                3,
+                HomogeneousGain.levant(1.1, 3),
+                k=levant_coefficients(3),
+                method=method,
+                timing="predictor",
+            )
+            t = dt * np.arange(round(20.0 / dt) + 1)
+            x = np.column_stack([np.sin(t), np.cos(t), -np.sin(t)])
+            memory = record(ctx, law, (0.0, 1.0, 0.0), np.zeros(len(t)), dt)
+            largest = np.abs(memory - x)[t >= 15.0].max(axis=0)
+            for i, value in enumerate(worst):
+                if value is not None:
+                    what = f"Levant, {method}, T = {1e3 * dt:g} ms, largest |x̂{i + 1} − x{i + 1}|"
+                    rows.append(row(what, largest[i], expected=value, rel=0.1))
+    uniform = StandardObserver(
+        2,
+        HomogeneousGain(2.0, mu=1.0),
+        k=(2.0, 1.0),
+        method="implicit-map",
+        timing="predictor",
+    )
+    memory = record(ctx, uniform, (0.5, 0.0), nothing[:101], 0.01)
+    rows += rows_of(memory, {100: (0.841743644, 0.566299349)}, "uniform", "", 1e-6)
+    k = levant_coefficients(3)
+    filtering = HighGainObserver(
+        "filtered",
+        2,
+        HomogeneousGain.levant(1.1, 3),
+        filters=1,
+        c=k[:1],
+        k=np.asarray(k[1:]) / k[0],
+        timing="predictor",
+    )
+    memory = record(ctx, filtering, (0.5, 0.0), nothing[:101], 0.01)
+    rows += rows_of(memory, {100: (0.548561814, 0.2541)}, "filtering", FILTERING, 1e-6)
     for rho, degree, method, numbers in (
         (5.0, -0.5, "euler", (0.841471005, 0.536088959, -0.845310822)),
         (5.0, -0.5, "zoh", (0.841472176, 0.540490238, -0.825633780)),
@@ -288,14 +350,14 @@ def chains(ctx: Context) -> Outcome:
     assert run.memory is not None and run.x is not None
     x, x_hat = run.x[0], run.memory[0]
     rows: list[Row] = []
-    for k, states, estimates in (
+    for k, reached, estimates in (
         (200, (1.081717319, 0.219261880), (1.107924745, 0.578783437)),
         (1000, (0.913123874, -0.473380779), (0.913123868, -0.473380866)),
     ):
         for i in range(2):
             note = "" if rows else FARZA
             what = f"nonlinear chain, {k * DT:g} s"
-            rows.append(row(f"{what}, x{i + 1}", x[k, i], expected=states[i], rel=1e-7, note=note))
+            rows.append(row(f"{what}, x{i + 1}", x[k, i], expected=reached[i], rel=1e-7, note=note))
             rows.append(row(f"{what}, x̂{i + 1}", x_hat[k, i], expected=estimates[i], rel=1e-7))
 
     names = ["x1", "x2", "z"]
@@ -629,6 +691,49 @@ def filters(ctx: Context) -> Outcome:
         ax.plot(t, np.cos(t), color=COLOURS["black"], linestyle="--", label="cos t")
         ax.set_ylim(-2.0, 3.0)
         ax.set_title(r"$\hat x_2$ of $\sin t$ with noise of 0.002, 100 Hz")
+        ax.set_xlabel("time (s)")
+        ax.legend()
+
+    return Outcome(rows, draw)
+
+
+GAP = (1.117112835768, 6.692741083389, 21.416529062709)
+LIMITS = {
+    "inter-sample": (4.99990919, 2.89627350, 1.28316601),
+    "proper": (2.0 * (np.sqrt(2.0) - 1.0), 0.52752523, 0.38757453),
+}
+"""Largest ell T of poles -1, n = 2, 3, 4; "proper" with current timing is Nadri's form."""
+
+
+@scenario("families-sampling", title="Prediction between samples", paper="families")
+def sampling(ctx: Context) -> Outcome:
+    """A correction that decays between samples, and the longest steps that it bears."""
+    law = StandardObserver(3, 10.0, k=(3.0, 3.0, 1.0), method="inter-sample")
+    y = 1.1 - np.sin(0.05 * np.arange(2))
+    memory = record(ctx, law, (0.3, -0.2, 0.7), y, 0.05)
+    rows = rows_of(memory, {1: GAP}, "inter-sample", INTER_SAMPLE)
+    std = np.sqrt(noise_gain(law.spec, 0.05) * 1e-4)
+    for i, value in enumerate((1.159143975e-2, 1.037446636e-1, 3.318887717e-1)):
+        rows.append(row(f"inter-sample, std of x̂{i + 1}", std[i], expected=value, rel=1e-8))
+    for method, numbers in LIMITS.items():
+        for k, limit in zip(((2, 1), (3, 3, 1), (4, 6, 4, 1)), numbers, strict=True):
+            c = StandardObserver(len(k), 1.0, k=k, method=method).step_limit().c
+            note = NADRI if method == "proper" and len(k) == 2 else ""
+            what = f"{method}, n = {len(k)}, largest ℓT"
+            rows.append(row(what, c, expected=limit, rel=1e-7, note=note))
+    gaps = np.full(201, np.nan)
+    gaps[::4] = np.sin(0.05 * np.arange(201))[::4]
+    by_gaps = law.run(0.05, gaps, x_hat0=(1.0, 0.0, 0.0)).memory[::4]
+    long = law.run(0.2, gaps[::4], x_hat0=(1.0, 0.0, 0.0)).memory
+    off = float(np.abs(by_gaps - long).max())
+    rows.append(row("3 of 4 samples missing less the step 4T", off, expected=0.0, abs=1e-11))
+
+    def draw(fig: Figure) -> None:
+        ax = fig.subplots()
+        t = 0.05 * np.arange(201)
+        ax.plot(t, law.run(0.05, gaps, x_hat0=(1.0, 0.0, 0.0)).x_hat[:, 1], label=r"$\hat x_2$")
+        ax.plot(t, np.cos(t), color=COLOURS["black"], linestyle="--", label=r"$\cos t$")
+        ax.set_title("Inter-sample predictor, a sample every 0.2 s")
         ax.set_xlabel("time (s)")
         ax.legend()
 

@@ -194,5 +194,12 @@ fn motion_of(chains: &[Tables]) -> Result<AnyMotion> {
              chains moves at once",
         ));
     }
+    let placed = |chain: &Tables| chain.moving.as_ref().is_none_or(|(law, _)| law.is_placed());
+    if !chains.iter().all(placed) {
+        return Err(refused(
+            "motion is not allowed where an observer of a chain corrects while it moves (methods proper and \
+             inter-sample): choose motion held, or method zoh",
+        ));
+    }
     Ok(first)
 }

@@ -182,7 +182,7 @@ macro_rules! traced {
             new: [$($name:ident $count:tt)*] [$gain:ident $(, $taken:ident)*],
             orders: $orders:tt, size: $size:tt,
             design: $design:tt,
-            form: $form:ident, placed: $placed:ident,
+            form: $form:ident, steps: $steps:ident,
             memory: $memory:tt,
             source: $source:literal,
         })*
@@ -210,7 +210,7 @@ macro_rules! traced {
                     fn sized<const N: usize, const K: usize>(
                         of: &Described<'_>,
                     ) -> Result<LawTables> {
-                        traced!(@gains $gain $placed of)
+                        traced!(@gains $gain $steps of)
                     }
                     traced!(@sizes $size $orders of)
                 })*
@@ -227,20 +227,20 @@ macro_rules! traced {
     (@gain constant $taken:ident) => {
         $taken.constant.ok_or_else(|| refused("another gain law"))?
     };
-    (@gains gain $placed:ident $of:ident) => {
+    (@gains gain $steps:ident $of:ident) => {
         match $of.chosen::<N>()? {
-            (0, still) => traced!(@placed $placed $of 0 still),
-            (1, still) => traced!(@placed $placed $of 1 still),
-            (_, still) => traced!(@placed $placed $of 2 still),
+            (0, still) => traced!(@steps $steps $of 0 still),
+            (1, still) => traced!(@steps $steps $of 1 still),
+            (_, still) => traced!(@steps $steps $of 2 still),
         }
     };
-    (@gains adaptive $placed:ident $of:ident) => {
-        traced!(@placed $placed $of 1 false)
+    (@gains adaptive $steps:ident $of:ident) => {
+        traced!(@steps $steps $of 1 false)
     };
-    (@gains constant $placed:ident $of:ident) => {
-        traced!(@placed $placed $of 0 true)
+    (@gains constant $steps:ident $of:ident) => {
+        traced!(@steps $steps $of 0 true)
     };
-    (@placed true $of:ident $entries:literal $still:ident) => {
+    (@steps placed $of:ident $entries:literal $still:ident) => {
         LawTables::any(
             $of.setting,
             $of.manner,
@@ -253,7 +253,13 @@ macro_rules! traced {
             },
         )
     };
-    (@placed false $of:ident $entries:literal $still:tt) => {{
+    (@steps exact $of:ident $entries:literal $still:tt) => {{
+        let _ = $still;
+        LawTables::flowing($of.setting, $of.manner, $of.given.n_u()?, || {
+            new::<Traced, _, _, _, N, K, MAX_INPUTS>($of, $of.traced::<N, $entries>()?)
+        })
+    }};
+    (@steps rates $of:ident $entries:literal $still:tt) => {{
         let _ = $still;
         LawTables::known($of.setting, $of.manner, $of.given.n_u()?, || {
             new::<Traced, _, _, _, N, K, MAX_INPUTS>($of, $of.traced::<N, $entries>()?)
@@ -287,11 +293,10 @@ pub(super) fn tables(
     let of = Described::read(law, spec, given, setting)?;
     let (manner, law) = (of.manner, traced(&of)?);
     let current = manner.timing == Timing::Current;
-    let memory = law.memory(manner.timing);
+    let memory = law.memory(manner);
     let mut initial = law.initial.clone();
     initial.resize(memory, 0.0);
-    let placed = matches!(manner.method, AnyMethod::Placed(_));
-    let together = !current && !placed;
+    let together = !current && matches!(manner.method, AnyMethod::Known(_));
     Ok(Tables {
         shape: Shape {
             n: law.n,
