@@ -255,3 +255,24 @@ def test_deviations_follow_the_inputs_that_act():
     given = observer.run(t, y, means, **KNOWN)
     assert np.array_equal(asked.deviation, given.deviation)
     assert not np.allclose(asked.deviation, observer.run(t, y, k, **KNOWN).deviation, rtol=1e-2)
+
+
+@pytest.mark.filterwarnings("ignore::hgo_rs.TuningWarning")
+@pytest.mark.parametrize(("dt", "step", "q"), [(0.01, 0.05, 0.04), (1e-3, 0.005, 0.01)])
+def test_bands_of_a_coarse_encoder_cover(dt, step, q):
+    """Rounding that lasts for samples: bands of what `tune` finds, beside the state itself."""
+    model = Model(states=["q", "v"], phi="-4*q - 0.1*v")
+    rng, x, now = np.random.default_rng(2), np.empty((8000, 2)), np.array([0.3, 0.0])
+    for k, kicks in enumerate(np.sqrt(q * dt / 5) * rng.standard_normal((8000, 5))):
+        x[k] = now
+        for kick in kicks:
+            now[1] += dt / 5 * (-4.0 * now[0] - 0.1 * now[1]) + kick
+            now[0] += dt / 5 * now[1]
+    tuned = tune(model, (dt, np.round(x[:, 0] / step) * step))
+    assert tuned.noise >= step / np.sqrt(12.0)
+    run = tuned.run((dt, np.round(x[:, 0] / step) * step))
+    low, high = run.band(0.95)
+    covered = np.mean(((low[:, :2] <= x) & (x <= high[:, :2]))[500:], axis=0)
+    assert np.all((covered > 0.92) & (covered < 0.985))
+    usual = np.sqrt(np.mean(run.deviation[500:, :2] ** 2, axis=0))
+    assert usual == pytest.approx(tuned.errors[:2], rel=0.2)

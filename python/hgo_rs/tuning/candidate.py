@@ -45,6 +45,7 @@ class Candidate:
     noise: float
     model_error: float
     near: int  # gains of which the innovation is near the least
+    lasts = False  # whether rounding does, for several samples
     misfit: float  # RMS of what the fit of R and Q leaves there, of the measured variance
 
     def __init__(
@@ -242,10 +243,20 @@ class Candidate:
         noise, lack = np.sqrt(self.slopes.shown(curve.ell)[:, :, self.index])
         self.curve = replace(curve, noise=self.noise * noise, model=self.model_error * lack)
 
+    def rounded(self, record: Record) -> None:
+        """sqrt(R) with all of a quantised y's rounding.
+
+        Where that lasts for samples it looks like motion one sample ahead: then R and Q are those
+        for which the smoothed state is the best one.
+        """
+        rounding = record.coarse_step() / math.sqrt(12.0)
+        self.lasts = self.noise < _DITHER * rounding
+        if self.lasts and self.reference is not None:
+            self.noise, self.model_error = self.reference.noise, self.reference.model_error
+        self.noise = max(self.noise, record.step() / math.sqrt(12.0))  # NaN stays
+
     def complete(self) -> None:
-        """The columns of the curve that `look` left for the structure that is chosen."""
-        if np.isfinite(self.curve.settling).all():
-            return
+        """All columns of the curve, for the structure that is chosen."""
         figures = [self.figures(self.made(float(ell))) for ell in self.curve.ell]
         columns = {name: np.array([of[name] for of in figures]) for name in _LATER}
         columns["noise"] = self.noise * np.sqrt(columns["noise"])
@@ -432,12 +443,14 @@ class Candidate:
                 "find noise and model error by; give ells= that are closer together"
             )
         step = record.coarse_step()
-        rounding = step / math.sqrt(12.0)
-        if step and self.noise < _DITHER * rounding:
+        if self.lasts:
+            if self.reference is not None:
+                so = "so that noise and model error are those of the smoothed state; "
+                so += "the gain does not rest on them"
             said.append(
                 f"y moves in steps of {step:.4g}, by one or none from most samples to the next, "
-                f"and the noise found, {self.noise:.3g}, is rounding ({rounding:.3g}) and little "
-                f"else: it lasts for several samples and is not white, {so}"
+                f"and the noise found is rounding ({step / math.sqrt(12.0):.3g}) and little else: "
+                f"it lasts for several samples and is not white, {so}"
             )
         whiteness = math.nan
         if math.isfinite(self.misfit):

@@ -97,13 +97,13 @@ def tune_chains(
     said += [judge.edge(i, ell) for i, ell in enumerate(ells.tolist()) if judge.edge(i, ell)]
     observer = structures[best](ells)
     errors, bounds = judge.errors(observer, ells)
-    each = judge.references
+    each, steps = judge.references, np.array([record.step() for record in records])
     several: dict[str, Any] = {
         "ell": ells,
         "state": np.array(wanted),
-        "noise": np.array([of.noise for of in each]),
+        "noise": np.maximum([of.noise for of in each], steps / math.sqrt(12.0)),
         "model_error": np.array([of.model_error for of in each]),
-        "quantisation": np.array([record.step() for record in records]),
+        "quantisation": steps,
         "horizon": np.array([of.horizon for of in each]),
     }
     return Tuning(

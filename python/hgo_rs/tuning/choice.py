@@ -229,6 +229,8 @@ def tune(
     chosen = candidates[best]
     if record is not None and reference is not None:
         chosen.refine(record)
+    if record is not None:
+        chosen.rounded(record)
         chosen.complete()
     criterion = "least error"
     for name, value in targets.items():

@@ -77,7 +77,8 @@ class Tuning:
         The estimate that the choice is about, 1 to n.
     criterion : str
     noise : float
-        Standard deviation of the measurement noise: given, or found in the log; NaN if unknown.
+        Standard deviation of the measurement noise: given, or found in the log, the rounding of a
+        quantised y with it; NaN if unknown.
     model_error : float
         Square root of the spectral density of what x_n' lacks: given, or found in the log; NaN if
         unknown.
