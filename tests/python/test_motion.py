@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -13,7 +14,7 @@ from scipy.integrate import solve_ivp
 import hgo_rs as hgo
 from hgo_rs import _core, reference
 from hgo_rs.errors import HgoError
-from hgo_rs.observers import Observer
+from hgo_rs.observers import MotionWarning, Observer
 
 ELL = 12.0
 U = 0.7
@@ -308,7 +309,9 @@ def test_the_motion_that_is_left_open() -> None:
     assert of(friction, gain=300.0) == ("rk4", 2)
     assert of(friction.with_parameters(v0=1.0)) == ("rk4", 2)
     assert of(own("u - sign(v)")) == of(own("u - atan2(v, q)")) == ("implicit", 2)
-    assert of(own("u - sign(v)"), motion="rk4", substeps=5) == ("rk4", 5)
+    with pytest.warns(MotionWarning, match="motion = 'rk4': the model jumps") as caught:
+        assert of(own("u - sign(v)"), motion="rk4", substeps=5) == ("rk4", 5)
+    assert all(one.filename == __file__ for one in caught)
     assert own("u - sign(v)").own_slope == np.inf
     assert own("-v*abs(v)").own_slope == pytest.approx(2.0, rel=1e-6)  # where |v| <= 1
     friction = hgo.Model(states=["q", "v"], unknown="d", phi="-20*tanh(v/0.1) - v - 3*d")
@@ -320,6 +323,30 @@ def test_the_motion_that_is_left_open() -> None:
 
     rates = hgo.StandardObserver(2, 60.0, model=own("-sin(q)"), method="rk4").spec
     assert "motion" not in rates
+
+
+def test_a_motion_that_chatters_is_warned_of() -> None:
+    """Asked for at friction that jumps, and by no default; its estimate at rest does chatter."""
+    t = np.arange(2000) * DT
+    y, u = np.full(2000, 0.01), np.full(2000, 0.5 * FC)  # held by friction
+
+    def moving(term: str, motion: str | None) -> float:
+        observer = hgo.StandardObserver(2, 60.0, model=axis(term), motion=motion)
+        return float(np.ptp(observer.run(t, y, u).x_hat[1000:, 1]))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        still = moving("sign(v)", None)
+        for term, motion in (("sign(v)", "implicit"), ("tanh(v/0.05)", "rk4"), ("sign(q)", "held")):
+            moving(term, motion)
+    for motion in ("held", "rk4"):
+        with pytest.warns(MotionWarning, match=f"motion = '{motion}'.*implicit"):
+            assert moving("sign(v)", motion) > 10.0 * still
+    phi = ["-sign(b)", "-d"]
+    pair = hgo.Model(states=["a", "b", "c", "d"], orders=[2, 2], phi=phi)
+    parts = [hgo.StandardObserver(2, ELL, motion="held") for _ in phi]
+    with pytest.warns(MotionWarning, match="motion = 'held'"):
+        hgo.MultiOutputObserver(parts, model=pair)
 
 
 def test_chains_have_one_motion() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hgo_rs.design.discrete import METHODS, TIMINGS
+from hgo_rs.observers.arguments import MotionWarning
 from hgo_rs.observers.base import Observer
 from hgo_rs.observers.collection import CopiesMetWarning, ModifiedObserver, RepelledCollection
 from hgo_rs.observers.gains import (
@@ -47,6 +48,7 @@ __all__ = [
     "InnovationGain",
     "LowPowerObserver",
     "ModifiedObserver",
+    "MotionWarning",
     "MultiOutputObserver",
     "Observer",
     "PeakingFreeObserver",

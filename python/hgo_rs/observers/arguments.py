@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -76,6 +78,7 @@ def motion(
         return {}
     chosen = usual_motion(model, gain) if motion is None else motion
     check_choice("motion", chosen, MOTIONS)
+    warn_of_jumps(chosen, model, stacklevel=4)
     if chosen == "held":
         remedy = "the model is held over the period; or choose motion='rk4'"
         open_ = substeps is None or motion is None
@@ -85,6 +88,22 @@ def motion(
     remedy = "choose an integer in this range, or a smaller dt"
     count = check_integer(count, "substeps", least=1, most=MAX_SUBSTEPS, remedy=remedy)
     return {"motion": chosen, "substeps": count}
+
+
+class MotionWarning(UserWarning):
+    """A motion that was asked for and does not follow the model."""
+
+
+def warn_of_jumps(motion: str, model: System | None, stacklevel: int) -> None:
+    """Warn of a motion under which an estimate chatters where the model jumps."""
+    if motion != "implicit" and model is not None and model.own_slope == math.inf:
+        warnings.warn(
+            f"motion = {motion!r}: the model jumps in the state that it moves, as friction with "
+            'sign(v) does, so that its estimate chatters there; take motion="implicit", the '
+            "default, or a smooth term, such as tanh(v/v0)",
+            MotionWarning,
+            stacklevel=stacklevel + 1,
+        )
 
 
 def usual_motion(model: System | None, gain: Mapping[str, Any]) -> str:

@@ -99,6 +99,8 @@ def _moving(
     """The specs; where the motion is left open, with that of another chain, or the model's own."""
     open_ = [getattr(observer, "_motion_open", False) for observer in observers]
     placed = all("motion" in spec for spec in specs)
+    for motion in {spec["motion"] for spec in specs} if placed and not all(open_) else ():
+        arguments.warn_of_jumps(motion, model, stacklevel=4)
     if not any(open_) or not placed:
         return specs
     told = [spec for spec, left in zip(specs, open_, strict=True) if not left]
