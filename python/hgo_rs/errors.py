@@ -8,8 +8,10 @@ from __future__ import annotations
 import difflib
 import math
 import operator
+import os
 from collections.abc import Iterable
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,8 +24,10 @@ __all__ = [
     "check",
     "check_array",
     "check_choice",
+    "check_flag",
     "check_integer",
     "check_number",
+    "check_path",
     "explain",
     "nearest",
     "need",
@@ -152,6 +156,19 @@ def check_choice(parameter: str, value: Any, allowed: tuple[str, ...]) -> str:
     known = isinstance(value, str) and value in allowed
     check(known, parameter, value, f"one of {', '.join(allowed)}", "choose one of them")
     return str(value)
+
+
+def check_flag(value: Any, parameter: str) -> bool:
+    """``value`` as a bool; of numbers and other objects none is."""
+    check(isinstance(value, (bool, np.bool_)), parameter, value, "True or False", "choose one")
+    return bool(value)
+
+
+def check_path(value: Any, parameter: str = "path") -> Path:
+    """``value`` as a path."""
+    named = isinstance(value, (str, os.PathLike)) and str(value)
+    check(named, parameter, value, "a path", 'name a file or folder, such as "axis.toml"')
+    return Path(value)
 
 
 def check_array(

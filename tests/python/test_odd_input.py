@@ -20,6 +20,11 @@ def standard(ell: float) -> hgo.StandardObserver:
     return hgo.StandardObserver(2, ell)
 
 
+def simulated(**manner: Any) -> Any:
+    plant = hgo.Plant(states=["q", "v"], drift=["v", "-sin(q)"])
+    return hgo.simulate(plant, OBSERVER, x0=[0.1, 0.0], dt=0.01, t_end=0.1, **manner)
+
+
 @pytest.fixture(scope="module")
 def tuned() -> hgo.Tuning:
     return hgo.tune(standard, 1e-3, 0.01, model_error=1.0)
@@ -38,6 +43,34 @@ ODD: dict[str, tuple[Callable[[], Any], str]] = {
     "compare, a name": (
         lambda: hgo.compare((T, Y), baselines="Kalman"),
         "baselines = 'Kalman': must be a list",
+    ),
+    "load": (lambda: hgo.load(None), "path = None: must be a path"),
+    "estimate": (lambda: hgo.estimate("axis.csv", None), "path = None: must be a path"),
+    "save": (lambda: OBSERVER.save(None), "path = None: must be a path"),
+    "run, timing": (lambda: OBSERVER.run(T, Y, timing=np.zeros(0)), "timing = .*must be one of"),
+    "simulate": (lambda: simulated(metrics=3.0), "metrics = 3.0: must be a list"),
+    "simulate, arrays": (lambda: simulated(metrics=np.zeros((2, 2))), "metrics = .*a list of"),
+    "export, nothing": (lambda: hgo.export(None, to="c", out="o"), "observer = None: must be an"),
+    "export, a text": (
+        lambda: hgo.export(OBSERVER, to="c", out="o", log="axis.csv"),
+        "log = 'axis.csv': must be a Log",
+    ),
+    "export, too few": (
+        lambda: hgo.export(OBSERVER, to="c", out="o", log=(T[:-1], Y)),
+        r"t of shape \(199,\): must be \(200,\)",
+    ),
+    "config": (lambda: hgo.Config("abc"), "data = 'abc': must be a dict"),
+    "flag": (
+        lambda: hgo.StandardObserver(2, 9.0, allow_unstable=np.zeros(0)),
+        "allow_unstable = .*: must be True or False",
+    ),
+    "run, flag": (
+        lambda: OBSERVER.run(T, Y, allow_unstable="no"),
+        "allow_unstable = 'no': must be True or False",
+    ),
+    "cube": (
+        lambda: hgo.HighGainEKF(2, R=1.0, Q=np.zeros((2, 2, 2))),
+        "shape of Q = .*2, 2, 2.*matrix",
     ),
     "export": (lambda: hgo.export(OBSERVER, to="c", out=None), "out = None: must be a path"),
     "tune": (lambda: hgo.tune(MODEL, None), "log_or_noise = None: must be a Log"),
@@ -69,3 +102,9 @@ def test_a_record_is_taken_in_every_form(tuned: hgo.Tuning) -> None:
     for log in (frame, series):
         assert np.array_equal(tuned.run(log).x_hat, wanted)
     assert np.array_equal(hgo.smooth(MODEL, frame).x, hgo.smooth(MODEL, (T, Y)).x)
+
+
+def test_an_estimate_that_is_right_at_once_has_settled() -> None:
+    """A deadbeat law, whose gain is beyond all that rounding shows of its error."""
+    assert OBSERVER.settling(4.0)[0] == 0.0
+    assert np.all(OBSERVER.settling(0.01) > 0.0)

@@ -23,7 +23,7 @@ from hgo_rs.config.keys import FORMAT, MODELS, OBSERVERS, TEXT, TOP, ConfigError
 from hgo_rs.config.tables import model_table, observer_table, plain
 from hgo_rs.config.text import parsed, read
 from hgo_rs.design.discrete import EXACT
-from hgo_rs.errors import HgoError, nearest
+from hgo_rs.errors import HgoError, check, check_path, nearest
 from hgo_rs.files import write_text
 from hgo_rs.laws import LAWS
 from hgo_rs.observers import HighGainObserver, Observer, StochasticApproximation
@@ -61,6 +61,8 @@ class Config:
     _lines: Mapping[tuple[str, ...], int] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
+        remedy = "give the keys of an observer.toml, or hgo_rs.load one"
+        check(isinstance(self.data, Mapping), "data", self.data, "a dict", remedy, ConfigError)
         object.__setattr__(self, "data", read_only(self.data))
         self._check()
 
@@ -113,6 +115,7 @@ class Config:
 
     def save(self, path: str | Path) -> None:
         """Write an `observer.toml`, whole or not at all: a failed write leaves the earlier file."""
+        path = check_path(path)
         try:
             write_text(path, self.to_toml())
         except OSError as error:
@@ -404,8 +407,7 @@ def load(path: str | Path) -> Config:
         A file that cannot be read, is not TOML or of another format; a key that is unknown, missing
         or of a wrong type: names file, line and remedy.
     """
-    path = Path(path)
-    path = Path(path)
+    path = check_path(path)
     return Config.from_toml(read(path), str(path))
 
 

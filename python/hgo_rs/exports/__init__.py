@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from hgo_rs.errors import HgoError, check, check_choice, check_integer, explain
+from hgo_rs.errors import HgoError, check, check_choice, check_integer, check_path, explain
 from hgo_rs.exports.names import check_name
 from hgo_rs.exports.program import PERIODS, period_of, program
 from hgo_rs.exports.vector import Log
@@ -103,9 +103,7 @@ def export(
         units=units,
         fixed_dt=fixed_dt,
     )
-    named = isinstance(out, (str, Path))
-    check(named, "out", out, "a path", 'name a folder, such as "firmware"')
-    folder = Path(out)
+    folder = check_path(out, "out")
     contents = {file: text.encode() for file, text in texts.items()}
     if to == "fmu":
         from hgo_rs.exports.fmu import archive
@@ -143,6 +141,8 @@ def sources(
     fixed_dt: float | None = None,
 ) -> dict[str, str]:
     """The files of `export` as texts, by their names; of an FMU, the texts in it."""
+    remedy = "give a StandardObserver, for example"
+    check(isinstance(observer, Observer), "observer", observer, "an observer", remedy)
     check_choice("to", to, LANGUAGES)
     for word, value in (("version", version), ("units", units)):
         if value is not None and to != "fmu":

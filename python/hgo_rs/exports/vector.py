@@ -14,7 +14,8 @@ from hgo_rs.exports.expressions import LENGTH
 from hgo_rs.exports.held import TOLERANCE, Held, Periods
 from hgo_rs.exports.precision import Precision
 from hgo_rs.exports.traced import Traced
-from hgo_rs.observers import Observer
+from hgo_rs.observers import Observer, records
+from hgo_rs.signals import of_log
 
 __all__ = ["OTHER_PERIOD", "STATUS", "UNDEFINED", "Log", "Recursion", "Row", "vector"]
 
@@ -195,10 +196,14 @@ def _made_up(
 
 
 def _given(observer: Observer, log: Log, fixed: float | None) -> tuple[Any, Any, Any, Any]:
-    t, y, u = (np.asarray(values, dtype=float) for values in log)
-    y, u = y.reshape(len(t), observer.n_y), u.reshape(len(t), observer.n_u)
+    times, y, u = of_log(log)
+    y = records.samples(y, observer.n_y)
+    records.check_samples(y, observer.n_y)
+    clock = records.clock(times, len(y))
+    records.check_times(clock)
+    t = clock * np.arange(len(y)) if isinstance(clock, float) else clock
+    u = records.inputs(u if observer.n_u else None, len(y), observer.n_u)
     steps = np.diff(t)
-    check(np.all(steps > 0.0), "log", t, "at increasing times", "sort it")
     if fixed is not None:
         apart = np.abs(steps - fixed)
         check(

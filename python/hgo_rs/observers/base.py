@@ -15,9 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs import _core, upward
+from hgo_rs.design.discrete import TIMINGS
 from hgo_rs.design.discretisation import StepLimit, step_limit
 from hgo_rs.design.response import bandwidth, noise_gain, peaking, settling
-from hgo_rs.errors import DesignError, HgoError, check, check_choice
+from hgo_rs.errors import DesignError, HgoError, check, check_choice, check_flag
 from hgo_rs.llvm import OF_FUNCTIONS, check_engine, refused
 from hgo_rs.models import Model
 from hgo_rs.models.own.callables import clocked, stand_in, warn_slow
@@ -132,7 +133,7 @@ class Observer(OnlineObserver):
             `engine="llvm"` where llvmlite is missing or the observer cannot be compiled.
         """
         t_or_dt, y, u = arrays(t_or_dt, y, u)
-        if timing is not None and timing != self.timing:
+        if timing is not None and check_choice("timing", timing, TIMINGS) != self.timing:
             given: dict[str, Any] = {"x_hat0": x_hat0, "r0": r0, "memory0": memory0}
             given |= {
                 "until": until,
@@ -145,7 +146,9 @@ class Observer(OnlineObserver):
                 "engine": engine,
             }
             return self.with_timing(timing).run(t_or_dt, y, u, **given)
-        allow = self.allow_unstable if allow_unstable is None else bool(allow_unstable)
+        allow = self.allow_unstable
+        if allow_unstable is not None:
+            allow = check_flag(allow_unstable, "allow_unstable")
         check_engine(engine)
         samples = records.samples(y, self.n_y)
         clock = records.clock(t_or_dt, len(samples))

@@ -171,7 +171,7 @@ def _one(value: Any) -> Any:
 def _triangle(given: npt.ArrayLike, name: str, n: int) -> list[float]:
     """A covariance as the core takes it: one number, a diagonal, or a lower triangle."""
     values = check_array(given, name)
-    if values.ndim == 2:
+    if values.ndim > 1:
         allowed, remedy = f"of shape ({n}, {n})", "give a matrix, a diagonal, or a number"
         check(values.shape == (n, n), f"shape of {name}", values.shape, allowed, remedy)
         even = bool(np.all(np.abs(values - values.T) <= 1e-12 * np.max(np.abs(values))))

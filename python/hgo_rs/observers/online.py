@@ -13,7 +13,15 @@ import numpy.typing as npt
 from hgo_rs import _core
 from hgo_rs.design.discrete import TIMINGS
 from hgo_rs.design.discretisation import check_step
-from hgo_rs.errors import HgoError, check, check_array, check_choice, check_number, explain
+from hgo_rs.errors import (
+    HgoError,
+    check,
+    check_array,
+    check_choice,
+    check_flag,
+    check_number,
+    explain,
+)
 from hgo_rs.laws import LAWS
 from hgo_rs.models import Model, System
 from hgo_rs.models.own.callables import runnable
@@ -49,7 +57,7 @@ class OnlineObserver(_core.Online):
             self._core = _core.Observer(runnable(spec, model))
         else:
             self._core = _core.Observer(spec)
-        super().__init__(self._core, _lift(spec), bool(allow_unstable))
+        super().__init__(self._core, _lift(spec), check_flag(allow_unstable, "allow_unstable"))
 
     # what an observer is does not change
 

@@ -70,7 +70,7 @@ def clock(t_or_dt: npt.ArrayLike, count: int) -> float | Array:
         check(ends, "dt", period, allowed, "choose a smaller one")
         return period
     if given.shape != (count,):
-        raise HgoError(f"t of shape {given.shape}: must be ({count},), one time a sample")
+        raise HgoError(f"t of shape {given.shape}: must be ({count},); give one time a sample")
     return given
 
 

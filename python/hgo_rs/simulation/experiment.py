@@ -318,7 +318,8 @@ def plan(
     if not errors:
         spec["errors"] = False
     if metrics is not None:
-        known = not isinstance(metrics, str) and all(name in METRICS for name in metrics)
+        listed = isinstance(metrics, Sequence) and not isinstance(metrics, str)
+        known = listed and all(name in METRICS for name in metrics)
         check(known, "metrics", metrics, f"a list of {', '.join(METRICS)}", "choose among them")
         spec["metrics"] = list(metrics)
     truth = _truth(plant, observer)
