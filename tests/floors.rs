@@ -464,6 +464,7 @@ fn every_observer_and_plant_names_its_paper_and_equation() {
         "Sanfelice and Praly",
         "Fu, Kang and Li",
         "Katayama",
+        "Khalil",
         "Astolfi",
         "Busvelle",
         "Savitzky and Golay",
