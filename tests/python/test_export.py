@@ -701,7 +701,7 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
             sources(observer, to="c", name=name)
     with pytest.raises(HgoError, match="dt = -1"):
         sources(observer, to="c", dt=-1.0)
-    with pytest.raises(HgoError, match="log"):
+    with pytest.raises(HgoError, match="t at sample 1 is 0 s after 0 s"):
         sources(observer, to="c", log=([0.0, 0.0], [1.0, 2.0], []))
     table = {"inputs": ["t"], "constants": [], "outputs": [1]}
     with pytest.raises(HgoError, match="op 0 is 'cosh'"):
