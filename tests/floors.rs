@@ -26,6 +26,9 @@ const SAME_FLOOR: &[(&str, &str, &str)] = &[
     ("observer", "integrate", "a Runge-Kutta observer takes an integrator"),
     ("injection", "observer", "a placed injection is a scheme"),
     ("injection", "motion", "between corrections the model moves"),
+    ("inter_sample", "injection", "a correction that goes on between samples is an injection"),
+    ("inter_sample", "motion", "and the model moves with it"),
+    ("inter_sample", "observer", "it is a scheme too"),
     ("covariance", "simulate", "the covariance is a probe on a run"),
     ("observers/*", "observers/standard", "a law may be built on the standard one"),
     (
@@ -33,6 +36,12 @@ const SAME_FLOOR: &[(&str, &str, &str)] = &[
         "observers/high_gain_ekf",
         "between samples the filter moves by the law's rate",
     ),
+    (
+        "observers/adaptive_ekf",
+        "observers/sampled_ekf",
+        "the adaptive filter is that of sampled data, with a theta that moves",
+    ),
+    ("observers/adaptive_ekf", "observers/high_gain_ekf", "and has its estimate and covariance"),
     ("observers/peaking_free", "observers/low_power", "(11) is (5) with a saturation"),
 ];
 

@@ -75,7 +75,7 @@ another order, as in `katayama-ship`.
 | ours, interpreter; ours, llvm | held to one engine; *ours* takes the one that it finds fit |
 | ..., AVX2 | held to that instruction set, C compiled for it |
 | C | the limit: one kernel for one experiment; *rounded*: see below |
-| C, exported | the source that `export` writes for this observer: the package's sums, the same bits |
+| C, exported | the source that `export` writes: the package's sums, and its bits |
 | Numba | one compiled loop a run, `fastmath`, no allocation, `prange` over the runs |
 | JAX | `lax.scan` over the steps, `vmap` over the runs, `jit`, double precision |
 | NumPy | the reference `hgo_rs.reference`: arrays over the runs, a Python loop over the steps |

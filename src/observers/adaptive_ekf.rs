@@ -103,9 +103,6 @@ crate::memory_struct! {
 }
 
 /// Adaptive high-gain EKF of N states with a window of W samples and M known inputs.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(
     feature = "serde",
     serde(bound(
@@ -113,6 +110,9 @@ crate::memory_struct! {
         deserialize = "T: Scalar + serde::Deserialize<'de>, Md: Model<Dual<T, N>, N, M> + serde::Deserialize<'de>"
     ))
 )]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AdaptiveEkf<T: Scalar, Md, const N: usize, const W: usize, const M: usize = 0> {
     /// The filter at θ = 1.
     filter: SampledEkf<T, Md, N, 1, M>,
