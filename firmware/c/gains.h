@@ -31,5 +31,5 @@ static const hgo_standard_config_f64 velocity64_config = {
 static const hgo_standard_config_f32 spring_config = {
     .k = {3.0f, 2.0f},
     .ell = 100.0f,
-    .dt_max = 0.0050539686f,
+    .dt_max = 0.005053975f,
 };

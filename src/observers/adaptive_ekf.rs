@@ -103,20 +103,24 @@ crate::memory_struct! {
 }
 
 /// Adaptive high-gain EKF of N states with a window of W samples and M known inputs.
-#[cfg_attr(
-    feature = "serde",
-    serde(bound(
-        serialize = "T: Scalar + serde::Serialize, Md: Model<Dual<T, N>, N, M> + serde::Serialize",
-        deserialize = "T: Scalar + serde::Deserialize<'de>, Md: Model<Dual<T, N>, N, M> + serde::Deserialize<'de>"
-    ))
-)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AdaptiveEkf<T: Scalar, Md, const N: usize, const W: usize, const M: usize = 0> {
     /// The filter at θ = 1.
     filter: SampledEkf<T, Md, N, 1, M>,
     gain: InnovationGain<T>,
+}
+
+crate::error::through_constructor! {
+    [T: Scalar, Md: Model<Dual<T, N>, N, M>, const N: usize, const W: usize, const M: usize]
+    AdaptiveEkf<T, Md, N, W, M>: law => {
+        q: SMatrix<T, N, N> = law.filter.q,
+        r: T = law.filter.r[0],
+        p0: SMatrix<T, N, N> = law.filter.p0,
+        gain: InnovationGain<T> = law.gain,
+        model: Md = law.filter.driven.model,
+    }
+    => Self::new(&q, r, &p0, gain, model)
 }
 
 impl<T, Md, const N: usize, const W: usize, const M: usize> AdaptiveEkf<T, Md, N, W, M>

@@ -41,9 +41,9 @@ crate::memory_struct! {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SampledEkf<T: Scalar, Md, const N: usize, const K: usize = 1, const M: usize = 0> {
-    q: SMatrix<T, N, N>,
-    p0: SMatrix<T, N, N>,
-    r: SVector<T, K>,
+    pub(super) q: SMatrix<T, N, N>,
+    pub(super) p0: SMatrix<T, N, N>,
+    pub(super) r: SVector<T, K>,
     theta: SVector<T, K>,
     orders: [usize; K],
     /// P(0).

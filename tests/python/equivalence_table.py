@@ -226,6 +226,7 @@ def timed() -> Iterator[Case]:
         ("standard", standard(2, CONSTANT, "rk4-innovation-held", LEE), small),
         ("standard", standard(2, CONSTANT, "zoh", LEE), small),
         ("standard", standard(2, CONSTANT, "bilinear", LEE), small),
+        ("standard", standard(2, CONSTANT, "implicit-map", LEE), small),
         ("standard, adaptive gain", standard(2, ADAPTIVE, "zoh", LEE), small),
         ("low-power", low_power(5, CONSTANT, "zoh", CRACKLE), large),
         ("peaking-free", peaking_free(5, CONSTANT, "zoh", CRACKLE), large),

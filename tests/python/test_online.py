@@ -31,7 +31,8 @@ def test_step_run_and_the_twin_agree(name):
     observer, start = law(name)
     y, u = record(observer)
     y[7] = y[20:23] = np.nan
-    t = np.cumsum(np.random.default_rng(3).uniform(0.5, 1.0, len(y))) * DT
+    least = 1.0 if name == "window" else 0.5  # a window has a period of its own
+    t = np.cumsum(np.random.default_rng(3).uniform(least, 1.0, len(y))) * DT
     first = observer.initial_memory() if start is None else start
     run = observer.run(t, y, u, memory0=start)
     twin = reference.Observer(observer.spec).run(t, y, u, first)
