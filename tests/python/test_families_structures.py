@@ -7,6 +7,7 @@ numbers of independent programs, and with the laws that it becomes.
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -448,3 +449,9 @@ def test_what_cannot_be_is_refused(kind: str, change: dict[str, Any], match: str
 def test_reduced_order_has_no_response_in_continuous_time() -> None:
     with pytest.raises(hgo_rs.HgoError, match="give dt"):
         reduced(3).noise_gain()
+
+
+def test_a_cascade_without_a_filter_is_saved_and_read(tmp_path: Path) -> None:
+    observer = HighGainObserver("cascade", 2, 20.0)
+    observer.save(tmp_path / "observer.toml")
+    assert load(tmp_path / "observer.toml").observer().spec == observer.spec

@@ -57,6 +57,8 @@ INTEGER: Kind = (lambda v: isinstance(v, int) and not isinstance(v, bool), "an i
 FLAG: Kind = (lambda v: isinstance(v, bool), "true or false")
 TEXT: Kind = (_is_text, 'text in quotes, such as "a"')
 NUMBERS: Kind = (lambda v: _all(v, is_number), "numbers in brackets, such as [1.0, 2.0]")
+COEFFICIENTS: Kind = (lambda v: v == [] or NUMBERS[0](v), NUMBERS[1])
+"""Of a law, which says how many: none of the filters of a cascade of order 2."""
 TEXTS: Kind = (lambda v: _all(v, _is_text), 'texts in brackets, such as ["a", "b"]')
 ROWS: Kind = (
     lambda v: _all(v, lambda row: _is_text(row) or _all(row, _is_text)),
@@ -101,7 +103,7 @@ TOP: dict[str, Kind] = {
     "shape": TABLE,
     "poles": POLES,
     **{law.size[0]: INTEGER for law in LAWS.values() if law.size},
-    **dict.fromkeys(LISTS, NUMBERS),
+    **dict.fromkeys(LISTS, COEFFICIENTS),
     **dict.fromkeys(("Q", "R", "P0"), NUMBER_OR_NUMBERS),
     "h_bar": NUMBERS,
     "window": INTEGER,
