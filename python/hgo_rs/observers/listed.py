@@ -103,6 +103,10 @@ class HighGainObserver(Observer):
         self._motion_open = motion is None
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
+    def __repr__(self) -> str:
+        """As of every observer, behind the law's word."""
+        return super().__repr__().replace("(", f"({self.spec['kind']!r}, ", 1)
+
 
 def _saturation(levels: Any, n: int, model: System | None) -> list[float]:
     values = check_array(levels, "saturation")
