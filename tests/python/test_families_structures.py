@@ -460,3 +460,4 @@ def test_a_cascade_without_a_filter_is_saved_and_read(tmp_path: Path) -> None:
 def test_the_text_of_an_observer_says_which_law_it_is() -> None:
     for kind in ("cascade", "limited-gain"):
         assert repr(HighGainObserver(kind, 3, 20.0)).startswith(f"HighGainObserver('{kind}', n=3,")
+    assert repr(LowPowerObserver(3, 20.0)).startswith("LowPowerObserver(n=3,")

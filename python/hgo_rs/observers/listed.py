@@ -104,8 +104,11 @@ class HighGainObserver(Observer):
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
     def __repr__(self) -> str:
-        """As of every observer, behind the law's word."""
-        return super().__repr__().replace("(", f"({self.spec['kind']!r}, ", 1)
+        """As of every observer; behind the law's word, where the class has no name of its own."""
+        text = super().__repr__()
+        if type(self) is not HighGainObserver:
+            return text
+        return text.replace("(", f"({self.spec['kind']!r}, ", 1)
 
 
 def _saturation(levels: Any, n: int, model: System | None) -> list[float]:
