@@ -29,6 +29,9 @@ UNITS = {
 }
 """Units of time, and how many seconds one has."""
 
+RESETS = ("refuse", "split")
+"""What a clock that starts again means: an error, or a new piece of the log."""
+
 YEAR = 365.25 * 86400.0
 LONGEST = YEAR
 """A step from here on [s] is no step: the unit is another, or the clock was set."""

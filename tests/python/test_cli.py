@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 
 import hgo_rs
-from hgo_rs import cli, plots, scenarios
+from hgo_rs import cli, config, plots, scenarios
 from hgo_rs.cli import reproduce
 from hgo_rs.cli.estimate import _Trace
 from hgo_rs.config import OBSERVERS
+from hgo_rs.design.discrete import METHODS
 from hgo_rs.errors import MissingExtraError
 from hgo_rs.logs import Log, TableWriter, read_log, write_table
 from hgo_rs.scenarios.base import Context, Outcome, Row, Scenario, row
@@ -95,6 +96,23 @@ def test_list(capsys, fakes):
     assert json.loads(out)[0] == {"id": "lee-good", "title": "A table", "paper": "lee"}
 
 
+@pytest.mark.parametrize("what", ["observers", "gains", "shapes", "models", "methods", "keys"])
+def test_list_of_choices(capsys, what):
+    """Every name that a file may hold, each with a description."""
+    known = {
+        "observers": OBSERVERS,
+        "gains": config.GAINS,
+        "shapes": config.SHAPES,
+        "models": config.MODELS,
+        "methods": METHODS,
+        "keys": config.TOP,
+    }[what]
+    items = json.loads(hgo(capsys, "list", what, "--json")[1])
+    assert {item["name"] for item in items} == set(known) and all(item["told"] for item in items)
+    lines = hgo(capsys, "list", what)[1].splitlines()
+    assert [line.split()[0] for line in lines] == list(known)
+
+
 def test_run_json_is_one_object_and_nothing_else(capsys, fakes):
     status, out, err = hgo(capsys, "run", "lee-good", "--json", "--backend", "numpy", "--seed", 4)
     assert (status, err) == (0, "")
@@ -153,7 +171,7 @@ def test_a_failing_scenario_is_a_failure(capsys, fakes):
     [
         (["run", "lee-god"], "unknown scenario 'lee-god'; nearest: lee-good"),
         (["runn", "lee-good"], "unknown command 'runn'; nearest: run"),
-        (["run"], "Missing argument 'ID'"),
+        (["run"], "hgo run needs ID: a scenario"),
         (["run", "lee-good", "--backend", "fortran"], "'fortran' is not one of 'rust', 'numpy'"),
         (["run", "lee-good", "--seed", "-1"], "-1 is not in the range"),
         (["reproduce", "--jobs", "0"], "0 is not in the range"),
@@ -583,10 +601,13 @@ def test_the_command_says_what_ran(capsys, axis, undrawn):
     ):
         _, out, _ = hgo(capsys, "estimate", axis, *ESTIMATE, "--observer", name)
         chosen = f"method {law.spec['method']}; timing {law.timing}"
-        assert f"run by {name}, order 3, gain 20 1/s, {chosen}\n" in out
+        told = f"run by {name}, order 3, gain 20 1/s, {chosen}; begun at the first sample\n"
+        assert told in out
         other = ["--method", "rk4", "--timing", "current"]
         _, out, _ = hgo(capsys, "estimate", axis, *ESTIMATE, "--observer", name, *other)
-        assert "method rk4; timing current\n" in out
+        assert "method rk4; timing current; begun at the first sample\n" in out
+        _, out, _ = hgo(capsys, "estimate", axis, *ESTIMATE, "--observer", name, "--start", "zero")
+        assert "; begun at 0\n" in out
 
 
 def test_units_of_several_clocks(capsys, tmp_path, monkeypatch, undrawn):

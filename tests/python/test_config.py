@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import hgo_rs
 from hgo_rs import Config, ConfigError, HgoError
 from hgo_rs.config import FORMAT, LOG, MODELS, OBSERVERS, START, TOP
-from hgo_rs.config.configuration import _maker
+from hgo_rs.config.configuration import maker
 
 COMMON = """\
 format = 1
@@ -286,7 +286,7 @@ def test_schedule():
 def test_the_tables_of_keys_are_those_of_the_classes():
     arguments = {"format", "observer", "model", "start", "log"}
     for kind in OBSERVERS:
-        _, parameters = _maker(kind)
+        _, parameters = maker(kind)
         arguments |= {{"n": "order"}.get(key, key) for key in parameters}
     assert arguments <= set(TOP)
     for kind, (name, keys) in MODELS.items():

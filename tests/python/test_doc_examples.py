@@ -1,17 +1,25 @@
-"""Every Python block of the README and of docs/ runs as it stands."""
+"""Every Python block of the README and of docs/ runs as it stands, and so do their commands."""
 
+import contextlib
 import re
+import shlex
 from pathlib import Path
 
+import click
 import pytest
 
-from hgo_rs import scenarios
+from hgo_rs import cli, scenarios
+from hgo_rs.cli.command import command
 from hgo_rs.laws import LAWS
 from hgo_rs.scenarios import base
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(?:python|py)\n(.*?)^```$", re.M | re.S)
+EITHER = re.compile(r"^```(python|py|sh)\n(.*?)^```$", re.M | re.S)
+COMMAND = re.compile(r"^hgo .*$|(?<=`)hgo [^`\n]*(?=`)", re.M)
+RUN = {"configuration.md", "tutorial.md"}
+"""Pages whose blocks make all that their commands take: these run where they stand."""
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -22,10 +30,30 @@ def test_python_blocks_run(page, tmp_path, monkeypatch):
     monkeypatch.setattr(base, "REGISTRY", dict(base.REGISTRY))  # a page may register a scenario
     text = page.read_text(encoding="utf-8")
     namespace: dict = {"__name__": page.stem}
-    for block in BLOCK.finditer(text):
+    for block in EITHER.finditer(text):
         # Blank lines in front, so that a traceback gives the page's own line.
-        line = text.count("\n", 0, block.start(1))
-        exec(compile("\n" * line + block[1], str(page), "exec"), namespace)
+        line = text.count("\n", 0, block.start(2))
+        if block[1] != "sh":
+            exec(compile("\n" * line + block[2], str(page), "exec"), namespace)
+        elif page.name in RUN:
+            for told in COMMAND.findall(block[2]):
+                with pytest.raises(SystemExit) as end:
+                    cli.main(shlex.split(told, comments=True)[1:])
+                assert not end.value.code, told
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_are_understood(page):
+    """Each `hgo ...` names a verb, its options and their choices, though files may be elsewhere."""
+    for told in COMMAND.findall(page.read_text(encoding="utf-8")):
+        if "..." in told or "…" in told:  # in part
+            continue
+        verb, *words = shlex.split(told, comments=True)[1:]
+        if verb.startswith("-"):
+            continue
+        assert verb in command.commands, told
+        with contextlib.suppress(click.MissingParameter):  # `hgo tune`, of which a page speaks
+            command.commands[verb].make_context(verb, words)
 
 
 def test_every_law_has_a_page():

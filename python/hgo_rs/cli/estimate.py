@@ -12,7 +12,10 @@ import click
 import numpy as np
 
 from hgo_rs import observers, plots
+from hgo_rs.cli import complete
+from hgo_rs.cli.complete import any_column
 from hgo_rs.cli.places import can_draw, check_places, tell_written, written
+from hgo_rs.cli.recorded import described, forgotten_output
 from hgo_rs.cli.terminal import say, unknown
 from hgo_rs.config import FORMAT, OBSERVERS, Config, load
 from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING
@@ -24,8 +27,9 @@ from hgo_rs.logs.table import names_of
 from hgo_rs.logs.write import check_writable_format
 from hgo_rs.observers import Gap, HighGainEKF, HighGainObserver, Observer, RunResult
 from hgo_rs.observers.labels import Labels
+from hgo_rs.observers.records import STARTS
 from hgo_rs.observers.turns import Jumps, nearest, told_turn
-from hgo_rs.times import UNITS
+from hgo_rs.times import RESETS, UNITS
 
 
 class _Numbers(click.ParamType):
@@ -69,38 +73,46 @@ class _Named(click.ParamType):
 @click.command("estimate", short_help="Run an observer over a recorded log.")
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--config", type=click.Path(path_type=Path), help="observer.toml; options go before.")
-@click.option("--time", "time", metavar="COL", multiple=True, help="Time column.")
+@click.option("--time", "time", **any_column, help="Time column.")
 @click.option(
     "--unit",
     type=click.Choice(list(UNITS)),
     multiple=True,
     help="Unit of the time column; again for several.",
 )
-@click.option("--output", metavar="COL", multiple=True, help="Measured output.")
-@click.option("--input", "input", metavar="COL", multiple=True, help="Known input.")
+@click.option("--output", **any_column, help="Measured output.")
+@click.option("--input", "input", **any_column, help="Known input.")
 @click.option(
     "--input-gain",
     type=float,
     metavar="B0",
     help="n-th derivative of the output for one unit of input (with --input; default 1).",
 )
-@click.option("--observer", metavar="NAME", help=f"One of {', '.join(OBSERVERS)}.")
+@click.option(
+    "--observer",
+    metavar="NAME",
+    shell_complete=complete.observers,
+    help=f"One of {', '.join(OBSERVERS)}.",
+)
 @click.option("--order", type=int, help="Number of states.")
 @click.option("--gain", type=float, help="The gain L (ell), 1/s.")
 @click.option("--dt", type=float, help="Sampling period, s: for a log without a time column.")
 @click.option("--poles", type=_Numbers(), help="Poles at gain 1, for example -1,-2,-3.")
 @click.option(
     "--method",
+    shell_complete=complete.methods,
     help=f"Discretisation; by default the class's own: {DEFAULT_METHOD}, where the law takes it.",
 )
 @click.option(
     "--motion",
+    shell_complete=complete.motions,
     help="How the model moves over a period under zoh and bilinear: held, rk4 or implicit; by "
     "default as the model needs it.",
 )
 @click.option("--substeps", type=int, help="Steps a period of motion rk4 and implicit; default 2.")
 @click.option(
     "--timing",
+    shell_complete=complete.timings,
     help="current (the estimate at a sample uses it) or predictor; by default "
     f"{DEFAULT_TIMING}, where the law takes it.",
 )
@@ -112,7 +124,7 @@ class _Named(click.ParamType):
 )
 @click.option(
     "--start",
-    type=click.Choice(["first-sample", "zero"]),
+    type=click.Choice(STARTS),
     help="Where the estimate begins: at the first sample (default), or at 0.",
 )
 @click.option(
@@ -127,7 +139,7 @@ class _Named(click.ParamType):
 @click.option("--allow-unstable", is_flag=True, help="Go beyond the step limit of the method.")
 @click.option(
     "--resets",
-    type=click.Choice(["refuse", "split"]),
+    type=click.Choice(RESETS),
     help="A clock that starts again: an error (default), or a new start of the observer.",
 )
 @click.option(
@@ -199,6 +211,8 @@ def _estimate(
     """The command, as a configuration says it; with `looks` for turns that it does not say."""
     law = told.observer()
     arguments = told.log
+    if "output" not in arguments:
+        raise HgoError(forgotten_output(log, config))
     check_fit(law, arguments, f"{told.place(('log',))}: " if config else "")
     results = {"--out": out}
     if draw:
@@ -240,27 +254,18 @@ def _estimate(
         if save_config is not None:
             files["--save-config"].write(told.to_toml().encode())
     say(f"{printable(str(log))}: {summary.describe()}")
-    say(f"run by {_law(law)}")
+    say(f"run by {described(law)}; begun {_begun(law, told)}")
     gaps.tell()
     tell_written(results, draw)
 
 
-def _law(law: Observer) -> str:
-    """What ran: kind and order, gain, method, motion and timing, as it was chosen."""
-    parts = law.spec.get("observers", [law.spec])
-    told = []
-    for part in parts:
-        gain = part.get("gain")
-        ell = gain.get("ell") if isinstance(gain, dict) else None
-        words = [part["kind"]]
-        words += [f"order {part['n']}"] if "n" in part else []
-        words += [f"gain {ell:g} 1/s"] if ell is not None else []
-        words += [f"method {part['method']}"] if "method" in part else []
-        moves = law.model is not None and "motion" in part
-        words += [f"motion {part['motion']}"] if moves else []
-        words += [f"wrap {part['wrap']}"] if "wrap" in part else []
-        told.append(", ".join(words))
-    return f"{'; '.join(told)}; timing {law.timing}"
+def _begun(law: Observer, told: Config) -> str:
+    """Where the estimate begins, in words."""
+    if told.start is None:
+        return "at the first sample" if law._begins else "at 0"
+    if told.start == "zero" and np.any(law.memory[: law.n]):
+        return "as [start] says"
+    return {"zero": "at 0", "first-sample": "at the first sample"}[told.start]
 
 
 def _configuration(path: Path | None, options: dict[str, Any]) -> Config:
@@ -334,7 +339,8 @@ def _check_options(given: dict[str, Any], base: Config | None) -> None:
     """Refuse options that the observer has no use for, and without a file, missing ones."""
     name = given.get("observer", base.data["observer"] if base else None)
     if name is None:
-        raise HgoError("--observer is needed, or a --config that names one")
+        remedy = "hgo new LOG writes one, hgo tune LOG chooses one"
+        raise HgoError(f"--observer is needed, or a --config that names one; {remedy}")
     if name not in OBSERVERS:
         raise HgoError(unknown("observer", name, list(OBSERVERS)))
     accepted = inspect.signature(getattr(observers, OBSERVERS[name])).parameters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -12,11 +13,13 @@ from typing import Any, TypeVar
 
 import click
 
+from hgo_rs.cli.complete import any_column
 from hgo_rs.cli.places import check_places
 from hgo_rs.cli.terminal import say
 from hgo_rs.config import Config, load
 from hgo_rs.errors import HgoError, printable
-from hgo_rs.logs import Log, read_log
+from hgo_rs.logs import Log, look, read_log
+from hgo_rs.logs.streams import STDIN
 from hgo_rs.logs.table import names_of
 from hgo_rs.models import System
 from hgo_rs.observers import Observer
@@ -32,12 +35,10 @@ _OPTIONS = (
         help="observer.toml whose [model] and [log] are taken; its observer and gain are not "
         "needed.",
     ),
-    click.option("--time", metavar="COL", multiple=True, help="Time column."),
+    click.option("--time", **any_column, help="Time column."),
     click.option("--unit", type=click.Choice(list(UNITS)), multiple=True, help="Its unit."),
-    click.option(
-        "--output", metavar="COL", multiple=True, help="Measured output; again for several."
-    ),
-    click.option("--input", metavar="COL", multiple=True, help="Known input; again for several."),
+    click.option("--output", **any_column, help="Measured output; again for several."),
+    click.option("--input", **any_column, help="Known input; again for several."),
     click.option("--dt", type=float, help="Sampling period, s: for a log without a time column."),
 )
 
@@ -73,11 +74,10 @@ class Asked:
         """
         told = None if config is None else load(config)
         arguments = dict(told.data.get("log", {})) if told is not None else {}
-        arguments |= {key: _one(columns[key]) for key in _COLUMNS if columns[key]}
+        arguments |= {key: one_or_all(columns[key]) for key in _COLUMNS if columns[key]}
         arguments |= {} if dt is None else {"dt": dt}
         if "output" not in arguments:
-            told_so = "--output is needed: the column that was measured; or a --config with [log]"
-            raise HgoError(told_so)
+            raise HgoError(forgotten_output(log, config))
         return cls(log, config, told, arguments)
 
     @cached_property
@@ -135,7 +135,46 @@ class Asked:
         return config
 
 
-def _one(given: tuple[str, ...]) -> Any:
+def forgotten_output(log: Path, config: Path | None) -> str:
+    """What is said where nothing tells the measured column: the columns, and which it may be.
+
+    Raises
+    ------
+    DataError
+        A log that cannot be read: that is told first.
+    """
+    if log == STDIN:  # it can be read once
+        return "--output is needed: the column that was measured"
+    found = look(log)
+    names = ", ".join(column.name for column in found.columns)
+    where = f"; or a table [log] in {config}" if config is not None else ""
+    told = f"--output is needed: the column that was measured{where}. {log} has {names}"
+    if found.output is None:
+        return f"{told}; none of them moves"
+    words = [] if found.time is None else ["--time", found.time]
+    return f"{told}; for example {shlex.join([*words, '--output', found.output])}"
+
+
+def described(law: Observer) -> str:
+    """An observer as it was chosen: kind and order, gain, method, motion and timing."""
+    parts = law.spec.get("observers", [law.spec])
+    told = []
+    for part in parts:
+        gain = part.get("gain")
+        ell = gain.get("ell") if isinstance(gain, dict) else None
+        words = [part["kind"]]
+        words += [f"order {part['n']}"] if "n" in part else []
+        words += [f"gain {ell:g} 1/s"] if ell is not None else []
+        words += [f"method {part['method']}"] if "method" in part else []
+        moves = law.model is not None and "motion" in part
+        words += [f"motion {part['motion']}"] if moves else []
+        words += [f"wrap {part['wrap']}"] if "wrap" in part else []
+        told.append(", ".join(words))
+    return f"{'; '.join(told)}; timing {law.timing}"
+
+
+def one_or_all(given: tuple[str, ...]) -> Any:
+    """What an option was given: a text, or several."""
     return given[0] if len(given) == 1 else list(given)
 
 

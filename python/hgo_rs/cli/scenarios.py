@@ -1,9 +1,8 @@
-"""`hgo list`, `hgo run`, `hgo reproduce`: the papers' scenarios."""
+"""`hgo run`, `hgo reproduce`: the papers' scenarios."""
 
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hgo_rs import plots, scenarios
+from hgo_rs.cli.complete import scenario_ids
 from hgo_rs.cli.record import Record, rows_to_json
 from hgo_rs.cli.report import counted, format_value
 from hgo_rs.cli.reproduce import OutputFolder, about_this_run, execute
@@ -40,28 +40,8 @@ _seed = click.option(
 )
 
 
-@click.command("list")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
-def list_command(as_json: bool) -> None:
-    """List the scenarios: id and title, paper by paper."""
-    known = scenarios.load()
-    if as_json:
-        items = [{"id": s.id, "title": s.title, "paper": s.paper} for s in known.values()]
-        click.echo(json.dumps(items, ensure_ascii=False))
-        return
-    width = max((len(id) for id in known), default=0)
-    paper = ""
-    for s in known.values():
-        if s.paper != paper and sys.stdout.isatty():
-            paper = s.paper
-            info = scenarios.PAPERS[paper]
-            click.secho(f"\n{info.title}", bold=True)
-            click.secho(info.authors, dim=True)
-        click.echo(f"{s.id:<{width}}  {s.title}")
-
-
 @click.command("run", short_help="Run one scenario and print its rows.")
-@click.argument("id")
+@click.argument("id", shell_complete=scenario_ids)
 @_backend
 @_seed
 @click.option(

@@ -21,7 +21,7 @@ from hgo_rs._version import __version__
 from hgo_rs.config import keys
 from hgo_rs.config.keys import FORMAT, MODELS, OBSERVERS, TEXT, TOP, ConfigError, Kind
 from hgo_rs.config.tables import model_table, observer_table, plain
-from hgo_rs.config.text import parsed, read
+from hgo_rs.config.text import check_schema, parsed, read
 from hgo_rs.design.discrete import EXACT
 from hgo_rs.errors import HgoError, check, check_path, nearest
 from hgo_rs.files import write_text
@@ -146,7 +146,7 @@ class Config:
 
     def observer(self) -> Observer:
         """A new observer as this configuration says, at its start."""
-        law, accepted = _maker(self.data["observer"])
+        law, accepted = maker(self.data["observer"])
         given = {
             {"order": "n"}.get(key, key): value
             for key, value in self.data.items()
@@ -335,7 +335,7 @@ class Config:
     def _check_use(self) -> None:
         """Every key at the head is an argument of the observer's class."""
         name = self.data["observer"]
-        _, accepted = _maker(name)
+        _, accepted = maker(name)
         for key in self.data:
             if key in ("format", "observer", "start", "log"):
                 continue
@@ -375,10 +375,9 @@ class Config:
                 raise self._error((*path, key), "is missing", f"add {key} = ...")
 
     def _check_type(self, path: tuple[str, ...], value: Any, kind: Kind) -> None:
-        holds, wanted = kind
-        if not holds(value):
+        if not kind.holds(value):
             shown = _toml_type(value)
-            raise self._error(path, f"is {shown}", f"write {wanted}")
+            raise self._error(path, f"is {shown}", f"write {kind.wanted}")
 
     def _unknown(self, path: tuple[str, ...], known: Mapping[str, Kind]) -> ConfigError:
         homes = {
@@ -406,9 +405,16 @@ def load(path: str | Path) -> Config:
     ConfigError
         A file that cannot be read, is not TOML or of another format; a key that is unknown, missing
         or of a wrong type: names file, line and remedy.
+
+    Warns
+    -----
+    SchemaWarning
+        A comment `#:schema FILE` names a JSON Schema of another version of hgo_rs.
     """
     path = check_path(path)
-    return Config.from_toml(read(path), str(path))
+    text = read(path)
+    check_schema(text, path)
+    return Config.from_toml(text, str(path))
 
 
 def save(observer: Observer, path: str | Path, **log: Any) -> None:
@@ -416,7 +422,7 @@ def save(observer: Observer, path: str | Path, **log: Any) -> None:
     Config.of(observer, **log).save(path)
 
 
-def _maker(kind: str) -> tuple[Callable[..., Any], set[str]]:
+def maker(kind: str) -> tuple[Callable[..., Any], set[str]]:
     """What makes the observer of a structure, and the arguments that it takes."""
     make = getattr(observers, OBSERVERS[kind])
     accepted = set(inspect.signature(make).parameters)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
 
+from hgo_rs.design.discrete import METHODS, MOTIONS, TIMINGS
 from hgo_rs.errors import HgoError
-from hgo_rs.laws import LAWS
+from hgo_rs.laws import LAWS, Law
+from hgo_rs.observers.listed import CLIPS
+from hgo_rs.observers.records import STARTS
+from hgo_rs.observers.sampled_data import GAINS as OWN_GAINS
+from hgo_rs.times import RESETS, UNITS
 
 FORMAT = 1
 """The format of `observer.toml` that this version reads and writes."""
@@ -33,69 +38,93 @@ class ConfigError(HgoError):
     """A configuration that is refused: names the file, the line and the remedy."""
 
 
-Kind = tuple[Callable[[Any], bool], str]
+class Kind(NamedTuple):
+    """A type of value: whether one is of it, how it is written, and its JSON Schema."""
+
+    holds: Callable[[Any], bool]
+    wanted: str
+    schema: Mapping[str, Any]
 
 
 def is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def _all(value: Any, holds: Callable[[Any], bool]) -> bool:
-    return isinstance(value, list) and len(value) > 0 and all(map(holds, value))
+def _list(of: Kind, told: str, *, least: int = 1) -> Kind:
+    """A list of values of a type."""
+    return Kind(
+        lambda v: isinstance(v, list) and len(v) >= least and all(map(of.holds, v)),
+        told,
+        {"type": "array", "items": of.schema, "minItems": least},
+    )
 
 
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str)
+def _names(of: Kind, told: str) -> Kind:
+    """A table of values of a type, by names."""
+    schema = {"type": "object", "additionalProperties": of.schema}
+    return Kind(lambda v: isinstance(v, dict) and all(map(of.holds, v.values())), told, schema)
 
 
-def _is_pole(value: Any) -> bool:
-    return is_number(value) or (_all(value, is_number) and len(value) == 2)
+def _either(told: str, *kinds: Kind) -> Kind:
+    """A value of one of several types."""
+    schemas = [kind.schema for kind in kinds]
+    return Kind(lambda v: any(kind.holds(v) for kind in kinds), told, {"anyOf": schemas})
 
 
-NUMBER: Kind = (is_number, "a number")
-INTEGER: Kind = (lambda v: isinstance(v, int) and not isinstance(v, bool), "an integer")
-FLAG: Kind = (lambda v: isinstance(v, bool), "true or false")
-TEXT: Kind = (_is_text, 'text in quotes, such as "a"')
-NUMBERS: Kind = (lambda v: _all(v, is_number), "numbers in brackets, such as [1.0, 2.0]")
-COEFFICIENTS: Kind = (lambda v: v == [] or NUMBERS[0](v), NUMBERS[1])
+def choice(known: Iterable[str]) -> Kind:
+    """One of some texts; which of them, the class says that takes it."""
+    return Kind(TEXT.holds, TEXT.wanted, {"enum": list(known)})
+
+
+NUMBER = Kind(is_number, "a number", {"type": "number"})
+INTEGER = Kind(
+    lambda v: isinstance(v, int) and not isinstance(v, bool), "an integer", {"type": "integer"}
+)
+FLAG = Kind(lambda v: isinstance(v, bool), "true or false", {"type": "boolean"})
+TEXT = Kind(lambda v: isinstance(v, str), 'text in quotes, such as "a"', {"type": "string"})
+TABLE = Kind(lambda v: isinstance(v, dict), "a table", {"type": "object"})
+NUMBERS = _list(NUMBER, "numbers in brackets, such as [1.0, 2.0]")
+COEFFICIENTS = _list(NUMBER, NUMBERS.wanted, least=0)
 """Of a law, which says how many: none of the filters of a cascade of order 2."""
-TEXTS: Kind = (lambda v: _all(v, _is_text), 'texts in brackets, such as ["a", "b"]')
-ROWS: Kind = (
-    lambda v: _all(v, lambda row: _is_text(row) or _all(row, _is_text)),
+INTEGERS = _list(INTEGER, "integers in brackets, such as [2, 1]")
+TEXTS = _list(TEXT, 'texts in brackets, such as ["a", "b"]')
+ROWS = _list(
+    _either("", TEXT, TEXTS),
     'texts, or rows of them, in brackets, such as [["a", "b"], ["c", "d"]]',
 )
-TABLE: Kind = (lambda v: isinstance(v, dict), "a table")
-TABLES: Kind = (lambda v: _all(v, lambda t: isinstance(t, dict)), "tables, one [[...]] for each")
-INTEGERS: Kind = (lambda v: _all(v, INTEGER[0]), "integers in brackets, such as [2, 1]")
-POLES: Kind = (
-    lambda v: _all(v, _is_pole),
+TABLES = _list(TABLE, "tables, one [[...]] for each")
+_PAIR = Kind(
+    lambda v: NUMBERS.holds(v) and len(v) == 2, "", {**NUMBERS.schema, "minItems": 2, "maxItems": 2}
+)
+POLES = _list(
+    _either("", NUMBER, _PAIR),
     "numbers, or pairs [real, imaginary], in brackets, such as [-1.0, [-2.0, 1.0], [-2.0, -1.0]]",
 )
-NUMBER_OR_NUMBERS: Kind = (lambda v: NUMBER[0](v) or NUMBERS[0](v), "a number or numbers")
-TEXT_OR_TEXTS: Kind = (lambda v: TEXT[0](v) or TEXTS[0](v), 'text, or texts such as ["a", "b"]')
-NAMED_NUMBERS: Kind = (
-    lambda v: isinstance(v, dict) and all(map(is_number, v.values())),
-    "named numbers, such as { M = 2.0 }",
-)
-NAMED_TEXTS: Kind = (
-    lambda v: isinstance(v, dict) and all(isinstance(text, str) for text in v.values()),
-    'named texts, such as { q = "rad" }',
-)
-RANGES: Kind = (
-    lambda v: isinstance(v, dict) and all(NUMBERS[0](ends) for ends in v.values()),
-    "named ranges, such as { q = [-1.0, 1.0] }",
-)
-GAIN: Kind = (
-    lambda v: is_number(v) or isinstance(v, (str, dict)),
+NUMBER_OR_NUMBERS = _either("a number or numbers", NUMBER, NUMBERS)
+TEXT_OR_TEXTS = _either('text, or texts such as ["a", "b"]', TEXT, TEXTS)
+NAMED_NUMBERS = _names(NUMBER, "named numbers, such as { M = 2.0 }")
+NAMED_TEXTS = _names(TEXT, 'named texts, such as { q = "rad" }')
+RANGES = _names(NUMBERS, "named ranges, such as { q = [-1.0, 1.0] }")
+_UNIT = choice(UNITS)
+UNIT = Kind(TEXT_OR_TEXTS.holds, TEXT_OR_TEXTS.wanted, _either("", _UNIT, _list(_UNIT, "")).schema)
+GAIN = _either(
     'a number [1/s], or a law such as { law = "adaptive", p1 = 1.0, p2 = 1.0, b = 0.1 }',
+    NUMBER,
+    choice(OWN_GAINS),
+    TABLE,
 )
 
-LISTS = [name for law in LAWS.values() if law.continuous for name, _ in law.coefficients]
+
+def _lists(law: Law) -> list[str]:
+    return [name for name, _ in law.coefficients] if law.continuous else []
+
+
+LISTS = [name for law in LAWS.values() for name in _lists(law)]
 """Lists of coefficients, of all laws."""
 
 TOP: dict[str, Kind] = {
     "format": INTEGER,
-    "observer": TEXT,
+    "observer": choice(OBSERVERS),
     "order": INTEGER,
     "gain": GAIN,
     "epsilon": NUMBER,
@@ -110,11 +139,11 @@ TOP: dict[str, Kind] = {
     "W": NUMBERS,
     "dt": NUMBER,
     "saturation": NUMBER_OR_NUMBERS,
-    "clip": TEXT,
-    "method": TEXT,
-    "motion": TEXT,
+    "clip": choice(CLIPS),
+    "method": choice(METHODS),
+    "motion": choice(MOTIONS),
     "substeps": INTEGER,
-    "timing": TEXT,
+    "timing": choice(TIMINGS),
     "wrap": NUMBER_OR_NUMBERS,
     "allow_unstable": FLAG,
     "observers": TABLES,
@@ -200,7 +229,7 @@ START: dict[str, Kind] = {
     "r": NUMBER,
     "memory": NUMBERS,
     "t": NUMBER,
-    "from": TEXT,
+    "from": choice(STARTS),
 }
 """`[start]`: estimate and gain to start from, or the whole memory; of one in use, its time; or,
 `from` = "first-sample" or "zero", where a run over a log begins.
@@ -211,8 +240,8 @@ LOG: dict[str, Kind] = {
     "output": TEXT_OR_TEXTS,
     "input": TEXT_OR_TEXTS,
     "dt": NUMBER,
-    "unit": TEXT_OR_TEXTS,
-    "resets": TEXT,
+    "unit": UNIT,
+    "resets": choice(RESETS),
     "unwrap": NAMED_NUMBERS,
     "scale": NAMED_NUMBERS,
     "offset": NAMED_NUMBERS,
@@ -222,3 +251,40 @@ LOG: dict[str, Kind] = {
 
 SCHEDULE: dict[str, Kind] = {"alpha": NUMBER, "epsilon": NUMBER, "k0": NUMBER, "p": NUMBER}
 """`schedule = { ... }`: decreasing steps a(k) of `hgo_rs.StochasticApproximation`."""
+
+TOLD = {
+    "format": "The format of this file.",
+    "observer": 'The law; "chains" for several outputs.',
+    "order": "Number of estimated states; the model's, where it has one.",
+    "gain": "The gain ell [1/s], or a law of the gain.",
+    "epsilon": "1/gain [s], in place of gain.",
+    "theta": "Of high-gain-ekf, in place of gain.",
+    "shape": "What is injected in place of the innovation.",
+    "poles": "Of the error at gain 1: numbers, and pairs [re, im].",
+    "window": "Samples of a window.",
+    "W": "Gains of a window, row by row.",
+    "dt": "Period of a window [s].",
+    "saturation": "Levels of the estimates: one, or one a state.",
+    "clip": "How estimates are kept below their levels.",
+    "method": "Discretisation.",
+    "motion": "How the model moves over a period.",
+    "substeps": "Steps of the model in a period.",
+    "timing": "Whether the estimate at a sample uses it (current) or not yet (predictor).",
+    "wrap": "The turn of an output that begins again, in its unit.",
+    "allow_unstable": "Go beyond the step limit.",
+    "observers": "Of chains: the observer of each output.",
+    "model": "What is known of the system; left out: nothing.",
+    "start": "Where the estimate begins.",
+    "log": "How a log is read.",
+    "Q": "Of high-gain-ekf: intensity of what the model lacks.",
+    "R": "Of high-gain-ekf: variance of the measurement noise.",
+    "P0": "Of high-gain-ekf: the first covariance.",
+    **{law.size[0]: f"Second size of {law.kind}." for law in LAWS.values() if law.size},
+    **{
+        name: "Coefficients of "
+        + ", ".join(law.kind for law in LAWS.values() if name in _lists(law))
+        for name in LISTS
+    },
+    "h_bar": "Gains of reduced-order, each in (0, 1).",
+}
+"""What a key at the head is, in words."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from hgo_rs.config.keys import ConfigError
+from hgo_rs._version import __version__
+from hgo_rs.config.keys import FORMAT, ConfigError
 from hgo_rs.errors import nearest
 
 if sys.version_info >= (3, 11):
@@ -77,6 +80,62 @@ def read(path: Path) -> str:
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path} is not text in UTF-8: byte {error.start}") from None
     return text
+
+
+_DIRECTIVE = re.compile(r"#:schema[ \t]+(\S.*?)[ \t]*$", re.M)
+_SCHEMA = re.compile(r"observer-(\d+)\.schema\.json$")
+
+
+def schema_name(format: int) -> str:
+    """The file of the JSON Schema of a format."""
+    return f"observer-{format}.schema.json"
+
+
+class SchemaWarning(UserWarning):
+    """A JSON Schema that an editor takes is of another version of hgo_rs."""
+
+
+def check_schema(text: str, path: Path) -> None:
+    """Look at the schema that a comment `#:schema FILE` names for editors.
+
+    Raises
+    ------
+    ConfigError
+        It is of another format.
+
+    Warns
+    -----
+    SchemaWarning
+        It is of another version of hgo_rs; of a file beside this one alone.
+    """
+    said = _DIRECTIVE.search(text)
+    if not said:
+        return
+    place = f"{path}, line {text.count(chr(10), 0, said.start()) + 1}: the schema {said[1]}"
+    number = _SCHEMA.search(said[1])
+    if number and int(number[1]) != FORMAT:
+        raise ConfigError(
+            f"{place} is of format {number[1]}, hgo_rs {__version__} reads format {FORMAT}; name "
+            f"{schema_name(FORMAT)}, which `hgo list schema` prints"
+        )
+    try:
+        made = json.loads((path.parent / said[1]).read_text(encoding="utf-8"))["x-hgo_rs"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return  # elsewhere, or of another kind: it is the editor's to tell
+    if isinstance(made, dict) and made != {"file": schema_name(FORMAT), "version": __version__}:
+        told = f"{place} is {made.get('file')} of hgo_rs {made.get('version')}, this is "
+        remedy = "write it anew: hgo list schema"
+        warnings.warn(f"{told}hgo_rs {__version__}; {remedy}", SchemaWarning, stacklevel=3)
+
+
+def toml(value: Any) -> str:
+    """Plain data on one line of TOML; reading it gives the same."""
+    import tomlkit
+
+    if isinstance(value, Mapping):
+        pairs = (f"{tomlkit.key(key).as_string()} = {toml(inner)}" for key, inner in value.items())
+        return f"{{ {', '.join(pairs)} }}" if value else "{}"
+    return tomlkit.item(value).as_string()
 
 
 def _too_large(place: str) -> ConfigError:

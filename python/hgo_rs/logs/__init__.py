@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hgo_rs.logs.estimation import estimate, run_chunks
 from hgo_rs.logs.log import Log, LogSummary
-from hgo_rs.logs.overview import Look, look
+from hgo_rs.logs.overview import Look, column_names, look
 from hgo_rs.logs.read import read_chunks, read_log
 from hgo_rs.logs.table import READABLE, DataError
 from hgo_rs.logs.write import WRITABLE, TableWriter, write_table
@@ -17,6 +17,7 @@ __all__ = [
     "LogSummary",
     "Look",
     "TableWriter",
+    "column_names",
     "estimate",
     "look",
     "read_chunks",

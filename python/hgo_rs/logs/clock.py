@@ -14,7 +14,7 @@ from hgo_rs import times
 from hgo_rs.errors import check_choice, printable
 from hgo_rs.logs.table import Columns, DataError, Table, refuse
 from hgo_rs.observers import StochasticApproximation
-from hgo_rs.times import UNITS, Ticks, check_period, span
+from hgo_rs.times import RESETS, UNITS, Ticks, check_period, span
 
 WINDOW = 1000
 """Steps whose median is looked at, all along a log, however it is cut into chunks."""
@@ -42,7 +42,7 @@ class Clock:
             check_choice("unit", unit, tuple(UNITS))
             if time is None:
                 raise DataError("unit: it is the time column's, and none is named")
-        self.split = check_choice("resets", resets, ("refuse", "split")) == "split"
+        self.split = check_choice("resets", resets, RESETS) == "split"
         self.path, self.time, self.dt, self.schedule = path, time, dt, schedule
         self.unit = unit
         self.assumed = False  # the unit is neither given nor said by the name

@@ -214,6 +214,21 @@ def look(path: str | Path) -> Look:
     return found
 
 
+def column_names(path: str | Path) -> list[str]:
+    """Names of the columns of a log, of which nothing else is read where its format allows it.
+
+    Raises
+    ------
+    DataError
+        A file that cannot be read.
+    """
+    path = Path(path)
+    check_file(path)
+    found = Look(str(path))
+    _columns(path, found)
+    return [column.name for column in found.columns]
+
+
 def _columns(path: Path, found: Look) -> dict[str, str | None]:
     """The columns, still empty; of a file that says it, the clock of each."""
     clocks: dict[str, str | None] = {}

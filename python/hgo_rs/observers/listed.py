@@ -17,6 +17,9 @@ from hgo_rs.observers.records import vector
 from hgo_rs.observers.shapes import Shape
 from hgo_rs.observers.turns import turn
 
+CLIPS = ("hard", "smooth")
+"""How estimates are kept below their levels."""
+
 
 class HighGainObserver(Observer):
     """An observer of order n of a law that is named.
@@ -98,7 +101,7 @@ class HighGainObserver(Observer):
             check(saturation is not None, "saturation", saturation, allowed, remedy)
             spec |= {
                 "saturation": _saturation(saturation, n, model),
-                "clip": check_choice("clip", "hard" if clip is None else clip, ("hard", "smooth")),
+                "clip": check_choice("clip", "hard" if clip is None else clip, CLIPS),
             }
         self._motion_open = motion is None
         super().__init__(spec, model=model, allow_unstable=allow_unstable)

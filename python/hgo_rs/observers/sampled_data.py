@@ -7,6 +7,9 @@ from hgo_rs.models import Model, VanDerPol
 from hgo_rs.observers.base import Observer
 from hgo_rs.observers.turns import turn
 
+GAINS = ("derived", "printed")
+"""Gains of the paper's oscillator."""
+
 
 class SampledDataObserver(Observer):
     """Sampled-data observer on an Euler-Maruyama model. Fu, Kang and Li (5).
@@ -35,6 +38,6 @@ class SampledDataObserver(Observer):
         fits = isinstance(known, VanDerPol) or getattr(known, "form", None) == "sampled"
         remedy = "leave it out, or write Model(states=..., f=[...], K_T=[...])"
         check(fits, "model", model, "a VanDerPol, or a Model of sampled-data form", remedy)
-        choice = check_choice("gain", gain, ("derived", "printed"))
+        choice = check_choice("gain", gain, GAINS)
         spec = {"kind": "sampled-data", "model": known.spec, "gain": choice, **turn(wrap)}
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
