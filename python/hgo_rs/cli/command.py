@@ -21,7 +21,9 @@ from hgo_rs.cli.export import export_command
 from hgo_rs.cli.lists import list_command
 from hgo_rs.cli.look import look_command
 from hgo_rs.cli.new import new_command
+from hgo_rs.cli.plot import plot_command
 from hgo_rs.cli.scenarios import reproduce_command, run_command
+from hgo_rs.cli.simulate import simulate_command
 from hgo_rs.cli.terminal import INTERRUPTED, TERMINATED, USAGE, complain, unknown
 from hgo_rs.cli.tune import tune_command
 from hgo_rs.cli.whole import compare_command, fit_command, smooth_command
@@ -110,6 +112,8 @@ for _command in (  # as a job goes
     smooth_command,
     fit_command,
     compare_command,
+    plot_command,
+    simulate_command,
     export_command,
     list_command,
     run_command,

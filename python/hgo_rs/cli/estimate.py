@@ -14,6 +14,7 @@ import numpy as np
 from hgo_rs import observers, plots
 from hgo_rs.cli import complete
 from hgo_rs.cli.complete import any_column
+from hgo_rs.cli.options import Named, Numbers
 from hgo_rs.cli.places import can_draw, check_places, tell_written, written
 from hgo_rs.cli.recorded import described, forgotten_output
 from hgo_rs.cli.terminal import say, unknown
@@ -30,44 +31,6 @@ from hgo_rs.observers.labels import Labels
 from hgo_rs.observers.records import STARTS
 from hgo_rs.observers.turns import Jumps, nearest, told_turn
 from hgo_rs.times import RESETS, UNITS
-
-
-class _Numbers(click.ParamType):
-    """A list of numbers, complex ones as 1+2j: -1,-2 or "-1+1j, -1-1j"."""
-
-    name = "numbers"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> list[Any]:
-        if not isinstance(value, str):
-            return list(value)
-        numbers: list[Any] = []
-        for part in value.split(","):
-            try:
-                number = complex(part.strip().replace(" ", "").replace("i", "j"))
-            except ValueError:
-                self.fail(f"{part.strip()!r} is not a number; write for example -1,-2", param, ctx)
-            numbers.append(number if number.imag else number.real)
-        return numbers
-
-
-class _Named(click.ParamType):
-    """A number for a column: q=0.1."""
-
-    name = "COL=NUMBER"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, float]:
-        """Of the last equals sign, since a column may have one in its name."""
-        column, _, number = value.rpartition("=")
-        try:
-            return column, float(number if column else "")
-        except ValueError:
-            self.fail(
-                f"{value!r} names no number for a column; write for example q=0.1", param, ctx
-            )
 
 
 @click.command("estimate", short_help="Run an observer over a recorded log.")
@@ -97,7 +60,7 @@ class _Named(click.ParamType):
 @click.option("--order", type=int, help="Number of states.")
 @click.option("--gain", type=float, help="The gain L (ell), 1/s.")
 @click.option("--dt", type=float, help="Sampling period, s: for a log without a time column.")
-@click.option("--poles", type=_Numbers(), help="Poles at gain 1, for example -1,-2,-3.")
+@click.option("--poles", type=Numbers(), help="Poles at gain 1, for example -1,-2,-3.")
 @click.option(
     "--method",
     shell_complete=complete.methods,
@@ -129,13 +92,13 @@ class _Named(click.ParamType):
 )
 @click.option(
     "--unwrap",
-    type=_Named(),
+    type=Named(),
     multiple=True,
     help="COL=TURN: undo the turns of a column as it is read.",
 )
-@click.option("--scale", type=_Named(), multiple=True, help="COL=FACTOR of an output or input.")
-@click.option("--offset", type=_Named(), multiple=True, help="COL=NUMBER, added behind --scale.")
-@click.option("--saturation", type=_Numbers(), help="Bounds on the states 2 to n (peaking-free).")
+@click.option("--scale", type=Named(), multiple=True, help="COL=FACTOR of an output or input.")
+@click.option("--offset", type=Named(), multiple=True, help="COL=NUMBER, added behind --scale.")
+@click.option("--saturation", type=Numbers(), help="Bounds on the states 2 to n (peaking-free).")
 @click.option("--allow-unstable", is_flag=True, help="Go beyond the step limit of the method.")
 @click.option(
     "--resets",

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from hgo_rs.cli.recorded import described
 from hgo_rs.cli.terminal import complain, say
 from hgo_rs.config import load
 from hgo_rs.errors import printable
@@ -70,13 +71,18 @@ def export_command(
 
     Its steps have the bits of this package's; a test vector and a program that runs it are beside
     it. An FMU is one file for Simulink, Modelica tools and others, with that source in it.
+
+    \b
+    Example: C in single precision for a chip
+      hgo export axis.toml --to c --out axis_c --precision single
     """
     told = load(config)
+    observer = told.observer()
     name = name if name is not None else config.stem.lower().replace("-", "_")
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         files = export(
-            told.observer(),
+            observer,
             to=to,
             out=out,
             name=name,
@@ -89,6 +95,7 @@ def export_command(
         )
     for warning in warned:
         complain(str(warning.message))
+    say(f"{config}: {described(observer)}")
     folder = out.parent if files == [out] else out
     names = ", ".join(str(file.relative_to(folder)) for file in files)
     say(f"written to {printable(str(folder))}: {names}")

@@ -11,7 +11,7 @@ import click
 
 from hgo_rs import plots
 from hgo_rs.cli.places import can_draw, tell_written, written
-from hgo_rs.cli.recorded import Asked, of_log
+from hgo_rs.cli.recorded import Asked, described, of_log
 from hgo_rs.cli.terminal import say
 from hgo_rs.logs import Log
 from hgo_rs.logs.streams import stem_of
@@ -80,6 +80,7 @@ def tune_command(
         if table is not None:
             files["--table"].write(_table(result).encode())
     say(result.report())
+    say(f"\nchosen: {described(result.observer)}")
     tell_written(results, draw)
     return 0
 

@@ -9,7 +9,7 @@ import click
 
 from hgo_rs import plots
 from hgo_rs.cli.places import can_draw, tell_written, written
-from hgo_rs.cli.recorded import Asked, counted, of_log
+from hgo_rs.cli.recorded import Asked, counted, described, of_log
 from hgo_rs.cli.terminal import say
 from hgo_rs.config import load
 from hgo_rs.errors import HgoError, check
@@ -144,6 +144,8 @@ def compare_command(
                 files["--out"].write(found.to_csv().encode())
             if draw and figure is not None:
                 plots.save(found.plot(), figure, files["--figure"])
+    for name, observer in given.items():
+        say(f"{name}: {described(observer)}; begun at the first sample")
     say(str(found))
     tell_written(results)
     return 0
