@@ -7,6 +7,7 @@
 #                    -> out/bench.json, out/performance.json
 #   make firmware    every observer on four chips: bits, instructions, proofs -> out/firmware.json
 #   make mutants     changes to the core that its tests must see -> out/mutants.out (hours)
+#   make pages       the WebAssembly module that `hgo tune --page` puts into a page
 #   make docs        the Rust API reference -> target/doc
 #   make wheel       an abi3 wheel -> dist/
 #   make clean       remove .venv, dist, out and build products
@@ -14,7 +15,7 @@
 # PYTHON=... chooses the interpreter for .venv.  PYTEST_ARGS=... is handed to pytest.
 # make fuzz SECONDS=60 SEED=1 LONG=1: case i of a seed is always the same; LONG=50 for a night.
 
-.PHONY: reproduce test test-rust test-python test-types pytest fuzz bench firmware mutants docs wheel clean help
+.PHONY: reproduce test test-rust test-python test-types pytest fuzz bench firmware mutants pages docs wheel clean help
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-print-directory
@@ -38,7 +39,7 @@ LIBM := --no-default-features --features libm
 say = @printf '\n\033[1m== %s\033[0m\n' "$(1)"
 
 help:
-	@sed -n '3,14s/^# \{0,1\}//p' Makefile
+	@sed -n '3,15s/^# \{0,1\}//p' Makefile
 
 # --- set-up: one stamp a stage, so that the second time takes no time ------------------------
 
@@ -51,13 +52,27 @@ $(VENV)/stamp-venv:
 	$(BIN)/python -m pip install --quiet "maturin>=1.7,<2"
 	@touch $@
 
+# What pages compute with, in the package and so in a wheel. Where the compiler's target cannot be had the rest
+# is built without it, and `--page` says so. No path of this machine stays in it.
+MODULE := python/hgo_rs/pages/hgo.wasm
+WASM := wasm32-unknown-unknown
+REMAP := --remap-path-prefix=$(abspath .)=hgo_rs --remap-path-prefix=$(or $(CARGO_HOME),$(HOME)/.cargo)=cargo
+
+$(MODULE): Cargo.toml $(shell find src crates/wasm -name '*.rs' -o -name Cargo.toml)
+	@if test -d "$$(rustc --print target-libdir --target $(WASM) 2>/dev/null)" || rustup target add $(WASM); then \
+		RUSTFLAGS="$(REMAP)" $(CARGO) build --quiet -p hgo-wasm --profile wasm --target $(WASM) \
+			&& cp target/$(WASM)/wasm/hgo_wasm.wasm $@; \
+	else echo "no $(WASM) for this rustc: built without pages (hgo tune --page)" >&2; fi
+
+pages: $(MODULE)
+
 # The release build, installed in place (Python sources stay live), with the optional libraries.
-$(VENV)/stamp-build: $(VENV)/stamp-venv pyproject.toml $(RUST_SOURCES)
+$(VENV)/stamp-build: $(VENV)/stamp-venv pyproject.toml $(RUST_SOURCES) | $(MODULE)
 	env -u CONDA_PREFIX VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --quiet --release --extras all
 	@touch $@
 
 # The same with the tools of `make test`.
-$(VENV)/stamp-dev: $(VENV)/stamp-venv pyproject.toml $(RUST_SOURCES)
+$(VENV)/stamp-dev: $(VENV)/stamp-venv pyproject.toml $(RUST_SOURCES) | $(MODULE)
 	env -u CONDA_PREFIX VIRTUAL_ENV=$(abspath $(VENV)) $(BIN)/maturin develop --quiet --release --extras all,dev
 	@touch $(VENV)/stamp-build $@
 
@@ -133,12 +148,12 @@ firmware:
 docs:
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps -p hgo-rs -p hgo-ir -p hgo-logs
 
-wheel: $(VENV)/stamp-venv
+wheel: $(VENV)/stamp-venv $(MODULE)
 	$(BIN)/maturin build --release --out dist
 
 clean:
 	rm -rf $(VENV) dist out build .mypy_cache .pytest_cache .ruff_cache .hypothesis
-	rm -f python/hgo_rs/_core*.so python/hgo_rs/_core*.pyd
+	rm -f python/hgo_rs/_core*.so python/hgo_rs/_core*.pyd $(MODULE)
 	find python tests -name __pycache__ -type d -prune -exec rm -rf {} +
 	$(CARGO) clean
 

@@ -36,6 +36,7 @@ FLOORS = (
     "data",
     "exports",
     "tuning",
+    "pages",
     "smoothing",
     "bench",
     "scenarios",

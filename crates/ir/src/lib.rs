@@ -14,7 +14,7 @@
 //! A file imports lower floors only, and of other crates `hgo_rs`: `error` (0); `value`, `order`,
 //! `vectors`, `sparing` (1); `spec`, `design` (2); `table`, `choices`, `systems` (3); `trace`, `compile`,
 //! `elementary`, `recursion` (4); `tabled`, `derivative`, `record` (5); `model`, `tables`, `joint` (6); `step` (7); `laws`, `called` (8);
-//! `observer` (9); `study`, `config` (10); `llvm` (11). Files of a folder may lie lower than the folder.
+//! `observer`, `live` (9); `study`, `config` (10); `llvm` (11). Files of a folder may lie lower than the folder.
 
 // Every error here is an `Error`, which says what it is about.
 #![allow(clippy::missing_errors_doc)]
@@ -30,6 +30,7 @@ pub mod elementary;
 pub mod error;
 mod joint;
 mod laws;
+pub mod live;
 pub mod llvm;
 mod model;
 pub mod observer;

@@ -51,6 +51,8 @@ struct Trace {
     present: bool,
     /// What is answered to questions about values that are not known.
     answer: Option<Ordering>,
+    /// Values that are known to be above 0: inputs, and products of such.
+    positive: Vec<u32>,
     /// Why there is no table.
     refusal: Option<&'static str>,
 }
@@ -111,7 +113,17 @@ impl Trace {
             Operation::Select if values[0].is_some() || b == c => return b,
             _ => {}
         }
-        self.node(Node::Result(operation, operands))
+        let above = |index| self.positive.contains(&index) || self.value(index) > Some(0.0);
+        let of_positive = !self.positive.is_empty() && operation == Operation::Multiply;
+        if of_positive && (is(a, ZERO) && above(b) || above(a) && is(b, ZERO)) {
+            return self.node(ZERO);
+        }
+        let positive = of_positive && above(a) && above(b);
+        let made = self.node(Node::Result(operation, operands));
+        if positive {
+            self.positive.push(made);
+        }
+        made
     }
 
     /// The results of a call, for arguments that are nodes.
@@ -153,6 +165,8 @@ pub struct Setting {
     pub answer: Option<Ordering>,
     /// What the gains of placed corrections are.
     pub gains: PlacedGains,
+    /// Whether a constant gain ℓ is an input of the table, behind the parameters of the model.
+    pub free_gain: bool,
 }
 
 /// Gains of a placed correction in a table.
@@ -171,7 +185,7 @@ pub enum PlacedGains {
 impl Setting {
     /// Samples are there, and nothing is decided.
     pub fn usual(single: bool) -> Self {
-        Self { single, present: true, answer: None, gains: PlacedGains::Computed }
+        Self { single, present: true, answer: None, gains: PlacedGains::Computed, free_gain: false }
     }
 }
 
@@ -241,6 +255,13 @@ pub fn input(name: &str) -> Traced {
         trace.names.push(name.to_owned());
         Traced(trace.node(Node::Input(index)))
     })
+}
+
+/// A new input that is above 0.
+pub fn positive(name: &str) -> Traced {
+    let Traced(index) = input(name);
+    with(|trace| trace.positive.push(index));
+    Traced(index)
 }
 
 /// Let the trace end without a table, for this reason.
@@ -354,6 +375,9 @@ fn decide(a: Traced, b: Traced) -> Option<Ordering> {
     with(|trace| {
         if let (Some(a), Some(b)) = (trace.value(a.0), trace.value(b.0)) {
             return a.partial_cmp(&b);
+        }
+        if trace.positive.contains(&a.0) && trace.value(b.0) == Some(0.0) {
+            return Some(Ordering::Greater);
         }
         if trace.answer.is_none() {
             trace.refusal = Some(DECIDES);

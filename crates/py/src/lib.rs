@@ -38,5 +38,5 @@ mod _core {
     #[pymodule_export]
     use crate::study::{kernel_agrees, simulate};
     #[pymodule_export]
-    use crate::tables::{evaluate_table, placed_gains, run_single, trace_step};
+    use crate::tables::{evaluate_table, live_numbers, placed_gains, run_single, trace_step};
 }

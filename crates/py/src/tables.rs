@@ -6,6 +6,7 @@ use hgo_ir::Spec;
 use hgo_ir::table::Table;
 use hgo_ir::tables::Tables;
 use hgo_ir::trace::{PlacedGains, Setting};
+use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyInt, PyList, PyString, PyTuple};
 
@@ -116,4 +117,14 @@ pub fn evaluate_table(
     let table = read_dict(table, "table")?;
     let table = Table::read(&Spec::new(&table, "table")?)?;
     Ok(table.evaluate_rows(&numbers(inputs)?, single)?)
+}
+
+/// The numbers of an observer for the module of a page: see [`hgo_ir::live`].
+#[pyfunction]
+pub fn live_numbers<'py>(
+    py: Python<'py>,
+    spec: &Bound<'py, PyAny>,
+) -> Result<Bound<'py, PyArray1<f64>>> {
+    let spec = read_dict(spec, "observer")?;
+    Ok(hgo_ir::live::numbers(&Spec::new(&spec, "observer")?)?.into_pyarray(py))
 }

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from hgo_rs import plots
+from hgo_rs import pages, plots
 from hgo_rs.cli.places import can_draw, tell_written, written
 from hgo_rs.cli.recorded import Asked, described, of_log
 from hgo_rs.cli.terminal import say
@@ -39,6 +39,11 @@ from hgo_rs.tuning import Tuning, TuningWarning, tune
     type=click.Path(path_type=Path),
     help="Figure, .png, .svg or .pdf; by default beside the observer, as PNG.",
 )
+@click.option(
+    "--page",
+    type=click.Path(path_type=Path),
+    help="A page to tune in, .html: sliders for gain, structure, method and noise. One file.",
+)
 def tune_command(
     log: Path,
     config: Path | None,
@@ -48,6 +53,7 @@ def tune_command(
     out: Path | None,
     table: Path | None,
     figure: Path | None,
+    page: Path | None,
     **columns: tuple[str, ...],
 ) -> int:
     """Choose structure, poles and gain of an observer by the recorded LOG alone.
@@ -59,7 +65,13 @@ def tune_command(
     Example: velocity from a measured position, no model
       hgo tune axis.csv --time t --output q
       hgo estimate axis.csv --config axis.observer.toml
+
+    \b
+    Example: the same, and a page whose sliders move the observer
+      hgo tune axis.csv --time t --output q --page tune.html
     """
+    if page is not None:
+        pages.require_module()
     out = out if out is not None else Path(f"{stem_of(log)}.observer.toml")
     draw = can_draw(figure)
     figure = figure if figure is not None else out.with_suffix(".png")
@@ -67,11 +79,15 @@ def tune_command(
     results = {"--out": out}
     results |= {} if table is None else {"--table": table}
     results |= {"--figure": figure} if draw else {}
+    results |= {} if page is None else {"--page": page}
     recorded = asked.read(results)
     result = _tuned(recorded, asked.model, state, skip)
     drawn = draw and bool(result.curves)  # gains of several outputs are not on one curve
     if not drawn:
         results.pop("--figure", None)
+    text, decimated = "", ""
+    if page is not None:
+        text, decimated = pages.page(result, recorded.source, asked.saved)
     with written(results) as files:
         saved = asked.saved(result.observer).to_toml()
         files["--out"].write(saved.encode())
@@ -79,8 +95,12 @@ def tune_command(
             plots.save(result.plot(), figure, files["--figure"])
         if table is not None:
             files["--table"].write(_table(result).encode())
+        if page is not None:
+            files["--page"].write(text.encode())
     say(result.report())
     say(f"\nchosen: {described(result.observer)}")
+    if decimated:
+        say(f"the page: {decimated}")
     tell_written(results, draw)
     return 0
 

@@ -314,6 +314,13 @@ def _spec(of: Unit, rule: str, now: str, ell: float = 1.0) -> dict[str, Any]:
     return spec
 
 
+def at_unit_gain(observer: Mapping[str, Any]) -> dict[str, Any]:
+    """The spec of an observer at gain 1, its model left out: one step of it over ell dt is that of
+    the observer over dt, state i in units of ell^(i-1).
+    """
+    return _spec(unit(observer), method(observer), timing(observer))
+
+
 class Steps:
     """Steps of a law at gain 1 (or `ell`) from memories that are not 0 in one entry."""
 

@@ -189,7 +189,8 @@ def _covariance_of_model(
     each = step**left / np.array([math.factorial(j) for j in left])
     covariance = step * np.outer(each, each) / (left[:, None] + left + 1.0)
     # z - L x; a method that moves the chain inexactly errs more.
-    spread = lift @ covariance @ lift.T
+    spread = np.zeros_like(a)  # an innovation that is kept between samples stays 0
+    spread[: len(lift), : len(lift)] = lift @ covariance @ lift.T
     p = solve_discrete_lyapunov(a, spread)
     shown = np.diag(c @ p @ c.T)
     return p[:, 0] * factor, np.asarray(system.scale[:n] ** 2 * shown * factor)

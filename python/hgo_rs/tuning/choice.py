@@ -274,4 +274,7 @@ def tune(
         judged_by="" if reference is None else reference.name,
         tried=tuple((name, reached[name], costs[name]) for name in ranked),
         remarks=(*remarks, *left),
+        built={name: candidates[name].made(reached[name]) for name in ranked},
+        log=log,
+        smoothed=None if reference is None or record is None else (record.t, reference.x),
     )

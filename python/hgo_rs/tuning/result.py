@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from hgo_rs import upward
 from hgo_rs.errors import HgoError, check, need
 from hgo_rs.observers import Observer, RunResult
 from hgo_rs.signals import Given, of_log
@@ -109,6 +112,11 @@ class Tuning:
         Each structure with its best gain [1/s] and what decided between them, least first.
     remarks : tuple of str
         What was left out, and why.
+    built : dict
+        An observer a structure, at its own best gain; of several outputs none.
+    log : the log, as it was given; None without one
+    smoothed : tuple of (N,) and (N, n)
+        Times and smoothed states that the gain was judged by; None without them.
     """
 
     observer: Observer
@@ -129,6 +137,9 @@ class Tuning:
     judged_by: str = ""
     tried: tuple[tuple[str, float, float], ...] = ()
     remarks: tuple[str, ...] = ()
+    built: Mapping[str, Observer] = field(default_factory=dict, repr=False)
+    log: Given | None = field(default=None, repr=False)
+    smoothed: tuple[Array, Array] | None = field(default=None, repr=False)
 
     def __str__(self) -> str:
         if np.ndim(self.ell):
@@ -183,6 +194,22 @@ class Tuning:
         """A pandas DataFrame of `columns`. Needs the extra `data`."""
         pd = need("pandas", "a table needs pandas", "data")
         return pd.DataFrame(self.columns())
+
+    def page(self, path: str | Path, *, title: str = "", **log: Any) -> None:
+        """Write a page to tune in, one HTML file that needs nothing else.
+
+        Its sliders move gain, structure, method and noise; estimates, error bands, spectrum, Bode
+        plot and peaking follow, computed by the core as WebAssembly with the bits of `run`. A
+        button gives the `observer.toml`, with `log` as its table `[log]`. A log of more than
+        50,000 samples is decimated, with a `TuningWarning`.
+
+        Raises
+        ------
+        HgoError
+            No log; several outputs; observers that call Python functions; an installation without
+            the WebAssembly module.
+        """
+        upward.call("page", self, path, title, log)
 
     def plot(self, figure: Figure | None = None) -> Figure:
         """Draw the trade-off with the chosen point marked. Needs the extra `plot`.

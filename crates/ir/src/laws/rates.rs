@@ -9,7 +9,7 @@ use crate::order::MAX_INPUTS;
 use crate::spec::Spec;
 use crate::tabled::{Gains, LawTables};
 use crate::tables::{PlacedChain, Shape, Tables};
-use crate::trace::{Setting, Traced};
+use crate::trace::{self, Setting, Traced};
 use hgo_rs::dual::Dual;
 use hgo_rs::gain::{AdaptiveGain, ConstantGain, GainLaw};
 use hgo_rs::laws::{Form, Gain, Law, Sizes};
@@ -139,7 +139,10 @@ impl<'a> Described<'a> {
         &self,
     ) -> Result<Taken<Traced, Chosen<Traced, N, E>, Known, AnySaturation<N, Traced>>> {
         let (model, saturation) = (self.given.install(N)?, self.saturation()?);
-        let chosen = Chosen::<Traced, N, E>::read(self.spec)?;
+        let mut chosen = Chosen::<Traced, N, E>::read(self.spec)?;
+        if self.setting.free_gain && matches!(chosen.gain, AnyGain::Constant(_)) {
+            chosen.gain = AnyGain::Constant(ConstantGain::new(trace::positive("ell"))?);
+        }
         let (adaptive, constant) = match chosen.gain {
             AnyGain::Adaptive(law) => (Some(law), None),
             AnyGain::Constant(law) => (None, Some(law)),
@@ -292,6 +295,11 @@ pub(super) fn tables(
 ) -> Result<Tables> {
     let of = Described::read(law, spec, given, setting)?;
     let (manner, law) = (of.manner, traced(&of)?);
+    let mut parameters = given.parameters().to_vec();
+    let of_gain = spec.sub("gain")?;
+    if setting.free_gain && of_gain.text("law")? == "constant" {
+        parameters.push(of_gain.f64("ell")?);
+    }
     let current = manner.timing == Timing::Current;
     let memory = law.memory(manner);
     let mut initial = law.initial.clone();
@@ -317,7 +325,7 @@ pub(super) fn tables(
         }),
         law: if together && !law.jumps { Some(law.together(setting)?) } else { None },
         moving: (manner.motion != AnyMotion::Held).then(|| (Box::new(law), manner.motion)),
-        parameters: given.parameters().to_vec(),
+        parameters,
         start: None,
     })
 }

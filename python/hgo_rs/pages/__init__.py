@@ -1,0 +1,8 @@
+"""Pages that compute: one file each, observers and data within, the core as WebAssembly."""
+
+from __future__ import annotations
+
+from hgo_rs.pages.module import require_module
+from hgo_rs.pages.tuning import page, write
+
+__all__ = ["page", "require_module", "write"]

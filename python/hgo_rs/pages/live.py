@@ -1,0 +1,115 @@
+"""An observer for a page: its steps as numbers, by each method and timing, its gain free."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hgo_rs import _core
+from hgo_rs.config import Config
+from hgo_rs.design.discrete import METHODS, TIMINGS, at_unit_gain, following
+from hgo_rs.design.discretisation import step_limit
+from hgo_rs.errors import HgoError, check
+from hgo_rs.observers import Observer
+from hgo_rs.pages.module import packed
+
+Array = npt.NDArray[np.float64]
+
+
+def ways(observer: Observer, first: Array, toml: Any) -> list[dict[str, Any]]:
+    """The observer by each method and timing that its law has, its own first.
+
+    ``first``: the first sample, where its estimate begins. ``toml``: observer -> `observer.toml`.
+
+    Raises
+    ------
+    HgoError
+        A gain that moves, a model of Python functions, another law than one chain.
+    """
+    own = observer.spec.get("method"), observer.spec.get("timing")
+    found = [_way(observer, first, toml)]
+    table = Config.of(observer)
+    for method in METHODS:
+        for timing in TIMINGS:
+            if (method, timing) == own:
+                continue
+            try:
+                other = table.replace(method=method, timing=timing).observer()
+                found.append(_way(other, first, toml))
+            except HgoError:  # a method that the law has not
+                continue
+    return found
+
+
+def _way(observer: Observer, first: Array, toml: Any) -> dict[str, Any]:
+    spec = observer.spec
+    _check_gain(observer)
+    unit = at_unit_gain(spec)
+    try:
+        numbers, of_unit = _core.live_numbers(spec), _core.live_numbers(unit)
+    except ValueError as error:
+        raise HgoError(str(error)) from None
+    memory = observer.initial_memory()
+    if observer._usual_start == "first-sample":
+        memory = observer._begun(memory, first)
+    before, gain, after = _split(toml(observer), spec["gain"]["ell"])
+    return {
+        "method": spec["method"],
+        "timing": spec["timing"],
+        "numbers": packed(numbers),
+        "unit": packed(of_unit),
+        "lift": packed(_lift(observer)),
+        "memory": packed(memory),
+        "limit": _limit(spec),
+        "toml": [before, gain, after],
+    }
+
+
+def _lift(observer: Observer) -> Array:
+    """What of the memory follows a chain, (m, n), m without the time that a filter holds."""
+    lift = following(observer.spec)
+    out = np.zeros((observer._core.memory_len - observer._core.is_current, observer.n))
+    out[: len(lift)] = lift  # an innovation that is kept between samples stays 0
+    return out
+
+
+def _limit(spec: Any) -> float | None:
+    """The largest stable gain times step; None where every step is stable."""
+    limit = float(step_limit(spec).c)
+    return limit if np.isfinite(limit) else None
+
+
+def _check_gain(observer: Observer) -> None:
+    """Refuse an observer of which more than the gain changes with the gain."""
+    spec = observer.spec
+    gain = spec.get("gain", {})
+    constant = gain.get("law") == "constant"
+    remedy = "leave it out"
+    check(constant, "gain of the observer", gain.get("law"), "constant, for a page", remedy)
+    calls = observer._interpreted
+    told = "compiled, for a page: its model calls Python functions"
+    check(not calls, "observer", type(observer).__name__, told, "write the model as expressions")
+
+
+def free(spec: Any) -> Any:
+    """A spec without its gain: what must be the same at every gain."""
+    out = copy.deepcopy(spec)
+    out["gain"] = None
+    return out
+
+
+def _split(text: str, ell: float) -> tuple[str, str, str]:
+    """An `observer.toml` before its gain, the gain, and behind it."""
+    lines = text.split("\n")
+    for i, line in enumerate(lines):
+        key, equals, value = line.partition("=")
+        if key.strip() == "gain" and equals:
+            number, mark, comment = value.partition("#")
+            if float(number) == ell:
+                head = "\n".join([*lines[:i], f"{key}= "])
+                tail = (" #" + comment) if mark else ""
+                return head, number.strip(), "\n".join([tail, *lines[i + 1 :]])
+    raise HgoError("gain of observer.toml: must be a number at its head, for a page")

@@ -1,0 +1,188 @@
+"""Pages to tune in: what they hold, what they refuse, and what a browser makes of them."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import browser
+import numpy as np
+import pytest
+
+import hgo_rs as hgo
+from hgo_rs import pages
+from hgo_rs.cli import main
+from hgo_rs.pages import module
+from hgo_rs.pages.module import digest
+
+pytestmark = pytest.mark.skipif(
+    not module.MODULE.is_file(), reason="the package was built without the module: make pages"
+)
+
+DT = 2e-3
+MODEL = hgo.Model(states=["q", "v"], inputs=["u"], parameters={"d": 0.5}, phi="u - d*v")
+
+
+def record(count: int = 1500) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    t = np.arange(count) * DT
+    u = np.sign(np.sin(4.0 * t))
+    v = np.zeros(count)
+    for k in range(count - 1):
+        v[k + 1] = v[k] + DT * (u[k] - 0.5 * v[k] + 0.3 * np.sin(9.0 * t[k]))
+    y = np.cumsum(v) * DT + 1e-3 * np.random.default_rng(0).standard_normal(count)
+    return t, y, u
+
+
+def offered() -> dict[str, Any]:
+    return {
+        "model": lambda ell: hgo.StandardObserver(2, ell, model=MODEL),
+        "low-power": lambda ell: hgo.LowPowerObserver(2, ell, model=MODEL),
+    }
+
+
+@pytest.fixture(scope="module")
+def tuned() -> hgo.Tuning:
+    return hgo.tune(offered(), record(), ells=np.geomspace(2.0, 400.0, 9))
+
+
+def held(text: str) -> dict[str, Any]:
+    """What a page holds, of its first system."""
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
+    assert found
+    data: dict[str, Any] = json.loads(found[1])["systems"][0]
+    return data
+
+
+def numbers(packed: str) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(packed))
+
+
+def test_a_page_is_one_file_with_the_log_within(tuned: hgo.Tuning, tmp_path: Path) -> None:
+    path = tmp_path / "tune.html"
+    tuned.page(path, title="a <b> & c", time="t", output="q")
+    text = path.read_text(encoding="utf-8")
+    assert "<title>a &lt;b> &amp; c</title>" in text
+    assert not re.search(r"""(src|href)=["'](?!data:,)|url\(|https?://|import\(|fetch\(""", text)
+    for left in ("/root", str(Path.home()), str(Path(__file__).parents[2])):
+        assert left not in text and left.encode() not in module.MODULE.read_bytes()
+    data = held(text)
+    t, y, u = record()
+    np.testing.assert_array_equal(numbers(data["log"]["t"]), t)
+    np.testing.assert_array_equal(numbers(data["log"]["y"]), y)
+    np.testing.assert_array_equal(numbers(data["log"]["u"]), u)
+    assert {of["name"] for of in data["structures"]} == {"model", "low-power"}
+    first = next(of for of in data["structures"] if of["name"] == tuned.structure)
+    observer = tuned.built[tuned.structure]
+    assert observer.spec == tuned.observer.spec
+    assert first["digest"] == digest(tuned.run(record()).x_hat)
+    for way in first["ways"]:
+        saved = hgo.Config.from_toml("".join(way["toml"]), "page")
+        assert saved.observer().spec["method"] == way["method"]
+        assert saved.data["gain"] == tuned.ell and saved.data["log"]["output"] == "q"
+    assert hgo.Config.from_toml("".join(first["ways"][0]["toml"])).observer().spec == observer.spec
+
+
+def test_a_log_too_large_is_decimated_and_told(tuned: hgo.Tuning) -> None:
+    text, told = pages.page(tuned, "log", most=600)
+    assert told.startswith("decimated: one sample of every 3 of 1500, inputs as the means")
+    data = held(text)
+    _, y, u = record()
+    assert data["decimated"] == told and data["log"]["samples"] == 500
+    np.testing.assert_array_equal(numbers(data["log"]["y"]), y[::3])
+    np.testing.assert_allclose(numbers(data["log"]["u"]), u.reshape(-1, 3).mean(1))
+    assert pages.page(tuned, "log")[1] == ""
+
+
+def test_what_a_page_cannot_draw_is_refused(
+    tuned: hgo.Tuning, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "tune.html"
+    alone = hgo.tune(lambda ell: hgo.StandardObserver(2, ell), 1e-3, DT, model_error=0.1)
+    with pytest.raises(hgo.HgoError, match="log of the tuning = None: must be given, for a page"):
+        alone.page(path)
+    two = replace(tuned, ell=np.array([1.0, 2.0]), curves={}, built={})
+    with pytest.raises(hgo.HgoError, match="outputs = 2: must be 1, for a page; tune one output"):
+        two.page(path)
+    slow = hgo.Model(states=["q", "v"], phi=lambda t, x, u: -float(x[0]) * x[1])
+    of_functions = replace(tuned, built={"model": hgo.StandardObserver(2, 20.0, model=slow)})
+    with pytest.raises(hgo.HgoError, match="write the model as expressions"):
+        of_functions.page(path)
+    monkeypatch.setattr(module, "MODULE", tmp_path / "none.wasm")
+    with pytest.raises(hgo.HgoError, match="make pages"):
+        tuned.page(path)
+    assert not path.exists()
+
+
+def test_the_command_writes_a_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    t, y, _ = record(200)
+    np.savetxt("axis.csv", np.c_[t, y], delimiter=",", header="t,q", comments="")
+    words = ["tune", "axis.csv", "--time", "t", "--output", "q", "--page", "tune.html"]
+
+    def tuned_fast(_: Any, log: Any, **__: Any) -> hgo.Tuning:
+        laws = {"order 2": lambda ell: hgo.StandardObserver(2, ell)}
+        return hgo.tune(laws, log, ells=[10.0, 40.0, 160.0])
+
+    monkeypatch.setattr("hgo_rs.cli.tune.tune", tuned_fast)
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    assert not end.value.code and "tune.html" in capsys.readouterr().out
+    data = held(Path("tune.html").read_text(encoding="utf-8"))
+    assert data["title"] == "axis.csv"
+    assert 'output = "q"' in data["structures"][0]["ways"][0]["toml"][2]
+    monkeypatch.setattr(module, "MODULE", tmp_path / "none.wasm")
+    with pytest.raises(SystemExit) as end:
+        main([*words[:-1], "other.html"])
+    assert end.value.code == 2 and "make pages" in capsys.readouterr().err
+    assert not Path("other.html").exists()
+
+
+@pytest.mark.skipif(browser.PROGRAM is None, reason="needs Chromium")
+def test_a_browser_has_pythons_bits_as_the_slider_moves(tmp_path: Path) -> None:
+    log = record(10_000)
+    tuned = hgo.tune(offered(), log, ells=np.geomspace(2.0, 400.0, 7))
+    path = tmp_path / "tune.html"
+    tuned.page(path)
+    move = """(async () => {
+      const page = window.hgo, told = {};
+      page.box.value = %d; page.box.dispatchEvent(new Event("change"));
+      page.boxOfWays.value = %d; page.boxOfWays.dispatchEvent(new Event("change"));
+      page.gain.bar.value = %d; page.gain.bar.dispatchEvent(new Event("input"));
+      await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+      return { ell: page.gain.value, digest: digest(page.last.x), toml: page.toml(),
+        noise: page.last.figures.noise, peak: page.last.peak, settled: page.last.settled };
+    })()"""
+    with browser.Browser() as opened:
+        opened.open(path)
+        assert opened.value("window.hgo.same") is True
+        seen = set()
+        for at, by, bar in ((0, 0, 300), (0, 0, 900), (0, 3, 500), (1, 0, 700), (1, 2, 650)):
+            told = opened.value(move % (at, by, bar))
+            observer = hgo.Config.from_toml(told["toml"]).observer()
+            assert observer.spec["gain"]["ell"] == told["ell"]
+            u = log[2] if observer.n_u else None
+            run = observer.run(log[0], log[1], u, start="first-sample")
+            assert told["digest"] == digest(run.x_hat), observer
+            dt, i = float(np.median(np.diff(log[0]))), min(tuned.state, observer.n) - 1
+            np.testing.assert_allclose(told["noise"], observer.noise_gain(dt), rtol=1e-6)
+            assert told["peak"] == pytest.approx(observer.peaking(dt)[i], rel=1e-6)
+            assert told["settled"] == pytest.approx(observer.settling(dt)[i], abs=1.01 * dt)
+            seen.add(told["digest"])
+        assert len(seen) == 5
+        spent = opened.value(
+            "(() => { const began = performance.now();"
+            "for (let i = 0; i < 20; i += 1) { window.hgo.gain.set(10 + i); window.hgo.draw(); }"
+            "return (performance.now() - began) / 20; })()"
+        )
+        print(f"{spent:.1f} ms a picture of {len(log[0])} samples")
+        assert spent < 250.0  # ms; 10 on a processor of its own, see docs/tuning-page.md
+        assert opened.requests == [] and opened.errors == []
+        opened.open(path, before="delete window.WebAssembly;")
+        assert "runs no WebAssembly" in opened.value("document.getElementById('notice').innerText")
+        assert f"{tuned.ell}"[:8] in opened.value("document.getElementById('notice').innerText")
