@@ -43,13 +43,16 @@ const OPERATIONS: [Operation; 33] = {
     ]
 };
 
-const _: () = {
-    let mut i = 0;
+/// They stand in the order in which the core declares them.
+const IN_ORDER: bool = {
+    let (mut i, mut so) = (0, true);
     while i < OPERATIONS.len() {
-        assert!(OPERATIONS[i] as usize == i);
+        so &= OPERATIONS[i] as usize == i;
         i += 1;
     }
+    so
 };
+const _: [(); 1] = [(); IN_ORDER as usize];
 
 /// A program that is kept here.
 pub struct Step {
