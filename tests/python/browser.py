@@ -54,6 +54,7 @@ class Browser:
         self._session = self.send("Target.attachToTarget", **given)["sessionId"]
         for domain in ("Page", "Runtime", "Network"):
             self.send(f"{domain}.enable")
+        self.send("Performance.enable", timeDomain="threadTicks")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -109,6 +110,11 @@ class Browser:
         told = self.send("Runtime.evaluate", **given)
         assert "exceptionDetails" not in told, told
         return told["result"].get("value")
+
+    def processor_time(self) -> float:
+        """What the page's thread has spent [s]; waits for other processes are not in it."""
+        told = self.send("Performance.getMetrics")["metrics"]
+        return float(next(of["value"] for of in told if of["name"] == "TaskDuration"))
 
     def picture(self, path: Path) -> None:
         size = self.send("Page.getLayoutMetrics")["cssContentSize"]

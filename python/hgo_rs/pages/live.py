@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import copy
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,15 +14,52 @@ from hgo_rs.design.discrete import METHODS, TIMINGS, at_unit_gain, following
 from hgo_rs.design.discretisation import step_limit
 from hgo_rs.errors import HgoError, check
 from hgo_rs.observers import Observer
-from hgo_rs.pages.module import packed
+from hgo_rs.pages.drawn import Drawn
+from hgo_rs.pages.module import digest, packed
 
 Array = npt.NDArray[np.float64]
 
 
-def ways(observer: Observer, first: Array, toml: Any) -> list[dict[str, Any]]:
-    """The observer by each method and timing that its law has, its own first.
+def structure(
+    name: str,
+    observer: Observer,
+    drawn: Drawn,
+    span: tuple[float, float],
+    saved: Callable[[Observer], Config],
+    start: str,
+    curve: Sequence[Any] = ((), (), ()),
+    methods: Sequence[str] = METHODS,
+) -> dict[str, Any]:
+    """An observer over a record, begun at "zero" or at the "first-sample", its gain within `span`.
 
-    ``first``: the first sample, where its estimate begins. ``toml``: observer -> `observer.toml`.
+    ``curve``: gains, and at each the RMS innovation and the measured error. ``methods``: beside its
+    own.
+    """
+    first = drawn.first if start == "first-sample" else None
+    found = ways(observer, first, lambda other: saved(other).to_toml(), methods)
+    states = list(getattr(observer.model, "states", ()))
+    states += [f"x{i + 1}" for i in range(len(states), observer.n)]
+    return {
+        "name": name,
+        "n": observer.n,
+        "inputs": observer.n_u,
+        "states": states,
+        "units": observer.units.tolist(),
+        "ell": float(observer.spec["gain"]["ell"]),
+        "range": list(span),
+        "digest": digest(drawn.run(observer, start)),
+        "curve": dict(zip(("ell", "innovation", "measured"), map(packed, curve), strict=True)),
+        "ways": found,
+    }
+
+
+def ways(
+    observer: Observer, first: Array | None, toml: Any, methods: Sequence[str] = METHODS
+) -> list[dict[str, Any]]:
+    """The observer by each of these methods and timings that its law has, its own first.
+
+    ``first``: the first sample, where its estimate begins; None: at 0.
+    ``toml``: observer -> `observer.toml`.
 
     Raises
     ------
@@ -32,7 +69,7 @@ def ways(observer: Observer, first: Array, toml: Any) -> list[dict[str, Any]]:
     own = observer.spec.get("method"), observer.spec.get("timing")
     found = [_way(observer, first, toml)]
     table = Config.of(observer)
-    for method in METHODS:
+    for method in methods:
         for timing in TIMINGS:
             if (method, timing) == own:
                 continue
@@ -44,7 +81,7 @@ def ways(observer: Observer, first: Array, toml: Any) -> list[dict[str, Any]]:
     return found
 
 
-def _way(observer: Observer, first: Array, toml: Any) -> dict[str, Any]:
+def _way(observer: Observer, first: Array | None, toml: Any) -> dict[str, Any]:
     spec = observer.spec
     _check_gain(observer)
     unit = at_unit_gain(spec)
@@ -53,7 +90,7 @@ def _way(observer: Observer, first: Array, toml: Any) -> dict[str, Any]:
     except ValueError as error:
         raise HgoError(str(error)) from None
     memory = observer.initial_memory()
-    if observer._usual_start == "first-sample":
+    if first is not None:
         memory = observer._begun(memory, first)
     before, gain, after = _split(toml(observer), spec["gain"]["ell"])
     return {
@@ -92,13 +129,6 @@ def _check_gain(observer: Observer) -> None:
     calls = observer._interpreted
     told = "compiled, for a page: its model calls Python functions"
     check(not calls, "observer", type(observer).__name__, told, "write the model as expressions")
-
-
-def free(spec: Any) -> Any:
-    """A spec without its gain: what must be the same at every gain."""
-    out = copy.deepcopy(spec)
-    out["gain"] = None
-    return out
 
 
 def _split(text: str, ell: float) -> tuple[str, str, str]:

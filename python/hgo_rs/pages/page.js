@@ -76,7 +76,8 @@ class Live {
     const x = core.scratch("x", count * way.n), e = core.scratch("e", count);
     const done = core.to.run(way.live, ell, count, this.t, log.period || 0, this.y,
       structure.inputs ? this.u : 0, way.start, x, e);
-    return { done, x: core.view(x, count * way.n), e: core.view(e, count), at: e };
+    // views anew at each use: memory that grows leaves the old ones empty
+    return { done, at: e, get x() { return core.view(x, count * way.n); }, get e() { return core.view(e, count); } };
   }
   figures(structure, way, ell, cutoffs) {
     this.ready(way, structure);
@@ -148,7 +149,7 @@ class Plot {
     c.fillStyle = COLOURS.soft;
     c.textAlign = "center";
     const xs = this.logX ? decades(x0, x1, this.w / 42) : ticks(x0, x1, this.w / 80);
-    const ys = this.logY ? decades(y0, y1, this.h / 24) : ticks(y0, y1, this.h / 34);
+    const ys = this.logY ? decades(y0, y1, this.h / 24) : ticks(y0, y1, this.h / 26);
     c.beginPath();
     xs.forEach(({ at }) => { const px = this.px(at); c.moveTo(px, TOP); c.lineTo(px, TOP + this.h); });
     ys.forEach(({ at }) => { const py = this.py(at); c.moveTo(LEFT, py); c.lineTo(LEFT + this.w, py); });
@@ -255,8 +256,8 @@ class Plot {
 
 function ticks(low, high, most) {
   const rough = (high - low) / Math.max(most, 2), power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 5, 10].find((part) => part * power >= rough) * power, out = [];
-  const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+  const part = [1, 2, 2.5, 5, 10].find((one) => one * power >= rough), step = part * power, out = [];
+  const digits = Math.max(0, (part === 2.5 ? 1 : 0) - Math.floor(Math.log10(step) + 1e-9));
   const size = Math.max(Math.abs(low), Math.abs(high));
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k += 1) {
     const at = k * step;
@@ -369,13 +370,13 @@ class Page {
     this.boxOfWays = select("Method and timing", (by) => { this.by = by; this.ask(); });
     this.boxOfStates = select("Estimate that is drawn", (i) => { this.state = i; this.ask(); });
     this.gain = slider("Gain ℓ, 1/s", () => this.ask());
-    this.noise = slider("Noise of a sample, standard deviation", () => this.ask());
+    this.noise = slider("Noise of a sample, σ", () => this.ask());
     this.lack = slider("Model error √Q", () => this.ask());
     const buttons = element(form, "div", { class: "buttons" });
     const press = (text, kind, done) =>
       element(buttons, "button", { type: "button", class: kind }, text).addEventListener("click", done);
     press("observer.toml", "main", () => this.save());
-    press("Tuned values", "", () => this.choose(this.data.structures.findIndex((of) => of.name === this.data.chosen)));
+    press(this.data.criterion ? "Tuned values" : "As given", "", () => this.choose(this.data.structures.findIndex((of) => of.name === this.data.chosen)));
     press("Least error", "", () => this.least());
     this.table = element(form, "table");
     const more = element(form, "details");
@@ -479,13 +480,13 @@ class Page {
 
   // whether the module has Python's bits, here and now
   check() {
-    const of = this.structure, { x } = this.live.run(of, of.ways[0], of.ell);
-    this.same = digest(x) === of.digest;
+    const of = this.structure, run = this.live.run(of, of.ways[0], of.ell);
+    this.same = digest(run.x) === of.digest;
     byId("footer").textContent = "";
     const told = (text) => element(byId("footer"), "p", {}, text);
     told(this.same
-      ? "The estimates at the tuned gain have the same bits as Python's: checked when this page was opened."
-      : "Not the same bits as Python's at the tuned gain: please report this browser as a fault of hgo_rs.");
+      ? "The estimates that this page opens with have the same bits as Python's: checked now."
+      : "Not the same bits as Python's: please report this browser as a fault of hgo_rs.");
     told("Bode, bands and peaking are those of the law's linear part, its model left out, with the median step.");
     this.data.left.forEach((text) => told(`Left out: ${text}`));
     this.time = told("");
@@ -520,7 +521,7 @@ class Page {
     const { structure, way, log, state } = this, ell = this.gain.value, n = structure.n;
     const run = this.live.run(structure, way, ell);
     const figures = this.live.figures(structure, way, ell, true);
-    this.last = { x: run.x, e: run.e, figures };
+    this.last = { run, figures };
     this.tell(run, figures, ell);
     const spread = this.total(figures.noise[state], figures.model[state]);
     this.drawTime(run, spread);
@@ -579,7 +580,7 @@ class Page {
     }
     // the start may peak: what is drawn is scaled by what follows
     const skip = Math.min(from + Math.round(0.02 * log.samples), end);
-    if (low <= log.t[0] && end - skip > 10) all[0] = [run.x, n, state, skip, end];
+    if (low <= log.t[0] && end - skip > 10 && !this.data.truth) all[0] = [run.x, n, state, skip, end];
     plot.begin(low, high, ...bounds(all, 0.1));
     if (band) plot.samples(log.t, run.x, n, state, some, { colour: "#cfe3f1", spread: 2 * spread });
     plot.samples(log.t, run.x, n, state, some, { colour: COLOURS.blue });
@@ -601,10 +602,11 @@ class Page {
       plot.end();
       return;
     }
+    const { x } = run;
     if (!this.off || this.off.length !== smooth.t.length) this.off = new Float64Array(smooth.t.length);
     let sum = 0, count = 0;
     for (let i = 0; i < smooth.t.length; i += 1) {
-      const k = smooth.rows[i], off = k < 0 || k >= done ? NaN : run.x[k * n + state] - smooth.x[i * smooth.n + state];
+      const k = smooth.rows[i], off = k < 0 || k >= done ? NaN : x[k * n + state] - smooth.x[i * smooth.n + state];
       this.off[i] = off;
       if (i >= smooth.t.length / 20 && off === off) { sum += off * off; count += 1; }
     }
@@ -729,7 +731,7 @@ class Page {
 
   // RMS error of estimate i after the first tenth of the record
   missed(truth, i) {
-    const { x } = this.last, n = this.structure.n, count = this.log.samples;
+    const { x } = this.last.run, n = this.structure.n, count = this.log.samples;
     return rms_of((k) => x[k * n + i] - truth.x[k * truth.n + i], Math.floor(count / 10), count);
   }
 
@@ -786,8 +788,9 @@ function refuse(text) {
 
 function about(system) {
   const tuned = system.structures.find((of) => of.name === system.chosen) || system.structures[0];
+  if (!system.criterion) return system.text;
   const chosen = `gain ${shown(tuned.ell)} /s by ${system.criterion} of ${tuned.states[system.state - 1]}`;
-  return [system.text, system.chosen, system.criterion && chosen,
+  return [system.text, system.chosen, chosen,
     system.judged_by && `judged by ${system.judged_by}`, ...system.warnings].filter(Boolean).join(" · ");
 }
 

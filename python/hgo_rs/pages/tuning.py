@@ -5,87 +5,19 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from hgo_rs.config import Config
 from hgo_rs.errors import HgoError, check
 from hgo_rs.files import replacing
 from hgo_rs.observers import Observer
-from hgo_rs.pages.live import ways
-from hgo_rs.pages.module import assembled, digest, packed, require_module
+from hgo_rs.pages.drawn import MOST, Drawn
+from hgo_rs.pages.live import structure
+from hgo_rs.pages.module import assembled, packed, require_module
 from hgo_rs.tuning import Tuning, TuningWarning
-from hgo_rs.tuning.record import longest
-
-Array = npt.NDArray[np.float64]
-
-MOST = 50_000
-"""Samples of a page; a longer log is decimated."""
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """The record that a page draws.
-
-    ``period``: where it was given in place of times.  ``decimated``: what was left out, in words.
-    """
-
-    t: Array
-    y: Array
-    u: Array | None
-    period: float | None
-    decimated: str
-
-    @classmethod
-    def of(cls, log: Any, most: int = MOST) -> Drawn:
-        """The longest piece of a log of one output; of one of more than `most` samples every k-th.
-
-        Raises
-        ------
-        HgoError
-            Several outputs.
-        """
-        clock, y, u, whole = longest(log)
-        y = y[:, 0] if y.ndim == 2 and y.shape[1] == 1 else y
-        remedy = "tune one output, with the others' estimates as inputs, and draw that"
-        check(y.ndim == 1, "outputs of the log", y.shape[-1], "1, for a page", remedy)
-        u = u[:, None] if u is not None and u.ndim == 1 else u
-        t, period = clock, None
-        if not clock.ndim:
-            period = float(clock)
-            t = period * np.arange(len(y), dtype=np.float64)
-        said = []
-        if len(y) < whole:
-            said.append(f"the longest piece of the log: {len(y)} of its {whole} samples")
-        k = math.ceil(len(y) / most)
-        if k > 1:
-            means = ", inputs as the means between them" if u is not None else ""
-            said.append(
-                f"decimated: one sample of every {k} of {len(y)}{means}; all figures are those of "
-                "this longer step"
-            )
-            if u is not None:  # each is held until the next sample
-                u = np.array([np.mean(u[i : i + k], axis=0) for i in range(0, len(u), k)])
-            t, y, period = t[::k], y[::k], None if period is None else k * period
-        return cls(t, y, u, period, "; ".join(said))
-
-    @property
-    def clock(self) -> Array | float:
-        return self.t if self.period is None else self.period
-
-    @property
-    def usual(self) -> float:
-        """The median step [s]."""
-        return float(np.median(np.diff(self.t)))
-
-    def run(self, observer: Observer) -> Array:
-        """Estimates (N, n), as the page has them."""
-        u = self.u if observer.n_u else None
-        return observer.run(self.clock, self.y, u, start=observer._usual_start).x_hat
 
 
 def page(
@@ -119,12 +51,14 @@ def page(
     remedy = "tune on a log: tune(model, (t, y))"
     check(tuning.log is not None, "log of the tuning", None, "given, for a page", remedy)
     drawn = Drawn.of(tuning.log, most)
-    there = np.flatnonzero(np.isfinite(drawn.y))
-    first = drawn.y[there[:1]] if there.size else np.array([np.nan])
     structures, left = [], []
     for name, observer in tuning.built.items():
         try:
-            structures.append(_structure(tuning, name, observer, drawn, first, saved))
+            curve = tuning.curves[name]
+            span = float(curve.ell[0]), float(curve.ell[-1])
+            columns = (curve.ell, curve.innovation, curve.measured)
+            made = structure(name, observer, drawn, span, saved, observer._usual_start, columns)
+            structures.append(made)
         except HgoError as error:
             left.append(f"{name or 'the structure'}: {error}")
     remedy = "; ".join(left[:1])
@@ -132,16 +66,7 @@ def page(
     data = {
         "title": title,
         "text": "",
-        "log": {
-            "samples": len(drawn.y),
-            "period": drawn.period,
-            "t": None if drawn.period is not None else packed(drawn.t),
-            "y": packed(drawn.y),
-            "u": None if drawn.u is None else packed(drawn.u),
-            "inputs": 0 if drawn.u is None else drawn.u.shape[1],
-            "dt": drawn.usual,
-            "longest": float(np.max(np.diff(drawn.t))),
-        },
+        "log": drawn.data,
         "decimated": drawn.decimated,
         "left": left,
         "structures": structures,
@@ -170,32 +95,6 @@ def write(tuning: Tuning, path: str | Path, title: str, log: Mapping[str, Any]) 
 
 def _finite(value: Any) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def _structure(
-    tuning: Tuning, name: str, observer: Observer, drawn: Drawn, first: Array, saved: Any
-) -> dict[str, Any]:
-    curve = tuning.curves[name]
-    ell = float(observer.spec["gain"]["ell"])
-    found = ways(observer, first, lambda other: saved(other).to_toml())
-    states = list(getattr(observer.model, "states", ()))
-    states += [f"x{i + 1}" for i in range(len(states), observer.n)]
-    return {
-        "name": name,
-        "n": observer.n,
-        "inputs": observer.n_u,
-        "states": states,
-        "units": observer.units.tolist(),
-        "ell": ell,
-        "range": [float(curve.ell[0]), float(curve.ell[-1])],
-        "digest": digest(drawn.run(observer)),
-        "curve": {
-            "ell": packed(curve.ell),
-            "innovation": packed(curve.innovation),
-            "measured": packed(curve.measured),
-        },
-        "ways": found,
-    }
 
 
 def _smoothed(tuning: Tuning) -> dict[str, Any] | None:
