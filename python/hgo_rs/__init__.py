@@ -188,10 +188,30 @@ _MODULES = (
 )
 """Where the names stand, those of lower floors first."""
 
+_PUBLIC = (
+    "config",
+    "data",
+    "design",
+    "errors",
+    "exports",
+    "expressions",
+    "laws",
+    "logs",
+    "models",
+    "observers",
+    "plots",
+    "reference",
+    "scenarios",
+    "simulation",
+    "smoothing",
+    "tuning",
+)
+"""Modules of which names are public beside those of `__all__`."""
+
 
 def __getattr__(name: str) -> Any:
     """A public name, or a module, on its first use (PEP 562)."""
-    if name in (*_MODULES, "design", "expressions", "plots", "reference", "scenarios", "_core"):
+    if name in (*_MODULES, *_PUBLIC, "_core"):
         return import_module(f"hgo_rs.{name}")
     if name in __all__:
         for module in map(import_module, (f"hgo_rs.{name}" for name in _MODULES)):
@@ -216,4 +236,5 @@ upward.register("to_control", _later("exports.control", "to_control"))
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__, *_MODULES})
+    """Public names alone, and the modules behind them."""
+    return sorted({*__all__, *_PUBLIC})

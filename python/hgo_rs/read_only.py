@@ -95,6 +95,18 @@ def plain(value: Any) -> Any:
     return value.copy() if isinstance(value, np.ndarray) else value
 
 
+def same(a: Any, b: Any) -> bool:
+    """Whether plain data is equal, all the way down; NaN equals NaN."""
+    if isinstance(a, Mapping) and isinstance(b, Mapping):
+        return a.keys() == b.keys() and all(same(value, b[key]) for key, value in a.items())
+    if isinstance(a, (list, tuple)) and isinstance(b, (list, tuple)):
+        return len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        numbers = all(np.asarray(one).dtype.kind in "fc" for one in (a, b))
+        return np.array_equal(a, b, equal_nan=numbers)
+    return bool(a == b or (a != a and b != b))
+
+
 def shown(array: Any) -> Any:
     """The same numbers, which cannot be written to through it; what is no array as it is."""
     if not isinstance(array, np.ndarray):

@@ -204,7 +204,7 @@ def test_whiteness_and_normality_of_innovations():
 def test_table_and_figure():
     _, y = swing(7, 300)
     run = StandardObserver(2, 12.0, model=PENDULUM).run(DT, y, **KNOWN)
-    assert np.array_equal(run.columns()["std2"], run.deviation[:, 1])
+    assert np.array_equal(run.columns()["std_v"], run.deviation[:, 1])
     assert np.array_equal(run.rows(slice(10, 20)).deviation, run.deviation[10:20])
     with pytest.raises(ValueError, match="read-only"):
         run.deviation[0, 0] = 1.0
@@ -212,7 +212,7 @@ def test_table_and_figure():
     axes = run.plot().get_axes()
     assert len(axes[0].collections) == len(axes[1].collections) == 1
     bare = StandardObserver(2, 12.0, model=PENDULUM).run(DT, y)
-    assert bare.deviation is None and "std1" not in bare.columns()
+    assert bare.deviation is None and "std_q" not in bare.columns()
     assert not bare.plot().get_axes()[1].collections
 
 

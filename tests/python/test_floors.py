@@ -15,6 +15,7 @@ FLOORS = (
     "_version",
     "upward",
     "errors",
+    "markup",
     "times",
     "signals",
     "files",

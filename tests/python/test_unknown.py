@@ -250,7 +250,7 @@ def test_an_unknown_of_one_of_several_chains(timing: str) -> None:
     theirs = reference.Observer(law.spec).run(t, both, u, law.initial_memory())["memory"]
     assert np.allclose(result.memory, theirs, rtol=1e-9, atol=1e-10)
     assert np.array_equal(result.of("T1"), result.x_hat[:, 2])
-    assert list(result.columns())[1:6] == ["x_hat1", "x_hat2", "T1", "x_hat4", "x_hat5"]
+    assert list(result.columns())[1:6] == ["q1", "w1", "T1", "q2", "w2"]
 
 
 def test_step_and_run_have_the_same_bits() -> None:
@@ -322,7 +322,7 @@ def test_name_and_unit_in_results_frames_files_and_figures(tmp_path: Path) -> No
         result.of("load")
     frame = result.to_dataframe()
     assert np.array_equal(frame["T_load"], result.x_hat[:, 2])
-    assert frame.attrs["units"] == {"x_hat1": "rad", "x_hat2": "rad/s", "T_load": "N m"}
+    assert frame.attrs["units"] == {"q": "rad", "w": "rad/s", "T_load": "N m"}
     assert result.to_xarray()["T_load"].attrs["units"] == "N m"
     titles = [ax.get_title(loc="left") for ax in result.plot().axes]
     assert titles[:3] == ["q (rad)", "w (rad/s)", "T_load (N m)"]
@@ -330,7 +330,7 @@ def test_name_and_unit_in_results_frames_files_and_figures(tmp_path: Path) -> No
         hgo.logs.write_table(tmp_path / name, result.columns(units=True))
     with (tmp_path / "out.csv").open() as file:
         rows = list(csv.reader(file))
-    assert rows[0][1:4] == ["x_hat1 [rad]", "x_hat2 [rad/s]", "T_load [N m]"]
+    assert rows[0][1:4] == ["q [rad]", "w [rad/s]", "T_load [N m]"]
     assert float(rows[-1][3]) == result.x_hat[-1, 2]
 
 

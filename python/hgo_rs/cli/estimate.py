@@ -14,6 +14,7 @@ import numpy as np
 from hgo_rs import observers, plots
 from hgo_rs.cli import complete
 from hgo_rs.cli.complete import any_column
+from hgo_rs.cli.names import chain, symbol
 from hgo_rs.cli.options import Named, Numbers
 from hgo_rs.cli.places import can_draw, check_places, tell_written, written
 from hgo_rs.cli.recorded import described, forgotten_output
@@ -265,12 +266,13 @@ def _configuration(path: Path | None, options: dict[str, Any]) -> Config:
     if len(outputs) > 1 and issubclass(
         getattr(observers, OBSERVERS[given["observer"]]), (HighGainObserver, HighGainEKF)
     ):
-        given = _chains(given, len(outputs), columns.get("input", []))
+        given = _chains(given, outputs, columns.get("input", []))
     return Config({"format": FORMAT, "observer": given.pop("observer")}).replace(columns, **given)
 
 
-def _chains(given: dict[str, Any], count: int, inputs: str | list[str]) -> dict[str, Any]:
+def _chains(given: dict[str, Any], outputs: list[str], inputs: str | list[str]) -> dict[str, Any]:
     """The same observer for each of several outputs; what one input drives they do not share."""
+    count = len(outputs)
     start = {key: given.pop(key) for key in ("start",) if key in given}
     b0 = given.pop("model", {}).get("b0")
     inputs = [] if b0 is None else names_of(inputs, "input")
@@ -280,11 +282,14 @@ def _chains(given: dict[str, Any], count: int, inputs: str | list[str]) -> dict[
             "write the equations into an observer.toml for --config"
         )
     n = given["order"]
+    taken = ["b0"]
+    states = [state for output in outputs for state in chain(output, n, taken)]
+    driven = [symbol(name, taken) for name in inputs]
     model = {
-        "states": [f"x{i + 1}" for i in range(count * n)],
-        "inputs": [f"u{i + 1}" for i in range(len(inputs))],
+        "states": states,
+        "inputs": driven,
         "orders": [n] * count,
-        "phi": [f"b0 * u{i + 1}" if inputs else "0" for i in range(count)],
+        "phi": [f"b0 * {name}" for name in driven] or ["0"] * count,
         "parameters": {"b0": b0} if inputs else {},
     }
     unstable = {k: given.pop(k) for k in ("allow_unstable",) if k in given}
@@ -324,9 +329,10 @@ def _check_options(given: dict[str, Any], base: Config | None) -> None:
 
 
 def _columns(log: Log, result: RunResult, piece: int | None) -> dict[str, np.ndarray]:
-    """t, y, u, x_hat1 ... x_hatN, innovation, missing (0 or 1), and the piece where asked for.
+    """t, y, u, estimates, innovation, missing (0 or 1), and the piece where asked for.
 
-    An unknown of the model is called by its name; units stand behind the names. Several outputs and
+    Estimates are called as the model's states, else x_hat1 ... x_hatN; units stand behind the
+    names. Several outputs and
     inputs are numbered: y1, y2, ...
     """
     columns: dict[str, np.ndarray] = {"t": log.t}
@@ -438,12 +444,9 @@ class _Trace:
 
 def _state_names(law: Observer, output: str) -> list[str] | None:
     """The names of the states: the model's own, or the output and its derivatives."""
-    own = law.spec["model"].get("names", {}).get("states")
     labelled = Labels.of(law.spec, law.n).titles(law.n)
-    if labelled:
+    if labelled or law.n_y > 1:
         return labelled
-    if own or law.n_y > 1:
-        return list(own) if own and len(own) == law.n else None
     ordinals = ("first", "second", "third", "fourth", "fifth")
     names = [output]
     for i in range(1, law.n):

@@ -14,6 +14,7 @@ import click
 import numpy as np
 
 from hgo_rs.cli.complete import any_column
+from hgo_rs.cli.names import chain, free, symbol
 from hgo_rs.cli.places import check_places, tell_written, written
 from hgo_rs.cli.recorded import one_or_all
 from hgo_rs.cli.terminal import say
@@ -21,7 +22,6 @@ from hgo_rs.config import FORMAT, Config
 from hgo_rs.config.text import toml
 from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING
 from hgo_rs.errors import HgoError, printable
-from hgo_rs.expressions.library import RESERVED
 from hgo_rs.logs import Log, Look, look, read_log
 from hgo_rs.logs.estimation import check_fit
 from hgo_rs.logs.streams import stem_of
@@ -201,8 +201,8 @@ class _Draft:
     def _model(self) -> str:
         several, inputs = len(self.gains) > 1, self._inputs
         taken: list[str] = []
-        states = [self._chain(name, taken) for name in self._outputs]
-        known = [_symbol(name, taken) for name in inputs]
+        states = [chain(name, self.order, taken) for name in self._outputs]
+        known = [symbol(name, taken) for name in inputs]
         factors, sides = _sides(len(states), known, taken)
         rows = [f"states = {toml([name for chain in states for name in chain])}"]
         if inputs:
@@ -214,20 +214,15 @@ class _Draft:
         elif inputs:
             rows.append(f"phi = {toml(sides[0])}  # {_last(self._outputs[0], self.order)}")
         else:
-            damped = toml({_free("d", taken): 0.1})
+            damped = toml({free("d", taken): 0.1})
             rows.append(f"parameters = {damped}")
-            side = toml(f"-{_free('d', taken)}*{states[0][-1]}")
+            side = toml(f"-{free('d', taken)}*{states[0][-1]}")
             rows.append(f"phi = {side}  # {_last(self._outputs[0], self.order)}")
         told = "# What is known of the system: equations in the names below."
         if several or inputs:
             return "\n".join([told, "[model]", *rows])
         told = "# What is known of the system, nothing as it stands. With equations, for example:"
         return "\n".join([told, "# [model]", *(f"# {row}" for row in rows)])
-
-    def _chain(self, output: str, taken: list[str]) -> list[str]:
-        """Names of an output and its derivatives."""
-        name = _symbol(output, taken)
-        return [name, *(_symbol("d" * i + name, taken) for i in range(1, self.order))]
 
     def _start(self) -> str:
         return "\n".join(
@@ -287,23 +282,6 @@ def _last(output: str, n: int) -> str:
     return f"derivative {n} of {_comment(output)}" if n > 1 else f"derivative of {_comment(output)}"
 
 
-def _free(name: str, taken: Sequence[str]) -> str:
-    while name in taken:
-        name += "_"
-    return name
-
-
-def _symbol(name: str, taken: list[str]) -> str:
-    """A name for equations, made of a column's; it is added to those that are taken."""
-    bare = re.split(r"[\[(]", re.split(r"[./]", name.strip())[-1] or name)[0]
-    bare = re.sub(r"[^A-Za-z0-9_]+", "_", bare).strip("_")[:40]
-    if not re.match(r"[A-Za-z]", bare):
-        bare = f"x{bare}"
-    made = _free(bare, [*taken, *RESERVED, "t"])
-    taken.append(made)
-    return made
-
-
 def _sides(
     count: int, inputs: Sequence[str], taken: list[str]
 ) -> tuple[dict[str, float], list[str]]:
@@ -314,7 +292,7 @@ def _sides(
         own = inputs[i : i + 1] if count == len(inputs) else inputs
         terms = []
         for name in own:
-            factor = _symbol(f"b_{name}" if count == 1 else f"b{i + 1}_{name}", taken)
+            factor = symbol(f"b_{name}" if count == 1 else f"b{i + 1}_{name}", taken)
             factors[factor] = 1.0
             terms.append(f"{factor}*{name}")
         sides.append(" + ".join(terms) or "0")

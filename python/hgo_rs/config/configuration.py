@@ -66,6 +66,10 @@ class Config:
         object.__setattr__(self, "data", read_only(self.data))
         self._check()
 
+    def __hash__(self) -> int:
+        """As equality, of what the file says, whatever the order of its keys."""
+        return hash(frozenset(self.data))
+
     # --- from and to text -----------------------------------------------------------------------
 
     @classmethod

@@ -12,7 +12,7 @@ import numpy as np
 from hgo_rs.errors import printable
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Log:
     """A recorded log, or a chunk of one.
 
@@ -48,6 +48,11 @@ class Log:
     starts: tuple[int, ...] = (0,)
     remarks: tuple[str, ...] = ()
     assumed: bool = False
+
+    def __repr__(self) -> str:
+        signals = {key: self.names.get(key) for key in ("output", "input")}
+        told = ", ".join(f"{key} = {name!r}" for key, name in signals.items() if name)
+        return f"Log({len(self.t)} samples of {printable(self.source)}: {told})"
 
     @property
     def pieces(self) -> list[Log]:

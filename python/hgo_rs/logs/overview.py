@@ -18,6 +18,7 @@ from hgo_rs.logs.read import check_file, read_chunks
 from hgo_rs.logs.streams import suffix_of
 from hgo_rs.logs.table import CHUNK, CellError, ColumnError, DataError, Table
 from hgo_rs.logs.text import NO_NUMBER, TEXT, head_of_text, remedy_of
+from hgo_rs.markup import table
 from hgo_rs.signals import speaks_of_time
 from hgo_rs.times import named_unit
 
@@ -25,6 +26,7 @@ _MOST = 200
 """Columns that are looked at."""
 _STILL = 20
 """Rows without a change that are told."""
+_TITLES = ["column", "type", "unit", "missing", "range", "resolution", "standstill"]
 
 
 @dataclass
@@ -139,7 +141,7 @@ class Column:
         ]
 
 
-@dataclass
+@dataclass(repr=False)
 class Look:
     """What a log holds; its text is a report.
 
@@ -169,13 +171,23 @@ class Look:
     timing: list[str] = field(default_factory=list)
     command: str = ""
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
+        return f"Look({self._head})"
+
+    def _repr_html_(self) -> str:
+        end = [*self.remarks, *self.timing, *([f"next: {self.command}"] if self.command else [])]
+        rows = [column.row() for column in self.columns]
+        return table(self._head, rows, _TITLES) + table("", [(line,) for line in end])
+
+    @property
+    def _head(self) -> str:
         count = len(self.columns)
-        head = f"{self.source}: {self.rows} rows, {count} column{'' if count == 1 else 's'}"
-        titles = ["column", "type", "unit", "missing", "range", "resolution", "standstill"]
-        table = [titles, *(column.row() for column in self.columns)]
-        widths = [max(map(len, cells)) for cells in zip(*table, strict=True)]
-        shown = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in table]
+        return f"{self.source}: {self.rows} rows, {count} column{'' if count == 1 else 's'}"
+
+    def __str__(self) -> str:
+        head, rows = self._head, [_TITLES, *(column.row() for column in self.columns)]
+        widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
+        shown = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
         end = [f"next: {self.command}"] if self.command else []
         return "\n".join([head, *self.remarks, "", *shown, "", *self.timing, *end])
 

@@ -29,6 +29,7 @@ from hgo_rs.observers.labels import Labels
 from hgo_rs.observers.online import TAMER, OnlineObserver
 from hgo_rs.observers.records import INPUT_HOLDS, STARTS, Array
 from hgo_rs.observers.result import Gap, RunResult
+from hgo_rs.observers.told import as_html, shortly
 from hgo_rs.observers.turns import check_motion
 from hgo_rs.read_only import shown as frozen
 from hgo_rs.signals import arrays
@@ -385,5 +386,7 @@ class Observer(OnlineObserver):
         upward.call("save", self, path, **log)
 
     def __repr__(self) -> str:
-        inside = ", ".join(f"{k}={v!r}" for k, v in self.spec.items() if k != "kind")
-        return f"{type(self).__name__}({inside})"
+        return f"{type(self).__name__}({shortly(self.spec, self.model)})"
+
+    def _repr_html_(self) -> str:
+        return as_html(self)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
+
+_TAKEN = re.compile(r"t|time|[yu]\d*|gain|missing|gated|piece|innovation\d*|std\d+|std_\w+")
+"""Columns of a result, or of a file of estimates, beside the estimates."""
 
 
 @dataclass(frozen=True)
@@ -36,24 +40,37 @@ class Labels:
         )
 
     def column(self, i: int) -> str:
-        """The column of entry i: an unknown's name, else x_hat1, x_hat2, ..."""
-        name = self.states[i] if i < len(self.states) else ""
-        return name if name in self.unknown else f"x_hat{i + 1}"
+        """The column of entry i: the state's name, else x_hat1, x_hat2, ...
+
+        A name that another column has, such as y or time, has `_hat` behind it.
+        """
+        if i >= len(self.states):
+            return f"x_hat{i + 1}"
+        name = self.states[i]
+        return f"{name}_hat" if _TAKEN.fullmatch(name) else name
+
+    def columns(self, n: int) -> list[str]:
+        """The columns of all n entries."""
+        return [self.column(i) for i in range(n)]
 
     def entry(self, i: int) -> str:
         """Entry i beside a plant that may have a state of that name: T_load_hat, or x_hat1."""
-        name = self.column(i)
-        return f"{name}_hat" if name in self.unknown else name
+        name = self._unknown(i)
+        return f"{name}_hat" if name else f"x_hat{i + 1}"
 
     def error(self, i: int) -> str:
         """The error of entry i: e_T_load, or e1."""
-        name = self.column(i)
-        return f"e_{name}" if name in self.unknown else f"e{i + 1}"
+        name = self._unknown(i)
+        return f"e_{name}" if name else f"e{i + 1}"
+
+    def _unknown(self, i: int) -> str:
+        """The name of entry i if it is an unknown, else empty."""
+        name = self.states[i] if i < len(self.states) else ""
+        return name if name in self.unknown else ""
 
     def deviation(self, i: int) -> str:
         """The standard deviation of entry i: std_T_load, or std1."""
-        name = self.column(i)
-        return f"std_{name}" if name in self.unknown else f"std{i + 1}"
+        return f"std_{self.column(i)}" if i < len(self.states) else f"std{i + 1}"
 
     def unit(self, i: int) -> str:
         """The unit of entry i; empty where it is not known."""
@@ -69,8 +86,8 @@ class Labels:
         return self.states[i] + (f" ({unit})" if (unit := self.unit(i)) else "")
 
     def titles(self, n: int) -> list[str] | None:
-        """Titles of all n entries, if the model gave an unknown or a unit."""
-        if len(self.states) != n or not (self.unknown or self.units):
+        """Titles of all n entries, if the model names them."""
+        if len(self.states) != n:
             return None
         return [self.title(i) for i in range(n)]
 

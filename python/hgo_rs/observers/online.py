@@ -28,7 +28,7 @@ from hgo_rs.models.own.callables import runnable
 from hgo_rs.observers.gains import WITH_R
 from hgo_rs.observers.records import MARK, Array, check_inputs, check_samples, inputs, vector
 from hgo_rs.observers.turns import turns_of
-from hgo_rs.read_only import ReadOnlyDict
+from hgo_rs.read_only import ReadOnlyDict, same
 from hgo_rs.times import check_period
 
 if TYPE_CHECKING:
@@ -115,6 +115,20 @@ class OnlineObserver(_core.Online):
         self._started, self._open = begun
         self.__dict__.update(own)
         self._spec = ReadOnlyDict(self._spec)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both are the same observer and stand at the same place."""
+        if not isinstance(other, OnlineObserver):
+            return NotImplemented
+        alike = type(self) is type(other) and self._model == other._model
+        return alike and same(self._place(), other._place())
+
+    __hash__ = None  # type: ignore[assignment]  # a step moves it
+
+    def _place(self) -> tuple[Any, ...]:
+        """What it is, but for the model, and where it stands."""
+        begun = self._started, self._open
+        return self.spec, self.allow_unstable, self.memory, self._time, begun
 
     # --- memory -------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, check, explain, need
 from hgo_rs.observers.labels import Labels
+from hgo_rs.observers.told import result_html, result_line
 from hgo_rs.observers.whiteness import LAGS, normal_width, normality, whiteness
 from hgo_rs.read_only import shown
 
@@ -32,7 +33,7 @@ class Gap:
     channel: int = 0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RunResult:
     """An observer's run over a record of N samples. Its arrays are read-only: they belong together
     (`x_hat` is a part of `memory`), so that an edit of one would change others.
@@ -236,6 +237,12 @@ class RunResult:
             figure=figure,
         )
 
+    def __repr__(self) -> str:
+        return result_line(self)
+
+    def _repr_html_(self) -> str:
+        return result_html(self)
+
     def of(self, name: str) -> Array:
         """The estimate (N,) of a state or an unknown, by the name that the model gives it."""
         if name not in self.labels.states:
@@ -244,7 +251,7 @@ class RunResult:
         return shown(self.x_hat[:, self.labels.states.index(name)])
 
     def columns(self, *, units: bool = False) -> dict[str, Array]:
-        """Every signal as a named column (N,): an unknown by its name, a state as x_hat1, ...
+        """Every signal as a named column (N,): estimates by the model's names, else x_hat1, ...
 
         With `units` behind the names of estimates, as in "T_load [N m]", where the model has them.
         """

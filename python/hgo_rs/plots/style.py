@@ -31,6 +31,9 @@ COLOURS = {
 }
 """Okabe and Ito's palette, distinct for every kind of colour vision (yellow left out on white)."""
 
+_WINDOWS = ("gtk", "macosx", "qt", "tk", "wx")
+"""How the names of matplotlib's backends begin that open windows."""
+
 STYLE: dict[str, Any] = {
     "axes.axisbelow": True,
     "axes.edgecolor": "#4d4d4d",
@@ -93,15 +96,25 @@ def style() -> Iterator[None]:
 
 
 def new_figure(size: tuple[float, float] | None = None) -> Figure:
-    """An empty figure in the package's style; one of pyplot's if pyplot is in use (notebooks)."""
-    with style():
-        pyplot = sys.modules.get("matplotlib.pyplot")
-        if pyplot is not None:
-            figure: Figure = pyplot.figure(figsize=size)
-            return figure
-        from matplotlib.figure import Figure
+    """An empty figure in the package's style, which shows itself in a notebook and by `show`.
 
-        return Figure(figsize=size)
+    Where pyplot is in use and opens windows it is one of pyplot's, so that `pyplot.show` shows it.
+    """
+    with style():
+        from hgo_rs.plots.picture import Picture
+
+        pyplot = sys.modules.get("matplotlib.pyplot")
+        if pyplot is not None and _opens_windows():
+            figure: Figure = pyplot.figure(figsize=size, FigureClass=Picture)
+            return figure
+        return Picture(figsize=size)
+
+
+def _opens_windows() -> bool:
+    """Whether matplotlib's backend is one of windows."""
+    import matplotlib
+
+    return matplotlib.get_backend().casefold().startswith(_WINDOWS)
 
 
 def render(draw: Callable[[Figure], None]) -> dict[str, bytes]:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from hgo_rs.errors import HgoError, check_integer, check_number
 from hgo_rs.expressions.grammar import unknown
+from hgo_rs.markup import number, table
 from hgo_rs.observers.labels import Labels
 from hgo_rs.read_only import shown
 from hgo_rs.simulation.feedback import COST, Loop
@@ -19,8 +20,10 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
+_HEADS = {"rms": "largest RMS", "max": "largest magnitude"}
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class SimulationResult:
     """An experiment with R runs, W windows, S signals and F kept frames.
 
@@ -186,6 +189,30 @@ class SimulationResult:
             raise HgoError("quantile: every run diverged before the histogram's window")
         edges = self.histogram["edges"]
         return float(np.interp(q, counts / counts[-1], edges[1:]))
+
+    def __repr__(self) -> str:
+        runs = len(self.diverged_at)
+        lost = int(np.sum(self.diverged_at >= 0))
+        told = [f"{runs} run{'' if runs == 1 else 's'} of {self.spec['steps']} steps"]
+        told += [f"{lost} diverged"] if lost else []
+        told += [f"{len(self.time)} frames kept"] if self.time is not None else []
+        return f"SimulationResult({', '.join(told)}; {', '.join(self._names)})"
+
+    def _repr_html_(self) -> str:
+        """The largest RMS and magnitude of each error, but for runs that diverged."""
+        good = self.diverged_at < 0
+        kept = {key: self.metrics[key][good] for key in ("rms", "max") if key in self.metrics}
+        kept = {key: values for key, values in kept.items() if values.size}
+        rows = [
+            (name, *(number(float(values[..., i].max())) for values in kept.values()))
+            for i, name in enumerate(self._names)
+        ]
+        return table(repr(self), rows, ["error of", *(_HEADS[key] for key in kept)])
+
+    @property
+    def _names(self) -> list[str]:
+        """The estimates: the model's states, else x1, x2, ..."""
+        return list(self._labels.states) or [f"x{i + 1}" for i in range(self.n)]
 
     def plot(self, figure: Figure | None = None, run: int = 0) -> Figure:
         """Draw one run: states and estimates. Needs `every` and the extra `plot`."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hgo_rs.errors import HgoError, check, check_array, check_choice, check_number, explain, need
+from hgo_rs.markup import number, table
 from hgo_rs.models import System
 from hgo_rs.observers import Observer
 from hgo_rs.observers.turns import nearest
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 _SKIP = 0.05  # of the record, at its start
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
     """Errors of several estimates over one record.
 
@@ -98,6 +99,20 @@ class Comparison:
         title = f"RMS error, judged by {self.judged_by}"
         columns = dict(zip(self.states, self.error.T, strict=True))
         return error_figure(self.methods, columns, title=title, figure=figure)
+
+    def __repr__(self) -> str:
+        return f"Comparison({', '.join(self.methods)}; {', '.join(self.states)})"
+
+    def _repr_html_(self) -> str:
+        """The table, as text has it."""
+        head = f"RMS error after {self.skip:.4g} s, judged by {self.judged_by}"
+        rows = [
+            (name, *map(number, errors), rule)
+            for name, rule, errors in zip(
+                self.methods, self.rules, self.error.tolist(), strict=True
+            )
+        ]
+        return table(head, rows, ["method", *self.states, "tuned"])
 
     def __str__(self) -> str:
         wide = max(len(name) for name in (*self.methods, "method"))

@@ -31,7 +31,7 @@ _SPAN, _POINTS = (1e-2, 5.0), 41  # of ell dt
 _NEAR = 1e-2  # of the median step, that a period given beside an index may be off it
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Derivative:
     """A derivative of a record, and the observer that gave it.
 
@@ -63,6 +63,11 @@ class Derivative:
     tuning: Tuning | None = field(repr=False)
     run: RunResult = field(repr=False)
     index: Any = field(repr=False, default=None)
+
+    def __repr__(self) -> str:
+        usual = float(np.sqrt(np.mean(self.deviation**2)))
+        told = f"order {self.order}, {len(self.t)} samples, deviation {usual:.4g}"
+        return f"Derivative({told}; {self.observer!r})"
 
     def band(self, level: float = 0.95) -> tuple[Array, Array]:
         """Lower and upper ends, (N,) each, between which the derivative lies with this

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.errors import HgoError, check, check_choice, explain
+from hgo_rs.markup import table
 from hgo_rs.models import Model
 from hgo_rs.observers.whiteness import whiteness
 from hgo_rs.smoothing.forward import Forward, forward
@@ -36,7 +37,7 @@ _FLAT = 1e-8  # of the largest curvature, which a search takes a flat way to hav
 _TOLD = 1e-4  # of the largest curvature where all are made alike: less, and nothing is told
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Fit:
     """Parameters found in a record.
 
@@ -90,6 +91,18 @@ class Fit:
 
         pd = need("pandas", "a table needs pandas", "data")
         return pd.DataFrame(self.columns()).set_index("parameter")
+
+    def __repr__(self) -> str:
+        found = (f"{k} = {v:.4g} ± {self.errors[k]:.2g}" for k, v in self.parameters.items())
+        return f"Fit({', '.join(found)})"
+
+    def _repr_html_(self) -> str:
+        """Each parameter with its standard error."""
+        rows = [
+            (name, f"{value:.6g}", f"{error:.3g}", f"{start:.6g}")
+            for name, value, error, start in zip(*self.columns().values(), strict=True)
+        ]
+        return table("Fit", rows, ["parameter", "value", "std. error", "start"])
 
     def __str__(self) -> str:
         wide = max(len(name) for name in self.parameters)

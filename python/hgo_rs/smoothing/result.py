@@ -10,6 +10,7 @@ import numpy as np
 
 from hgo_rs.errors import check_choice, need
 from hgo_rs.files import replacing
+from hgo_rs.markup import number, table
 from hgo_rs.observers.whiteness import normal_width
 from hgo_rs.smoothing.samples import Array
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Smoothed:
     """The states of a record of N samples, each by all samples before and after it.
 
@@ -141,6 +142,19 @@ class Smoothed:
             estimate="smoothed",
             figure=figure,
         )
+
+    def __repr__(self) -> str:
+        span = f"{self.t[0]:g} to {self.t[-1]:g} s"
+        return f"Smoothed({len(self.t)} samples from {span}; {', '.join(self.states)})"
+
+    def _repr_html_(self) -> str:
+        """Each state: range, and the RMS of its deviation."""
+        usual = np.sqrt(np.mean(self.deviation**2, axis=0)).tolist()
+        rows = [
+            (name, number(x.min()), number(x.max()), number(spread))
+            for name, x, spread in zip(self.states, self.x.T, usual, strict=True)
+        ]
+        return table(repr(self), rows, ["state", "least", "largest", "deviation (RMS)"])
 
     def __str__(self) -> str:
         lines = [f"{len(self.t)} samples smoothed, ln likelihood {self.log_likelihood:.6g}"]

@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from hgo_rs.markup import number, table
+from hgo_rs.observers.labels import Labels
+
 _SHOWN = 12  # structures
 
 
@@ -15,14 +18,13 @@ def report(of: Any) -> str:
 
     ``of``: a `Tuning`.
     """
-    rows = [_choice(of), ""]
-    names = getattr(of.observer.model, "states", ())
+    rows = [f"{choice(of)}.", ""]
+    names = _names(of)
     wanted = _wanted(of)
     rows.append("Predicted error of each estimate (RMS), and its bound:")
     for i, (error, bound) in enumerate(zip(of.errors, of.bounds, strict=True)):
-        name = names[i] if i < len(names) else f"x{i + 1}"
         mark = "  <- wanted" if i in wanted else ""
-        rows.append(f"  {name:12s} {error:.4g}  (at most {bound:.4g}){mark}")
+        rows.append(f"  {names[i]:12s} {error:.4g}  (at most {bound:.4g}){mark}")
     rows += ["", *_found(of)]
     if len(of.tried) > 1:
         rows += [
@@ -44,6 +46,31 @@ def report(of: Any) -> str:
     return "\n".join(rows)
 
 
+def as_html(of: Any) -> str:
+    """The choice, the predicted errors, and the structures that were tried."""
+    wanted = _wanted(of)
+    errors = [
+        (name, number(error), number(bound), "wanted" if i in wanted else "")
+        for i, (name, error, bound) in enumerate(
+            zip(_names(of), of.errors.tolist(), of.bounds.tolist(), strict=False)
+        )
+    ]
+    tried = [(name, _shown(ell), number(cost)) for name, ell, cost in of.tried]
+    parts = [table(choice(of), errors, ["estimate", "error (RMS)", "at most", ""])]
+    if len(tried) > 1:
+        parts.append(table("Structures", tried, ["structure", "gain [1/s]", _decided(of)]))
+    if of.warnings:
+        parts.append(table("Open", [(text,) for text in of.warnings]))
+    return "".join(parts)
+
+
+def _names(of: Any) -> list[str]:
+    """The estimates: the model's states, else x1, x2, ..."""
+    n = of.observer.n
+    states = Labels.of(of.observer.spec, n).states
+    return list(states) if len(states) == n else [f"x{i + 1}" for i in range(n)]
+
+
 def _shown(value: Any) -> str:
     """A number, or one for each output."""
     values = np.atleast_1d(value)
@@ -63,9 +90,10 @@ def _estimates(of: Any) -> str:
     return f"estimate {of.state}"
 
 
-def _choice(of: Any) -> str:
+def choice(of: Any) -> str:
+    """Structure, gain and why, on one line."""
     name = f"{of.structure}, " if of.structure else ""
-    return f"{name}gain {_shown(of.ell)} /s: {of.criterion} of {_estimates(of)}."
+    return f"{name}gain {_shown(of.ell)} /s: {of.criterion} of {_estimates(of)}"
 
 
 def _decided(of: Any) -> str:

@@ -16,7 +16,7 @@ from hgo_rs import upward
 from hgo_rs.errors import HgoError, check, need
 from hgo_rs.observers import Observer, RunResult
 from hgo_rs.signals import Given, of_log
-from hgo_rs.tuning.report import report
+from hgo_rs.tuning.report import as_html, choice, report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,7 +26,7 @@ Array = npt.NDArray[np.float64]
 _DRAWN = 6  # structures, those that err least
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TradeOff:
     """What one structure does at each gain `ell`, all (points,), for the estimate `tune` was asked
     about. Gains that were refused are not in it.
@@ -64,8 +64,12 @@ class TradeOff:
         """Standard deviation of the error: noise and model error together."""
         return np.asarray(np.hypot(self.noise, self.model))
 
+    def __repr__(self) -> str:
+        ends = f"{self.ell.min():.4g} to {self.ell.max():.4g} /s" if len(self.ell) else "none"
+        return f"TradeOff({len(self.ell)} gains, {ends})"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Tuning:
     """A gain, why it was chosen, and the trade-off it was chosen from.
 
@@ -152,6 +156,12 @@ class Tuning:
             rows.append(f"  {'whiteness':10s} {self.whiteness:.2g}")
         rows += [f"  warning: {text}" for text in self.warnings]
         return "\n".join(rows)
+
+    def __repr__(self) -> str:
+        return f"Tuning({choice(self)})"
+
+    def _repr_html_(self) -> str:
+        return as_html(self)
 
     @property
     def R(self) -> float:

@@ -9,9 +9,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from hgo_rs.errors import check
+from hgo_rs.markup import in_notebook
 
 if TYPE_CHECKING:
     from rich.progress import Progress
+
+
+_SOON, _EVERY = 1.0, 0.2
+"""Seconds of work from which on a notebook is told, and between two tellings."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,9 @@ class StudyProgress:
 
 
 class Teller:
-    """Tells how far the work is, on a terminal's bar or to a function; a context."""
+    """Tells how far the work is, on a terminal's bar, in a notebook's line or to a function; a
+    context.
+    """
 
     def __init__(
         self, progress: bool | Callable[[StudyProgress], object] | None, total: int, done: int
@@ -45,8 +52,10 @@ class Teller:
         self.total, self.done, self.before = total, done, done
         self.start = time.perf_counter()
         self.function = progress if callable(progress) else None
-        self.bar: Progress | None = None
-        if progress is True or (
+        self.bar: Any = None
+        if in_notebook() and progress in (True, None):
+            self.bar = _Line(0.0 if progress else _SOON)
+        elif progress is True or (
             progress is None and sys.stderr is not None and sys.stderr.isatty()
         ):
             self.bar = _bar(required=progress is True)
@@ -70,6 +79,40 @@ class Teller:
             self.bar.update(self.task, completed=self.done, rate=f"{rate / 1e6:.3g} M run-steps/s")
         if self.function is not None:
             self.function(StudyProgress(self.done, self.total, rate, left))
+
+
+class _Line:
+    """A line that is written over: what a notebook shows without widgets.
+
+    Nothing is written of work that takes less than `after` [s].
+    """
+
+    def __init__(self, after: float) -> None:
+        self.after, self.next = after, 0.0
+        self.total, self.width = 1.0, 0
+
+    def start(self) -> None:
+        self.began = time.perf_counter()
+        self.next = self.began + self.after
+
+    def add_task(self, name: str, *, total: float, **state: Any) -> str:
+        self.total = max(total, 1.0)
+        return name
+
+    def update(self, name: str, *, completed: float, rate: str) -> None:
+        now = time.perf_counter()
+        if now >= self.next or (self.width and completed >= self.total):
+            self.next = now + _EVERY
+            told = (
+                f"{name} {100.0 * completed / self.total:.0f} %, {rate}, {now - self.began:.0f} s"
+            )
+            self.width = max(self.width, len(told))
+            sys.stdout.write(f"\r{told:<{self.width}}")
+            sys.stdout.flush()
+
+    def stop(self) -> None:
+        if self.width:
+            sys.stdout.write("\n")
 
 
 def _bar(*, required: bool) -> Progress | None:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs.errors import check, check_integer, need
+from hgo_rs.markup import number, table
 from hgo_rs.observers.labels import Labels
 from hgo_rs.simulation.experiment import METRICS, Experiment, execute, result_of
 from hgo_rs.simulation.result import SimulationResult
@@ -278,6 +279,15 @@ class StudyResult:
             y=metric,
             figure=figure,
         )
+
+    def _repr_html_(self) -> str:
+        """`table`, without its standard errors."""
+        columns = {k: v for k, v in self.table.items() if not k.endswith("_se")}
+        shown = [
+            [number(v) if isinstance(v, float) else v for v in column.tolist()]
+            for column in columns.values()
+        ]
+        return table(repr(self), list(zip(*shown, strict=True)), list(columns))
 
     def __repr__(self) -> str:
         cases, runs = self.finished.shape

@@ -68,8 +68,9 @@ def study(
         A Parquet file that finished runs are written to, about every second and at the end.
         If it is there, the study continues from it. Needs the extra `data`.
     progress : bool or function, optional
-        A bar on standard error; or a function that is called with a `StudyProgress` after each
-        piece. Default: a bar if standard error is a terminal.
+        A bar on standard error, in a notebook a line; or a function that is called with a
+        `StudyProgress` after each piece. Default: a bar if standard error is a terminal, a line in
+        a notebook where it takes longer than a second.
     max_memory : float, optional
         Bytes that the result may take. Default: 0.8 of the free memory.
     backend : "rust" or "numpy"
