@@ -14,6 +14,7 @@ import pytest
 
 import hgo_rs as hgo
 from hgo_rs import markup
+from hgo_rs.simulation.studies.cases import label
 
 T = np.arange(400) * 5e-3
 PENDULUM = hgo.Model(
@@ -200,6 +201,12 @@ def test_states_that_are_called_as_other_columns_are_kept() -> None:
     columns = result.columns()
     assert list(columns) == ["time", "y_hat", "gain_hat", "innovation1", "gain", "missing"]
     assert np.array_equal(columns["gain_hat"], result.x_hat[:, 1]) and columns["gain"][0] == 20.0
+
+
+def test_cases_of_a_study_are_told_apart() -> None:
+    """By all that an observer is, though its repr is short."""
+    laws = [hgo.StandardObserver(2, 20.0, poles=[-1.0, -p]) for p in (2.0, 3.0)]
+    assert repr(laws[0]) == repr(laws[1]) and label(laws[0]) != label(laws[1])
 
 
 def test_results_are_short_and_have_tables() -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from hgo_rs.errors import HgoError, check, explain
+from hgo_rs.observers import Observer
 from hgo_rs.simulation.experiment import Experiment, execute, planned
 
 Build = Callable[..., Mapping[str, Any]]
@@ -99,6 +100,9 @@ def label(value: Any) -> Any:
         return value
     if isinstance(value, np.ndarray):
         value = value.tolist()
+    if isinstance(value, Observer):  # all of it: its repr leaves coefficients out
+        inside = ", ".join(f"{key}={inner!r}" for key, inner in value.spec.items())
+        return f"{type(value).__name__}({inside})"
     # An address would differ from one session to the next.
     return getattr(value, "__name__", None) or re.sub(r" at 0x[0-9a-fA-F]+", "", str(value))
 
