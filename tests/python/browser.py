@@ -22,7 +22,7 @@ class Browser:
 
     def __init__(self, width: int = 1360, height: int = 1500) -> None:
         assert PROGRAM is not None
-        self._home = tempfile.TemporaryDirectory()
+        self._home = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         to_read, self._to = os.pipe()
         self._from, to_write = os.pipe()
         # the pipe's ends are 3 and 4 in Chromium

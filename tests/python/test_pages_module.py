@@ -30,16 +30,13 @@ PENDULUM = hgo.Model(
 )
 OBSERVERS: dict[str, hgo.Observer] = {
     "standard 3": hgo.StandardObserver(3, 20.0),
-    "standard 1": hgo.StandardObserver(1, 20.0),
     "oscillating poles": hgo.StandardObserver(
         4, 8.0, poles=[-1 + 1j, -1 - 1j, -0.5 + 0.8j, -0.5 - 0.8j]
     ),
     "pendulum": hgo.StandardObserver(2, 25.0, model=PENDULUM),
     "paper's model": hgo.StandardObserver(2, 15.0, model=hgo.VanDerPol()),
-    "low-power 3": hgo.LowPowerObserver(3, 12.0),
     "low-power 7": hgo.LowPowerObserver(7, 6.0),
     "wraps": hgo.StandardObserver(2, 20.0, wrap=1.5),
-    "by a rate": hgo.StandardObserver(2, 20.0, method="rk4", timing="predictor"),
     "filtered": hgo.HighGainObserver("filtered", 2, 15.0, filters=1),
     "cascade": hgo.HighGainObserver("cascade", 3, 15.0, method="rk4"),
 }
@@ -79,7 +76,7 @@ def test_estimates_have_the_bits_of_run(module: Module, name: str) -> None:
     assert compared >= 6
 
 
-@pytest.mark.parametrize("name", ["standard 3", "oscillating poles", "low-power 3", "filtered"])
+@pytest.mark.parametrize("name", ["oscillating poles", "filtered"])
 def test_figures_are_those_of_the_design(module: Module, name: str) -> None:
     observer, dt = OBSERVERS[name], 5e-3
     n, ell = observer.n, 30.0
@@ -109,10 +106,13 @@ def test_figures_are_those_of_the_design(module: Module, name: str) -> None:
 
 
 def test_spectra_are_welchs(module: Module) -> None:
-    signal = pytest.importorskip("scipy.signal")
-    values = np.cumsum(RNG.standard_normal(1000))
-    _, expected = signal.welch(values, 1.0 / EVEN, nperseg=128)
-    np.testing.assert_allclose(module.density(values, 128, EVEN), expected, rtol=1e-9)
+    values, n = np.cumsum(RNG.standard_normal(1000)), 128
+    parts = np.array([values[k : k + n] for k in range(0, 1000 - n + 1, n // 2)])
+    window = np.hanning(n + 1)[:-1]
+    powers = np.abs(np.fft.rfft((parts - parts.mean(1, keepdims=True)) * window)) ** 2
+    expected = powers.mean(0) * EVEN / np.sum(window**2)
+    expected[1:-1] *= 2.0
+    np.testing.assert_allclose(module.density(values, n, EVEN), expected, rtol=1e-9)
     assert not module.density(np.full(100, np.nan), 64, 1.0).any()
 
 

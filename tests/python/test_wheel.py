@@ -65,7 +65,10 @@ def test_one_wheel_for_every_python(wheel):
         "hgo_rs/py.typed",
         "hgo_rs/reference/__init__.py",
         "hgo_rs/scenarios/astolfi.py",
+        "hgo_rs/pages/page.html",
     } <= names
+    built = (ROOT / "python/hgo_rs/pages/hgo.wasm").is_file()
+    assert ("hgo_rs/pages/hgo.wasm" in names) == built
     assert sum(name.startswith("hgo_rs/_core.") and ".pyi" not in name for name in names) == 1
     assert not [name for name in names if name.startswith("tests/") or "__pycache__" in name]
     licences = {Path(name).name for name in names if "dist-info" in name}

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from hgo_rs import _core
 from hgo_rs.config import Config
 from hgo_rs.design.discrete import METHODS, TIMINGS, at_unit_gain, following
-from hgo_rs.design.discretisation import step_limit
 from hgo_rs.errors import HgoError, check
 from hgo_rs.observers import Observer
 from hgo_rs.pages.drawn import Drawn
@@ -100,7 +99,6 @@ def _way(observer: Observer, first: Array | None, toml: Any) -> dict[str, Any]:
         "unit": packed(of_unit),
         "lift": packed(_lift(observer)),
         "memory": packed(memory),
-        "limit": _limit(spec),
         "toml": [before, gain, after],
     }
 
@@ -111,12 +109,6 @@ def _lift(observer: Observer) -> Array:
     out = np.zeros((observer._core.memory_len - observer._core.is_current, observer.n))
     out[: len(lift)] = lift  # an innovation that is kept between samples stays 0
     return out
-
-
-def _limit(spec: Any) -> float | None:
-    """The largest stable gain times step; None where every step is stable."""
-    limit = float(step_limit(spec).c)
-    return limit if np.isfinite(limit) else None
 
 
 def _check_gain(observer: Observer) -> None:

@@ -79,10 +79,10 @@ class Live {
     // views anew at each use: memory that grows leaves the old ones empty
     return { done, at: e, get x() { return core.view(x, count * way.n); }, get e() { return core.view(e, count); } };
   }
-  figures(structure, way, ell, cutoffs) {
+  figures(structure, way, ell, cutoffs, dt = this.log.dt) {
     this.ready(way, structure);
     const n = way.n, out = this.core.scratch("figures", 2 + 3 * n);
-    this.core.to.figures(way.one, ell, this.log.dt, way.follows, cutoffs ? 1 : 0, out);
+    this.core.to.figures(way.one, ell, dt, way.follows, cutoffs ? 1 : 0, out);
     const of = this.core.view(out, 2 + 3 * n), part = (i) => Array.from(of.subarray(2 + i * n, 2 + (i + 1) * n));
     return { radius: of[0], decay: of[1], noise: part(0), model: part(1), cutoff: part(2) };
   }
@@ -540,16 +540,31 @@ class Page {
 
   tell(run, figures, ell) {
     const { log, way } = this, said = [];
-    const refused = way.limit !== null && ell * log.longest >= way.limit;
     if (run.done < 0) said.push("The law refuses this gain.");
     else if (run.done < log.samples) said.push(`The estimate is not finite from t = ${shown(log.t[run.done])} s on.`);
-    if (refused) said.push(`Not stable: method ${way.method} holds up to ℓ = ${shown(way.limit / log.longest)} /s at steps of ${shown(log.longest)} s, and run() refuses this gain. Lower it, or take method zoh.`);
-    else if (!(figures.radius < 1)) said.push("Not stable at this step: lower the gain, or take method zoh.");
+    if (!(this.radius(ell) < 1)) {
+      const most = this.limit(ell), to = most ? `holds up to ℓ = ${shown(most)} /s` : "does not hold";
+      said.push(`Not stable: method ${way.method} ${to} at steps of ${shown(log.longest)} s, and run() refuses this gain. Lower it, or take method zoh.`);
+    }
     const box = byId("notice");
     box.className = said.length ? "notice bad" : "notice";
     if (this.data.decimated) said.push(`Of this log: ${this.data.decimated}.`);
     box.hidden = !said.length;
     box.textContent = said.join(" ");
+  }
+
+  // of a step as long as the longest of the log
+  radius(ell) { return this.live.figures(this.structure, this.way, ell, false, this.log.longest).radius; }
+
+  // the largest stable gain below one that is not
+  limit(ell) {
+    let [low, high] = [ell * 1e-6, ell];
+    if (!(this.radius(low) < 1)) return 0;
+    while (high > low * 1.0001) {
+      const middle = Math.sqrt(low * high);
+      if (this.radius(middle) < 1) low = middle; else high = middle;
+    }
+    return low;
   }
 
   drawTime(run, spread) {
