@@ -77,8 +77,10 @@ def test_two_outputs_are_near_the_best_gains_together() -> None:
     np.testing.assert_array_equal(
         again, result.observer.run(t, y, u, x_hat0=[y[0, 0], 0.0, y[0, 1], 0.0]).x_hat
     )
-    with pytest.raises(hgo.HgoError, match="outputs = 2: must be one"):
-        result.plot()
+    assert "whose gains move with the model's slopes, errs" in told
+    pytest.importorskip("matplotlib")
+    (ax,) = result.plot().axes
+    assert [bar.get_width() for bar in ax.patches] == [cost for _, _, cost in result.tried]
 
 
 def test_an_own_structure_of_several_outputs() -> None:

@@ -82,16 +82,13 @@ def tune_command(
     results |= {} if page is None else {"--page": page}
     recorded = asked.read(results)
     result = _tuned(recorded, asked.model, state, skip)
-    drawn = draw and bool(result.curves)  # gains of several outputs are not on one curve
-    if not drawn:
-        results.pop("--figure", None)
     text, decimated = "", ""
     if page is not None:
         text, decimated = pages.page(result, recorded.source, asked.saved)
     with written(results) as files:
         saved = asked.saved(result.observer).to_toml()
         files["--out"].write(saved.encode())
-        if drawn:
+        if draw:
             plots.save(result.plot(), figure, files["--figure"])
         if table is not None:
             files["--table"].write(_table(result).encode())

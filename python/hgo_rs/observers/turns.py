@@ -127,6 +127,7 @@ class Jumps:
         self._lowest, self._highest = np.inf, -np.inf
         self._steps = 0
         self._last = np.nan
+        self._whole = True  # of which no angle in rad is made
 
     def add(self, values: Array) -> float | None:
         """Take in samples (N,); the turn that they pass, if they show one.
@@ -144,6 +145,7 @@ class Jumps:
         self._highest = max(self._highest, float(there.max()))
         self._steps += len(steps)
         if not np.all(there == np.rint(there)):
+            self._whole = False
             self._usual = {length: u for length, u in self._usual.items() if length in ANGLES}
         passed = {length: self._passes(steps, length) for length in list(self._usual)}
         return next((length for length, passes in passed.items() if passes), None)
@@ -162,4 +164,5 @@ class Jumps:
             del self._usual[length]
             return False
         self._usual[length] = usual
-        return bool(jumps.any()) and self._steps >= _FEWEST
+        told = not (self._whole and length == ANGLES[0])
+        return told and bool(jumps.any()) and self._steps >= _FEWEST

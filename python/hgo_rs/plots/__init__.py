@@ -7,6 +7,7 @@ from hgo_rs.plots.figures import (
     estimate_figure,
     note_peak,
     shade_gaps,
+    structures_figure,
     sweep_figure,
     tuning_figure,
 )
@@ -22,6 +23,7 @@ __all__ = [
     "require_matplotlib",
     "save",
     "shade_gaps",
+    "structures_figure",
     "style",
     "sweep_figure",
     "tuning_figure",

@@ -317,6 +317,26 @@ def tuning_figure(
     return figure
 
 
+def structures_figure(
+    errors: Mapping[str, float], chosen: str, *, title: str, figure: Figure | None = None
+) -> Figure:
+    """Draw one error a structure as bars, the chosen one marked."""
+    require_matplotlib()
+    with style():
+        size = (7.0, 1.2 + 0.4 * len(errors))
+        figure = new_figure(size) if figure is None else figure
+        figure.set_size_inches(*size)
+        ax = figure.subplots()
+        colours = [COLOURS["vermillion" if name == chosen else "blue"] for name in errors]
+        bars = ax.barh(list(errors), list(errors.values()), color=colours)
+        ax.bar_label(bars, fmt="%.3g", padding=3)
+        ax.invert_yaxis()
+        ax.margins(x=0.15)
+        ax.set(xlabel="error")
+        figure.suptitle(title, x=0.01, ha="left")
+    return figure
+
+
 def _spans_decades(values: np.ndarray) -> bool:
     """Whether positive numbers differ by more than a factor of ten."""
     if not np.issubdtype(values.dtype, np.number):

@@ -59,7 +59,11 @@ class Motion:
             check(order is None, "order", order, "left out with a model", "leave it out")
             allowed = f"a Model of the form {', '.join(_FORMS)}, or None"
             fits = isinstance(model, Model) and model.form in _FORMS
-            check(fits, "model", model, allowed, "write Model(states=[...], phi=...)")
+            remedy = "write Model(states=[...], phi=...)"
+            if isinstance(model, Model) and model.form == "nonlinear-chain":
+                allowed += "; noise that enters a nonlinear chain is not that of a chain"
+                remedy = "take y and its derivatives as states, with phi="
+            check(fits, "model", model, allowed, remedy)
             assert isinstance(model, Model)
             if not model.compiled:
                 told = f"made of expressions ({model.why_not_compiled})"

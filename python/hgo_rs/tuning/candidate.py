@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from collections.abc import Mapping
@@ -15,7 +16,7 @@ from hgo_rs.design.discretisation import step_limit
 from hgo_rs.errors import HgoError, check, check_array, explain
 from hgo_rs.laws import LAWS
 from hgo_rs.models import Model
-from hgo_rs.observers import Observer
+from hgo_rs.observers import HighGainEKF, Observer
 from hgo_rs.tuning.linear import Slopes, path
 from hgo_rs.tuning.offers import Build
 from hgo_rs.tuning.record import Record
@@ -24,6 +25,7 @@ from hgo_rs.tuning.result import Array, TradeOff
 
 _POINTS = 41
 _LONG, _FEW = 8000, 21  # a record from which on fewer gains are tried
+_COARSE = 3  # every so many gains are looked at first
 _SPAN = 1e-3, 5.0  # of ell dt; beyond, an observer is all but deadbeat
 _LANES = 9  # gains of the variational equation, over those of up to so many times the least RMS
 _WIDE = 2.0  # innovation,
@@ -46,6 +48,7 @@ class Candidate:
     model_error: float
     near: int  # gains of which the innovation is near the least
     lasts = False  # whether rounding does, for several samples
+    silent = False  # whether the record has no noise beside the rounding of its numbers
     misfit: float  # RMS of what the fit of R and Q leaves there, of the measured variance
 
     def __init__(
@@ -88,26 +91,22 @@ class Candidate:
         law = spec.get("gain")
         law = law if isinstance(law, Mapping) else {}
         kinds = [law.kind for law in LAWS.values() if law.single]
-        sound = law.get("law") == "constant" and spec["kind"] in kinds
+        moves = isinstance(observer, HighGainEKF)
+        sound = law.get("law") == "constant" and (moves or spec["kind"] in kinds)
         shown = " with gain law ".join([spec["kind"], *([law["law"]] if "law" in law else [])])
         check(sound, "observer", shown, f"one with a constant gain: {', '.join(kinds)}", remedy)
-        follows = math.isclose(law["ell"], ell, rel_tol=1e-6)
+        follows = math.isclose(law["ell"], ell, rel_tol=1e-6) or (moves and self.ours)
         allowed = f"{ell:.6g}, the gain that is asked for"
         check(follows, f"gain of {call}", law["ell"], allowed, remedy)
         check(self.n in (0, observer.n), f"order of {call}", observer.n, f"{self.n}", remedy)
         return observer
 
-    def look(
-        self,
-        index: int,
-        record: Record | None,
-        noise: float,
-        model_error: float,
-        reference: Reference | None = None,
-    ) -> None:
-        """Compute the curve of estimate `index`, over a record where there is one."""
-        self.index, self.noise, self.model_error = index, noise, model_error
-        self.reference = reference
+    def look(self, record: Record | None, *, coarse: bool = False) -> None:
+        """Compute the curve of the estimate, over a record where there is one.
+
+        ``coarse``: at every third gain.
+        """
+        noise, reference = self.noise, self.reference
         for turn in filter(None, self.any.wrap):
             allowed = f"> {6.0 * noise:.6g}, six standard deviations of the noise"
             remedy = "noise of half a turn is not told from motion; check the unit of both"
@@ -116,22 +115,12 @@ class Candidate:
             record.moves(self.n)
         kept, squares, figures, far = [], [], [], []
         lean = self.ours and reference is not None
-        for ell in self.grid(record).tolist():
+        grid = self.grid(record)
+        for ell in grid[:: _COARSE if coarse else 1].tolist():
             try:
                 with np.errstate(all="ignore"):
-                    observer = self.made(ell)
-                    square, finite, distance = math.nan, True, math.nan
-                    if record is not None:
-                        run = record.run(observer, self.start(record), spare=self.ours)
-                        square = float(np.mean(run.innovation[record.judged, 0] ** 2))
-                        if reference is not None:
-                            distance = reference.distance(run.x_hat, record, index)
-                        finite = math.isfinite(square)
-                        if reference is not None:
-                            finite = finite and math.isfinite(distance)
-                    remedy = "choose a smaller gain, or a larger unit of y"
-                    check(finite, "mean square innovation", square, "finite", remedy)
-                    figures.append(_LATER if lean else self.figures(observer))
+                    square, distance = self.at(ell, record)
+                    figures.append(_LATER if lean else self.figures(self.made(ell)))
             except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
                 self.refused.append((ell, error))
             else:
@@ -141,7 +130,8 @@ class Candidate:
         if len(kept) < 3:
             raise self.none_left()
         grid, measured = np.array(kept), np.array(squares)
-        if record is not None:
+        self.silent = record is not None and np.min(measured) <= record.smallest**2
+        if record is not None and not lean:
             self.found(grid, measured, record.smallest)
         self.curve = TradeOff(
             ell=grid,
@@ -156,6 +146,43 @@ class Candidate:
         )
         if record is not None and reference is None:
             self.refine(record)
+
+    def begin(
+        self, index: int, noise: float, model_error: float, reference: Reference | None
+    ) -> None:
+        """Say which estimate is wanted, and what it is judged by."""
+        self.index, self.noise, self.model_error = index, noise, model_error
+        self.reference = reference
+        self._seen: dict[float, tuple[float, float]] = {}
+
+    def at(self, ell: float, record: Record | None) -> tuple[float, float]:
+        """Mean square innovation with a gain, and the distance from the smoothed state; NaN where
+        there is none.
+        """
+        if record is None:
+            self.made(ell)
+            return math.nan, math.nan
+        if ell not in self._seen:
+            run = record.run(self.made(ell), self.start(record), spare=self.ours)
+            square, distance = float(np.mean(run.innovation[record.judged, 0] ** 2)), math.nan
+            if self.reference is not None:
+                distance = self.reference.distance(run.x_hat, record, self.index)
+            finite = math.isfinite(square) and not math.isinf(distance)
+            remedy = "choose a smaller gain, or a larger unit of y"
+            check(finite, "mean square innovation", square, "finite", remedy)
+            self._seen[ell] = square, distance
+        return self._seen[ell]
+
+    def glance(self, record: Record) -> float:
+        """The least distance from the smoothed state at every third gain; infinite if all are
+        refused.
+        """
+        least = math.inf
+        with np.errstate(all="ignore"):
+            for ell in self.grid(record)[::_COARSE].tolist():
+                with contextlib.suppress(ArithmeticError, ValueError, np.linalg.LinAlgError):
+                    least = min(least, self.at(ell, record)[1])
+        return float(self.with_spread(np.array(least)))
 
     def start(self, record: Record) -> Array | None:
         """Where to start on the record: by its own later samples, where these are known."""
@@ -219,6 +246,8 @@ class Candidate:
 
     def refine(self, record: Record) -> None:
         """R, Q and what they give, once more with the model's slopes along the estimate."""
+        if self.noise != self.noise:
+            self.found(self.curve.ell, self.curve.innovation**2, record.smallest)
         model = self.any.model
         own = isinstance(model, Model) and model.compiled and model.form in ("phase", "triangular")
         if not (own and math.isfinite(self.noise)):
@@ -347,7 +376,7 @@ class Candidate:
         from scipy.optimize import minimize_scalar
 
         remedy = "no noise is left to weigh against; give a noise level and model_error, or cutoff="
-        rms = float(np.nanmin(self.curve.innovation)) if self.noise != self.noise else math.nan
+        rms = float(np.nanmin(self.curve.innovation)) if self.silent else math.nan
         check(rms != rms, "least RMS innovation", rms, "above the rounding of y", remedy)
         if self.reference is not None:
             return self.least_measured()
@@ -442,16 +471,10 @@ class Candidate:
                 f"gains tried of which the innovation is near the least: {self.near}, too few to "
                 "find noise and model error by; give ells= that are closer together"
             )
-        step = record.coarse_step()
-        if self.lasts:
-            if self.reference is not None:
-                so = "so that noise and model error are those of the smoothed state; "
-                so += "the gain does not rest on them"
-            said.append(
-                f"y moves in steps of {step:.4g}, by one or none from most samples to the next, "
-                f"and the noise found is rounding ({step / math.sqrt(12.0):.3g}) and little else: "
-                f"it lasts for several samples and is not white, {so}"
-            )
+        if self.lasts and self.reference is not None:
+            so = "so that noise and model error are those of the smoothed state; "
+            so += "the gain does not rest on them"
+        said += self.of_rounding(record, so)
         whiteness = math.nan
         if math.isfinite(self.misfit):
             far = np.array(
@@ -480,3 +503,14 @@ class Candidate:
                     "samples, or terms that the model lacks"
                 )
         return whiteness, said
+
+    def of_rounding(self, record: Record, so: str) -> list[str]:
+        """What to say of rounding that lasts, and what follows; nothing where it does not."""
+        if not self.lasts:
+            return []
+        step = record.coarse_step()
+        return [
+            f"y moves in steps of {step:.4g}, by one or none from most samples to the next, "
+            f"and the noise found is rounding ({step / math.sqrt(12.0):.3g}) and little else: "
+            f"it lasts for several samples and is not white, {so}"
+        ]

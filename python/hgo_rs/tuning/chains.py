@@ -27,6 +27,7 @@ from hgo_rs.tuning.result import Array, Tuning
 ChainsBuild = Callable[[Array], MultiOutputObserver]
 """An observer of several outputs with the gains given [1/s], one a chain."""
 
+_MOVING = "high-gain EKF"
 _ROUNDS = 2  # of smoothing with the other chains' states
 _STEPS = (1.6, 1.6, 1.25, 1.1)  # of a gain, sweep by sweep
 _REACH = 24  # steps of one gain in a sweep, at most
@@ -80,7 +81,7 @@ def tune_chains(
     remarks: list[str] = []
     judge = _Judge(records, wanted, _smoothed(records, model, wanted, remarks), orders)
     if free:
-        structures["high-gain EKF"] = _filter(model, records, judge.references)
+        structures[_MOVING] = _filter(model, records, judge.references)
     found: dict[str, tuple[Array, float]] = {}
     for done, (name, make) in enumerate(structures.items()):
         try:
@@ -93,6 +94,7 @@ def tune_chains(
     order = sorted(found, key=lambda name: found[name][1])
     best = order[0]
     ells = found[best][0]
+    moving_gain = _compared(order, found) if free else ""
     said = [] if free else list(remarks)
     said += [judge.edge(i, ell) for i, ell in enumerate(ells.tolist()) if judge.edge(i, ell)]
     observer = structures[best](ells)
@@ -116,9 +118,23 @@ def tune_chains(
         errors=errors,
         bounds=bounds,
         judged_by="; ".join(of.name for of in each),
+        moving_gain=moving_gain,
         tried=tuple((name, cast("Any", found[name][0]), found[name][1]) for name in order),
         remarks=(*remarks, *filter(None, [records[0].part])),
         **several,
+    )
+
+
+def _compared(order: Sequence[str], found: Mapping[str, tuple[Array, float]]) -> str:
+    """How the gains that move with the model's slopes compare with the best constant ones."""
+    constant = next((name for name in order if name != _MOVING), None)
+    if _MOVING not in found or constant is None:
+        return ""
+    less = 100.0 * (1.0 - found[_MOVING][1] / found[constant][1])
+    return (
+        f"The {_MOVING}, whose gains move with the model's slopes, errs {abs(less):.2g} % "
+        f"{'less' if less > 0.0 else 'more'} over the log than the best constant gains "
+        f"({constant}): {'it is' if less > 0.0 else 'these are'} taken."
     )
 
 

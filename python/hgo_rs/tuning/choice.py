@@ -20,12 +20,15 @@ from hgo_rs.models import System
 from hgo_rs.observers.turns import UNWRAP, warn_of_turns
 from hgo_rs.signals import Given
 from hgo_rs.times import check_period
+from hgo_rs.tuning import filters
 from hgo_rs.tuning.candidate import Candidate
 from hgo_rs.tuning.chains import outputs, tune_chains
 from hgo_rs.tuning.offers import LARGEST, Build, offered, sources
 from hgo_rs.tuning.record import Record, check_inputs
 from hgo_rs.tuning.reference import find
 from hgo_rs.tuning.result import Tuning
+
+_HOPELESS = 3.0  # of the least error at a glance, from which on a curve stays coarse
 
 
 class TuningWarning(UserWarning):
@@ -176,7 +179,7 @@ def tune(
     refusals: dict[str, HgoError] = {}
     for name, make in structures.items():
         try:
-            candidates[name] = Candidate(make, step, ells, ours=free)
+            candidates[name] = filters.of(make, step, ells, ours=free)
         except HgoError as error:
             refusals[name] = error
     if not candidates:
@@ -197,19 +200,30 @@ def tune(
         }
         reference = find(record, sources(models), index - 1, remarks.append)
     reached: dict[str, float] = {}
-    for done, (name, candidate) in enumerate(candidates.items()):
-        if progress is not None:
-            progress(done, len(candidates))
+    count = len(candidates) + free  # and those of a gain that moves
+    for candidate in candidates.values():
+        candidate.begin(index - 1, *known, reference)
+    lean = free and reference is not None and not targets
+    glances: dict[str, float] = {}
+
+    def look(name: str, candidate: Candidate) -> None:
+        """Its curve and its gain: coarse where it errs far more than others at a glance."""
         try:
-            candidate.look(index - 1, record, *known, reference)
+            far = glances[name] > _HOPELESS * min(glances.values()) if glances else False
+            candidate.look(record, coarse=far)
             if targets:
                 reached[name] = candidate.reach(*next(iter(targets.items())))
             else:
                 reached[name] = candidate.least_error()
         except HgoError as error:
             refusals[name] = error
-    if progress is not None:
-        progress(len(candidates), len(candidates))
+
+    if lean and record is not None:
+        glances = {name: candidate.glance(record) for name, candidate in candidates.items()}
+    for done, (name, candidate) in enumerate(candidates.items()):
+        if progress is not None:
+            progress(done, count)
+        look(name, candidate)
     if not reached:
         raise next(iter(refusals.values()))
 
@@ -223,10 +237,42 @@ def tune(
             return float(np.nanmin(candidates[name].curve.innovation))
         return candidates[name].point(reached[name])["error"]
 
+    moving: dict[str, filters.Filter] = {}
+    why_none = ""
+    if lean and record is not None and reference is not None:
+        of_model = [name for name in reached if candidates[name].any.model is not None]
+        if of_model:
+            near = min(of_model, key=cost)
+            moving, why_none = filters.offered(
+                cast("System | None", build), candidates[near], reached[near], record, reference
+            )
+        for name, filter_ in moving.items():
+            candidates[name] = filter_
+            filter_.begin(index - 1, *known, reference)
+            glances[name] = filter_.glance(record)
+            look(name, filter_)
+    if progress is not None:
+        progress(count, count)
     costs = {name: cost(name) for name in reached}
     ranked = sorted(costs, key=costs.__getitem__)
     best = ranked[0]
+    moving_gain = why_none and f"{why_none}."
+    if any(name in moving for name in ranked):
+        assert record is not None
+        one = next(name for name in ranked if name in moving)
+        other = next(name for name in ranked if name not in moving)
+        filtered, constant = (
+            (one, moving[one], reached[one]),
+            (other, candidates[other], reached[other]),
+        )
+        clearly, moving_gain = filters.compared(filtered, constant, record)
+        best = one if clearly else other
     chosen = candidates[best]
+    if free and ells is None and record is not None and chosen.any.model is None and not targets:
+        lowest = float(chosen.curve.ell[0])
+        remedy = "choose a lower one, or give a model, or a log in which y moves more"
+        allowed = "one that the log tells of: here the lowest gain tried errs least"
+        check(reached[best] > lowest * (1.0 + 1e-3), "state", index, allowed, remedy)
     if record is not None and reference is not None:
         chosen.refine(record)
     if record is not None:
@@ -272,6 +318,7 @@ def tune(
         quantisation=0.0 if record is None else record.step(),
         horizon=math.nan if reference is None else reference.horizon,
         judged_by="" if reference is None else reference.name,
+        moving_gain=moving_gain,
         tried=tuple((name, reached[name], costs[name]) for name in ranked),
         remarks=(*remarks, *left),
         built={name: candidates[name].made(reached[name]) for name in ranked},

@@ -148,6 +148,21 @@ def path(record: Record, model: Model, x_hat: Array, stretches: int, steps: int)
     return found.reshape(len(begins), steps, model.n, model.n)
 
 
+def slopes_beside(model: Model, record: Record, x_hat: Array, ell: float) -> float:
+    """How much of the error's motion the model's slopes are, beside a gain: the RMS along an
+    estimate of the norm of df_i/dx_j ell^(j-i-1).
+    """
+    rows = np.flatnonzero(record.judged)
+    values: dict[str, Array] = dict(zip(model.states, x_hat[rows].T, strict=False))
+    values["t"] = record.t[rows]
+    if record.u is not None:
+        values |= dict(zip(model.inputs, record.u[rows].T, strict=True))
+    slopes = Jacobian(model.drift, model.states, model.parameters)(**values)
+    i, j = np.indices((model.n, model.n))
+    off = (slopes - np.eye(model.n, k=1)) * ell ** (j - i - 1.0)
+    return float(np.sqrt(np.mean(np.sum(np.nan_to_num(off) ** 2, axis=(-2, -1)))))
+
+
 @dataclass(frozen=True, eq=False)
 class Slopes:
     """Covariances along a path at some gains, beside and between them by powers of the gain."""

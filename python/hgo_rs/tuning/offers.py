@@ -69,6 +69,8 @@ def without_unknown(model: Model) -> Model:
 
 def derivatives(model: System | None, n: int) -> int:
     """How many of the first states are y and its derivatives, whatever is known of the system."""
+    if isinstance(model, Model) and model.form == "nonlinear-chain":
+        return 1
     if isinstance(model, Model) and model.compiled and model.form == "triangular":
         for i, side in enumerate(model.known):
             if not _is_zero(side):
@@ -140,6 +142,8 @@ def offered(model: System | None, state: int = 1) -> dict[str, Build]:
             add("model and load, Butterworth", StandardObserver, n + 1, poles, loaded)
             slow = [*damped_half(n), SLOW] if n >= 2 else [-1.0, SLOW]
             add("model and load, slow", StandardObserver, n + 1, slow, loaded)
+    if derivatives(known, n) < n:  # an order without a model has other states
+        return out
     for order in (max(n, 2), max(n, 2) + 1):
         if order <= LARGEST:
             add(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -110,6 +111,14 @@ class Record:
             f"from t = {self.t[0]:.6g} s to {self.t[-1]:.6g} s, where y moves most in the longest "
             "piece"
         )
+
+    @cached_property
+    def inner(self) -> slice | npt.NDArray[np.intp]:
+        """The rows that are `two_sided`; a slice where they are neighbours."""
+        rows = np.flatnonzero(self.two_sided)
+        if len(rows) and rows[-1] - rows[0] + 1 == len(rows):
+            return slice(int(rows[0]), int(rows[-1]) + 1)
+        return rows
 
     def unwrapped(self, turn: float) -> Record:
         """The record with y going on over its turns, each step the shorter way round."""

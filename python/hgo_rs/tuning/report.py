@@ -111,6 +111,8 @@ def _found(of: Any) -> list[str]:
         )
     elif of.criterion == "least error":
         rows.append("The gain is that of the least R n(gain) + Q m(gain), noise and model error.")
+    if of.moving_gain:
+        rows.append(of.moving_gain)
     if np.isfinite(of.noise).all():
         rows.append(f"Measurement noise, standard deviation: {_shown(of.noise)}.")
     if np.isfinite(of.model_error).all():

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hgo_rs import upward
-from hgo_rs.errors import HgoError, check, need
+from hgo_rs.errors import HgoError, need
 from hgo_rs.observers import Observer, RunResult
 from hgo_rs.signals import Given, of_log
 from hgo_rs.tuning.report import as_html, choice, report
@@ -112,6 +112,9 @@ class Tuning:
         of the smoother; NaN without one.
     judged_by : str
         What the smoothed state rests on; empty without one.
+    moving_gain : str
+        How a gain that moves compares with constant ones over the log, or why none was tried; empty
+        where it was no question.
     tried : tuple of (str, float, float)
         Each structure with its best gain [1/s] and what decided between them, least first.
     remarks : tuple of str
@@ -139,6 +142,7 @@ class Tuning:
     quantisation: float = 0.0
     horizon: float = math.nan
     judged_by: str = ""
+    moving_gain: str = ""
     tried: tuple[tuple[str, float, float], ...] = ()
     remarks: tuple[str, ...] = ()
     built: Mapping[str, Observer] = field(default_factory=dict, repr=False)
@@ -222,14 +226,15 @@ class Tuning:
         upward.call("page", self, path, title, log)
 
     def plot(self, figure: Figure | None = None) -> Figure:
-        """Draw the trade-off with the chosen point marked. Needs the extra `plot`.
-
-        Raises HgoError for several outputs, whose gains are not on one curve.
+        """Draw the trade-off with the chosen point marked; of several outputs, whose gains are not
+        on one curve, the errors of the structures. Needs the extra `plot`.
         """
-        remedy = "tune one chain with the others' estimates as inputs, and plot that"
-        check(bool(self.curves), "outputs", np.size(self.ell), "one", remedy)
-        from hgo_rs.plots import tuning_figure
+        from hgo_rs.plots import structures_figure, tuning_figure
 
+        if not self.curves:
+            title = "Geometric mean of the wanted errors, each structure at its best gains"
+            errors = {name or "given": error for name, _, error in self.tried}
+            return structures_figure(errors, self.structure or "given", title=title, figure=figure)
         name = f"{self.structure}, " if self.structure else ""
         title = f"{name}estimate {self.state}: gain {self.ell:.4g} /s by {self.criterion}"
         best = [name for name, _, _ in self.tried[:_DRAWN]]

@@ -43,7 +43,9 @@ def reversed_model(model: System | None, n: int, end: float) -> System | None:
         return InputGain(model.b0 * (-1.0) ** n)
     forms = ("phase", "chains", "triangular")
     if not (isinstance(model, Model) and model.compiled and model.form in forms):
-        raise HgoError(f"{type(model).__name__} cannot be run backwards in time")
+        form = f" of form {model.form!r}" if isinstance(model, Model) and model.compiled else ""
+        told = f"{type(model).__name__}{form} cannot be run backwards in time: must be a Model of "
+        raise HgoError(f"{told}chains made of expressions; the record is judged without it")
     orders = model.orders or (model.n,)
     flipped = signs(orders) < 0.0
     first = np.cumsum(orders) - 1  # where the equations stand that phi enters

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -189,6 +190,7 @@ class Model(OwnSystem):
     ) -> Model:
         """As of every system; refused where the slope in an unknown could then be 0."""
         new = super().with_parameters(values, **named)
+        new.__dict__.pop("own_slope", None)  # it is of the old values
         if new._slopes is not None:
             new._slopes.check(new._names.parameters)
         return new
@@ -299,7 +301,7 @@ class Model(OwnSystem):
         orders = self.orders or (self.n,)
         return list(zip(orders, self._form.unknown or ("",) * len(orders), strict=True))
 
-    @property
+    @cached_property
     def own_slope(self) -> float | None:
         if not self.compiled or self.form not in (
             *("phase", "chains", "triangular", "nonlinear-chain"),
