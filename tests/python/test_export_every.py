@@ -329,17 +329,18 @@ def cases() -> dict[str, tuple[Program, list[tuple[int, bytes]], list[float]]]:
     return made
 
 
-def calls_of(described: Program, times: list[float], dialect: Dialect) -> list[tuple[str, str]]:
-    """Verbs and arguments of all calls, as text."""
-    made, words = [], described.words
-    for k, t in enumerate(times):
-        given = dict(zip(words.samples, Y[k].tolist(), strict=False))
-        given |= dict(zip(words.controls, U[k].tolist(), strict=False)) | {"dt": STEPS[k]}
-        text = {w: dialect.literal(value, described.precision) for w, value in given.items()}
-        text["t"] = repr(t)
-        for move in described.moves:
-            made.append((move.verb, ", ".join(text[word] for word in described.arguments(move))))
-    return made
+def samples_of(described: Program, times: list[float], dialect: Dialect) -> dict[str, list[str]]:
+    """All calls' values of each argument, as text."""
+    words = described.words
+    given = dict(zip(words.samples, Y.T.tolist(), strict=False))
+    given |= dict(zip(words.controls, U.T.tolist(), strict=False)) | {"dt": STEPS}
+    taken = {word for move in described.moves for word in described.arguments(move)}
+    text = {
+        word: [dialect.literal(value, described.precision) for value in values[: len(times)]]
+        for word, values in given.items()
+        if word in taken
+    }
+    return text | ({"t": [repr(t) for t in times]} if "t" in taken else {})
 
 
 C_HEAD = """\
@@ -367,14 +368,18 @@ def in_c(folder: Path, cases: dict[str, Any]) -> str:
         calls.append(f"    run_{name}();")
         fields = ", ".join(f"state.{field.name}" for field in described.memory)
         lines.append(f"static void run_{name}(void)\n{{\n    {name}_state state;\n")
-        lines.append(f"    {name}_init(&state);")
         real = {"double": "double", "single": "float"}[described.precision.name]
-        for verb, given in calls_of(described, times, C):
-            arguments = f", {given}" if given else ""
-            lines.append(f"    status = {name}_{verb}(&state{arguments});")
+        for word, values in samples_of(described, times, C).items():
+            kind = "double" if word == "t" else real
+            lines.append(f"    static const {kind} in_{word}[] = {{{', '.join(values)}}};")
+        lines.append(f"    {name}_init(&state);")
+        lines.append(f"    for (int k = 0; k < {len(times)}; ++k) {{")
+        for move in described.moves:
+            arguments = "".join(f", in_{word}[k]" for word in described.arguments(move))
+            lines.append(f"    status = {name}_{move.verb}(&state{arguments});")
             lines.append(f"    {{ const {real} memory[] = {{{fields}}};")
             lines.append("      show(memory, sizeof memory); }")
-        lines.append("}\n")
+        lines.append("    }\n}\n")
     main = ["int main(void)", "{", *calls, "    return 0;", "}", ""]
     put(folder, {"every.c": "\n".join([*includes, C_HEAD, *lines, *main])})
     run("gcc", *STRICT, "-O1", *folder.glob("*.c"), "-lm", "-o", folder / "every")
@@ -404,11 +409,15 @@ def in_rust(folder: Path, cases: dict[str, Any]) -> str:
         calls.append(f"    run_{name}();")
         fields = ", ".join(f"state.{field.name}.to_le_bytes()" for field in described.memory)
         lines += [f"mod {name};", f"fn run_{name}() {{"]
+        for word, values in samples_of(described, times, RUST).items():
+            lines.append(f"    let in_{word} = [{', '.join(values)}];")
         lines.append(f"    let mut state = {name}::{kind}::new();")
-        for verb, given in calls_of(described, times, RUST):
-            lines.append(f"    let status = state.{verb}({given});")
+        lines.append(f"    for k in 0..{len(times)} {{")
+        for move in described.moves:
+            given = ", ".join(f"in_{word}[k]" for word in described.arguments(move))
+            lines.append(f"    let status = state.{move.verb}({given});")
             lines.append(f"    show(status as u8, &[{fields}].concat());")
-        lines.append("}")
+        lines.append("    }\n}")
     put(folder, {"main.rs": "\n".join([RUST_HEAD, *lines, "fn main() {", *calls, "}"])})
     flags = ("--edition=2024", "-Copt-level=0", "-Cdebuginfo=0", "-Dwarnings")
     run("rustc", *flags, folder / "main.rs", "-o", folder / "every")
