@@ -174,6 +174,19 @@ def test_the_command_writes_what_it_found(tmp_path, monkeypatch, capsys):
             assert mine.error("white") == pytest.approx(other.error("white"), rel=0.02)
 
 
+def test_a_folder_or_a_page_of_no_use_is_refused_before_the_work(tmp_path, monkeypatch):
+    from hgo_rs import bench
+    from hgo_rs.cli.command import command
+
+    monkeypatch.setattr(bench, "measured", lambda progress: pytest.fail("measured"))
+    blocked = tmp_path / "file"
+    blocked.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(HgoError, match=r"cannot write to the folder .*with --out"):
+        command.main(["compare-laws", "--out", str(blocked / "in")], standalone_mode=False)
+    with pytest.raises(HgoError, match=str(blocked)):
+        command.main(["compare-laws", "--page", str(blocked)], standalone_mode=False)
+
+
 def test_instructions_are_those_of_the_readme():
     from hgo_rs.bench.measure import M4F
 

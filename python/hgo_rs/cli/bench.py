@@ -9,7 +9,9 @@ import click
 
 from hgo_rs import plots
 from hgo_rs.cli.places import can_draw, check_places, tell_written, written
+from hgo_rs.cli.reproduce import made_folder
 from hgo_rs.cli.terminal import say
+from hgo_rs.config.text import read
 from hgo_rs.errors import check
 
 NAME = "which-observer"
@@ -50,7 +52,7 @@ def compare_laws_command(out: Path | None, pages: tuple[Path, ...]) -> int:
     around = {page: _around(page) for page in pages}
     results |= {f"--page {page}": page for page in pages}
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+        made_folder(out)
     check_places(results, {})
     found = Report(measured(_progress if sys.stderr.isatty() else None))
     report = Report.of_csv(found.to_csv())  # the digits of the data
@@ -77,7 +79,7 @@ def compare_laws_command(out: Path | None, pages: tuple[Path, ...]) -> int:
 
 def _around(page: Path) -> tuple[str, str]:
     """What stands before and after the short table of a page."""
-    text = page.read_text(encoding="utf-8")
+    text = read(page)
     before, begin, rest = text.partition(_BEGIN)
     _, end, after = rest.partition(_END)
     allowed = f"a page with {_BEGIN} and {_END} in it"

@@ -147,6 +147,27 @@ def _work(tasks: Any, messages: Any, backend: str, seed: int, figures: bool) -> 
             messages.put(execute(find(id), ctx, figures=figures))
 
 
+def made_folder(path: str | Path) -> Path:
+    """A folder that can be written, made where it is not there.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be made or written.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=".hgo-"):
+            pass
+    except OSError as error:
+        raise OutputError(
+            f"cannot write to the folder {folder}: {error.strerror or error}; "
+            "choose another one with --out"
+        ) from error
+    return folder
+
+
 class OutputFolder:
     """A folder for figures, `results.json`, `results.md` and `report.html`.
 
@@ -157,17 +178,8 @@ class OutputFolder:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+        self.path = made_folder(path)
         self._written: list[str] = []
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=self.path, prefix=".hgo-"):
-                pass
-        except OSError as error:
-            raise OutputError(
-                f"cannot write to the folder {self.path}: {error.strerror or error}; "
-                "choose another one with --out"
-            ) from error
 
     def write_figure(self, record: Record) -> None:
         """ID.png and ID.svg, if the scenario has a figure."""

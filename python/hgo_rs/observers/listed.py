@@ -122,6 +122,6 @@ def _saturation(levels: Any, n: int, model: System | None) -> list[float]:
     bounds = (None if model is None else model.bounds) or (0.0,) * n
     for i, (value, bound) in enumerate(zip(values, bounds[1:], strict=False), start=2):
         least = f">= {bound:g}, the model's own bound of |x_{i}|" if bound else "> 0"
-        remedy = "Astolfi et al. (10); choose a larger level"
+        remedy = "choose a larger level"
         check(value > 0.0 and value >= bound, f"saturation r_{i}", float(value), least, remedy)
     return [float(v) for v in values]
