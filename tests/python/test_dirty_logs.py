@@ -218,8 +218,8 @@ def test_standard_input_may_be_read_again(tmp_path, monkeypatch):
 def test_bytes_that_are_no_log(tmp_path):
     good = lines("t,q", ROWS).encode()
     cases = [
-        (b"PK\x03\x04" + bytes(99), "is no text but a zip archive"),
-        (b"PAR1" + bytes(99), "is no text but Parquet: call it .parquet"),
+        (b"PK\x03\x04" + bytes(99), "is not text but a zip archive"),
+        (b"PAR1" + bytes(99), "is not text but Parquet: call it .parquet"),
         (bytes(range(256)) * 99, "holds bytes that are no text"),
         (gzip.compress(good)[:-900], "the packed log is cut off"),
         (good + bytes(50), "line 302: holds bytes that are no text; remove the line, or cut"),

@@ -34,6 +34,7 @@ from hgo_rs.expressions import (
     text,
 )
 from hgo_rs.expressions.grammar import MAX_LENGTH
+from hgo_rs.expressions.library import SUBSTITUTES
 from hgo_rs.expressions.tracing import Symbolic, as_node, symbolic_vector
 from hgo_rs.reference.table import Table
 
@@ -434,6 +435,21 @@ def test_what_is_written_is_what_is_meant(written, values, want):
     np.testing.assert_array_equal(evaluate([parse(written)], values)[0], want)
 
 
+_OF_NUMPY = {"asin": "arcsin", "acos": "arccos", "atanh": "arctanh", "sat": "clip", "clamp": "clip"}
+
+
+@pytest.mark.parametrize("name", SUBSTITUTES)
+def test_what_is_offered_for_a_function_is_that_function(name):
+    """By NumPy's function of the name."""
+    twin = getattr(np, _OF_NUMPY.get(name, name))
+    levels = {"low": 0.2, "high": 0.6} if "saturate" in SUBSTITUTES[name] else {}
+    x = np.array([0.1, 0.4, 0.9] if "log" in name else [-0.9, 0.1, 0.4, 0.9])
+    got = evaluate([parse(SUBSTITUTES[name])], {"x": x, **levels})[0]
+    np.testing.assert_allclose(got, twin(x, *levels.values()), rtol=1e-14)
+    with pytest.raises(ExpressionError, match=f"unknown function {name}.*write "):
+        parse(f"{name}(x)")
+
+
 def test_nan_goes_the_ways_that_are_documented():
     nan = {"x": math.nan, "y": 1.0}
     for written in ("min(x, y)", "sign(x)", "saturate(x, 0, 1)", "pow(x, 0.5)"):
@@ -460,6 +476,8 @@ WRONG = {
     "x\u00a0+ 1": ("in ASCII", 1),
     "ｘ": ("in ASCII", 0),
     "sinn(x)": ("did you mean sin", 0),
+    "1 + asin(x)": (r"write atan2\(x, sqrt\(1 - x\*\*2\)\)", 4),
+    "clip(x, 0, 1)": (r"write saturate\(x, low, high\)", 0),
     "frobnicate(x)": ("choose one of them", 0),
     "1 + Vel": ("did you mean vel", 4),
     "__class__": ("unknown name __class__", 0),

@@ -78,7 +78,7 @@ def test_what_cannot_be_read_is_told(tmp_path):
     assert "column 'raw' begins with '0x1F'; it is hexadecimal" in told
     assert "no column of numbers moves" in told
     path.write_text("a,b\n" + "\n".join(f"{q},{q}" for q in Q))
-    assert "no column of times was found: name it by --time, or say --dt" in str(look(path))
+    assert "no time column was found: name it with --time, or give --dt" in str(look(path))
 
 
 def test_other_formats(tmp_path):

@@ -54,7 +54,7 @@ def test_a_gain_that_moves_is_chosen_where_slopes_turn() -> None:
     assert result.model_error == pytest.approx(LACK, rel=0.5)
     assert result.whiteness > 1e-3
     told = result.report()
-    assert "errs" in told and "more than by chance: it is taken." in told
+    assert "errs" in told and "which is significant: it is taken." in told
     band = result.run((DT, y)).deviation[100:, 1]
     assert np.sqrt(np.mean(band**2)) == pytest.approx(found, rel=0.2)
     pytest.importorskip("matplotlib")
@@ -103,7 +103,7 @@ def test_an_estimate_that_the_log_does_not_tell_is_refused() -> None:
         force = np.sign(np.sin(4.0 * t[k])) + 0.3 * np.sin(9.0 * t[k])
         v[k + 1] = v[k] + 2e-3 * (force - 0.5 * v[k])
     y = np.cumsum(v) * 2e-3 + 1e-3 * np.random.default_rng(0).standard_normal(3000)
-    with pytest.raises(hgo.HgoError, match="state = 7: must be one that the log tells of"):
+    with pytest.raises(hgo.HgoError, match="state = 7: must be one that the log determines"):
         tune(None, (t, y), state=7)
 
 

@@ -19,7 +19,7 @@ NAME = "which-observer"
 _BEGIN, _END = "<!-- laws -->", "<!-- end of laws -->"
 
 
-@click.command("compare-laws", short_help="Every law on one bench: which wins where.")
+@click.command("compare-laws", short_help="Compare all laws on one bench.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
@@ -36,7 +36,7 @@ def compare_laws_command(out: Path | None, pages: tuple[Path, ...]) -> int:
     """Compare all observers of this package on the same systems.
 
     Integrator chains, systems of the papers, a drive with friction and a pendulum, with white,
-    quantised and band-limited noise, outliers, gaps and jitter; every law tuned to the same
+    quantised and band-limited noise, outliers, gaps and jitter. All laws are tuned to the same
     settling time. It takes a minute or two.
 
     \\b

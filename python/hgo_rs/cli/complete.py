@@ -23,7 +23,7 @@ SHELLS = ("bash", "zsh", "fish")
 @click.command("completion", short_help="Completion of words for bash, zsh and fish.")
 @click.argument("shell", type=click.Choice(SHELLS))
 def completion_command(shell: str) -> int:
-    """Print what makes SHELL complete commands, options, choices, and the columns of a log.
+    """Print the script by which SHELL completes commands, options, choices and columns of a log.
 
     \b
     Where it goes

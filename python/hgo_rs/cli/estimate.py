@@ -36,7 +36,9 @@ from hgo_rs.times import RESETS, UNITS
 
 @click.command("estimate", short_help="Run an observer over a recorded log.")
 @click.argument("log", type=click.Path(path_type=Path))
-@click.option("--config", type=click.Path(path_type=Path), help="observer.toml; options go before.")
+@click.option(
+    "--config", type=click.Path(path_type=Path), help="observer.toml; options override it."
+)
 @click.option("--time", "time", **any_column, help="Time column.")
 @click.option(
     "--unit",
@@ -83,8 +85,8 @@ from hgo_rs.times import RESETS, UNITS
 @click.option(
     "--wrap",
     metavar="TURN",
-    help="Turn of an output that wraps, in its unit: 6.283185307179586, 65536, ...; none: it does "
-    "not. By default an output that jumps by the turn of a counter or an angle wraps, and is told.",
+    help="Period of an output that wraps, in its unit: 6.283185307179586, 65536, ...; none: it "
+    "does not wrap. Default: found from jumps by a turn or a counter's range, with a message.",
 )
 @click.option(
     "--start",
@@ -132,7 +134,7 @@ def estimate_command(
     """Run an observer over the recorded LOG (CSV, Parquet, .mat, .npz, ROS bags and more).
 
     Empty cells and NaN are missing samples: the observer predicts over them. Uneven steps are
-    honoured. Options may be repeated for several columns.
+    used as recorded. Options may be repeated for several columns.
 
     \b
     Example: velocity and acceleration from a measured position

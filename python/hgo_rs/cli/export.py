@@ -67,10 +67,10 @@ def export_command(
     units: tuple[str, ...],
     fixed_dt: float | None,
 ) -> int:
-    """Write the observer of CONFIG, an observer.toml, as source code that needs nothing else.
+    """Write the observer of CONFIG, an observer.toml, as source code without dependencies.
 
-    Its steps have the bits of this package's; a test vector and a program that runs it are beside
-    it. An FMU is one file for Simulink, Modelica tools and others, with that source in it.
+    Its steps give the same bits as this package. A test vector and a program that runs it are
+    written too. An FMU is one file for Simulink, Modelica tools and others, with the source in it.
 
     \b
     Example: C in single precision for a chip

@@ -53,7 +53,7 @@ LISTS: dict[str, Callable[[], Mapping[str, str]]] = {
 """What is listed by name and description, and how it is found."""
 
 
-@click.command("list", short_help="What there is to choose from; the papers' scenarios.")
+@click.command("list", short_help="List scenarios, observers, gains, models, methods or keys.")
 @click.argument(
     "what", type=click.Choice(["scenarios", *LISTS, "schema"]), default="scenarios", required=False
 )

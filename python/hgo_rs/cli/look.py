@@ -10,14 +10,14 @@ from hgo_rs.cli.terminal import say
 from hgo_rs.logs import look
 
 
-@click.command("look", short_help="What a recorded log holds, and how to read it.")
+@click.command("look", short_help="Show what a recorded log holds, and how to read it.")
 @click.argument("log", type=click.Path(path_type=Path))
 def look_command(log: Path) -> int:
-    """Tell what the LOG holds: columns, types, units, ranges, resolution, standstills, rate,
+    """Show what the LOG holds: columns, types, units, ranges, resolution, standstills, rate,
     jitter, gaps, and a command that reads it.
 
     \b
-    Example: a log that nobody has described
+    Example: an unknown log
       hgo look axis.csv
     """
     say(str(look(log)))

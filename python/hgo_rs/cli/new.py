@@ -54,7 +54,7 @@ _LISTED = 8
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="The file; by default LOG.toml in this folder. One that is there is left alone.",
+    help="The file; by default LOG.toml in this folder. An existing file is not overwritten.",
 )
 def new_command(
     log: Path,
@@ -63,11 +63,11 @@ def new_command(
     out: Path | None,
     **columns: tuple[str, ...],
 ) -> int:
-    """Write an observer.toml for the recorded LOG: its columns, a gain found in it, and the
-    choices that are open, as comments to edit.
+    """Write an observer.toml for the recorded LOG: its columns and a gain tuned on it. Further
+    choices are comments to edit.
 
     \b
-    Example: a log that nobody has described, then the states behind it
+    Example: a file for an unknown log, then its states
       hgo new axis.csv
       hgo estimate axis.csv --config axis.toml
     """
@@ -87,7 +87,7 @@ def new_command(
     if "time" not in arguments and dt is None:
         arguments |= {} if found.time is None else {"time": found.time}
         if found.time is None and "PERIOD" in shlex.split(found.command):
-            told = "no column of times was found; name it with --time, or give --dt PERIOD"
+            told = "no time column was found; name it with --time, or give --dt PERIOD"
             raise HgoError(f"{log}: {told}")
     recorded = read_log(log, **{"time": None, **arguments})
     n = order if order is not None else (_DRIVEN if "input" in arguments else _ORDER)

@@ -22,10 +22,10 @@ _MOST = 8
 """Columns that are drawn where none is named."""
 
 
-@click.command("plot", short_help="A picture of a log, or of the estimates behind it.")
+@click.command("plot", short_help="Plot a log, or its estimates.")
 @of_log
-@click.option("--from", "begin", type=float, help="Where the picture begins, s.")
-@click.option("--to", "end", type=float, help="Where it ends, s.")
+@click.option("--from", "begin", type=float, help="Start of the plot, s.")
+@click.option("--to", "end", type=float, help="End of the plot, s.")
 @click.option(
     "--figure",
     type=click.Path(path_type=Path),
@@ -40,11 +40,11 @@ def plot_command(
     figure: Path | None,
     **columns: tuple[str, ...],
 ) -> int:
-    """Draw the recorded LOG over time: a panel for each --output, by default for each column of
-    numbers that moves. With --config, the estimates of its observer.
+    """Draw the recorded LOG over time, with a panel for each --output. Default: each column of
+    numbers that moves. With --config, draw the estimates of its observer.
 
     \b
-    Example: a log, then what an observer makes of its second minute
+    Example: a log, then an observer's estimates over its second minute
       hgo plot axis.csv
       hgo plot axis.csv --config axis.toml --from 60 --to 120 --figure minute.png
     """

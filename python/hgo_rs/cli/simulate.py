@@ -22,9 +22,9 @@ from hgo_rs.simulation import NormalNoise, SimulationResult, simulate
 from hgo_rs.simulation.experiment import PLANT_METHODS
 
 
-@click.command("simulate", short_help="An observer on the system that its model describes.")
+@click.command("simulate", short_help="Simulate an observer and the system of its model.")
 @click.argument("config", type=click.Path(path_type=Path))
-@click.option("--x0", type=Numbers(), required=True, help="Where the system begins: 0.5,0.")
+@click.option("--x0", type=Numbers(), required=True, help="Initial state of the system: 0.5,0.")
 @click.option("--dt", type=float, help="Sampling period, s; by default that of [log].")
 @click.option("--t-end", type=float, required=True, help="Duration, s.")
 @click.option(
@@ -32,13 +32,17 @@ from hgo_rs.simulation.experiment import PLANT_METHODS
     "inputs",
     multiple=True,
     metavar="NAME=EXPR",
-    help='Of an own model: "u=sin(3*t)", or of estimates, "u=-2*q_hat"; again for several.',
+    help='Input, of time: "u=sin(3*t)"; or of estimates: "u=-2*q_hat". Again for several.',
 )
 @click.option("--noise", type=float, help="Standard deviation of the measurement noise.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the noise.")
-@click.option("--substeps", type=int, default=4, show_default=True, help="Of the system, a period.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the noise.")
 @click.option(
-    "--plant-method", shell_complete=of(PLANT_METHODS), help="How the system moves; default rk4."
+    "--substeps", type=int, default=4, show_default=True, help="Steps of the system per period."
+)
+@click.option(
+    "--plant-method",
+    shell_complete=of(PLANT_METHODS),
+    help="Integration method of the system; default rk4.",
 )
 @click.option(
     "--out",
@@ -65,11 +69,11 @@ def simulate_command(
 ) -> int:
     """Simulate the system of [model] in CONFIG, an observer.toml, and its observer on the samples.
 
-    The observer begins where the file has it begin, else at 0. What it errs by is told, and what
-    `hgo estimate` would read is written beside the states that it is to find.
+    The observer begins at the file's start, or at 0. Its errors are printed. Samples, true states
+    and estimates are written to one file, which `hgo estimate` reads too.
 
     \b
-    Example: a pendulum that is driven, seen by a noisy encoder
+    Example: a driven pendulum with a noisy encoder
       hgo simulate axis.toml --x0 0.5,0 --dt 0.01 --t-end 10 --input "u=sin(3*t)" --noise 1e-3
     """
     out = out if out is not None else Path(f"{config.stem}.simulated.csv")

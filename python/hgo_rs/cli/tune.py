@@ -19,15 +19,15 @@ from hgo_rs.models import System
 from hgo_rs.tuning import Tuning, TuningWarning, tune
 
 
-@click.command("tune", short_help="Choose an observer and its gain by a recorded log.")
+@click.command("tune", short_help="Choose an observer and its gain from a recorded log.")
 @of_log
 @click.option(
     "--state",
     type=int,
     multiple=True,
-    help="The wanted estimate, counted from 1; of several outputs one a chain. Default: the last.",
+    help="The wanted estimate, counted from 1; one for each chain. Default: the last.",
 )
-@click.option("--skip", type=float, help="Time at the start that is not judged, s.")
+@click.option("--skip", type=float, help="Time at the start that is not evaluated, s.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -56,10 +56,11 @@ def tune_command(
     page: Path | None,
     **columns: tuple[str, ...],
 ) -> int:
-    """Choose structure, poles and gain of an observer by the recorded LOG alone.
+    """Choose structure, poles and gain of an observer from the recorded LOG alone.
 
-    The model is that of --config; without one nothing is known. What was tried, why it was chosen
-    and how much each estimate errs is told; the observer is written as a file for `hgo estimate`.
+    The model is that of --config; without it there is none. The report lists the structures
+    tried, the reason for the choice and the predicted error of each estimate. The observer is
+    written as a file for `hgo estimate`.
 
     \b
     Example: velocity from a measured position, no model
@@ -67,7 +68,7 @@ def tune_command(
       hgo estimate axis.csv --config axis.observer.toml
 
     \b
-    Example: the same, and a page whose sliders move the observer
+    Example: the same, and a page with sliders
       hgo tune axis.csv --time t --output q --page tune.html
     """
     if page is not None:

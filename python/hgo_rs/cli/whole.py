@@ -20,9 +20,9 @@ from hgo_rs.smoothing import compare, fit, smooth
 _PATH = click.Path(path_type=Path)
 
 
-@click.command("smooth", short_help="States of a recorded log by all of its samples.")
+@click.command("smooth", short_help="Estimate states from all samples of a recorded log.")
 @of_log
-@click.option("--order", type=int, help="Of the chain, without a model; default 3.")
+@click.option("--order", type=int, help="Order of the chain, without a model; default 3.")
 @click.option("--out", type=_PATH, help="States, .csv; by default LOG.smooth.csv in this folder.")
 @click.option("--figure", type=_PATH, help="Figure, .png, .svg or .pdf; by default beside it.")
 def smooth_command(
@@ -34,9 +34,9 @@ def smooth_command(
     figure: Path | None,
     **columns: tuple[str, ...],
 ) -> int:
-    """Smooth the recorded LOG: its states by the samples before and after, with deviations.
+    """Smooth the recorded LOG: states from all samples, with standard deviations.
 
-    The model is that of --config; without one the samples are a chain of --order.
+    The model is that of --config; without it, the model is a chain of --order.
 
     \b
     Example: velocity and acceleration of a measured position, no model
@@ -59,9 +59,9 @@ def smooth_command(
     return 0
 
 
-@click.command("fit", short_help="Parameters of a model from a recorded log.")
+@click.command("fit", short_help="Estimate parameters of a model from a recorded log.")
 @of_log
-@click.option("--parameter", multiple=True, help="To be found; again for several. Default: all.")
+@click.option("--parameter", multiple=True, help="To estimate; again for several. Default: all.")
 @click.option("--out", type=_PATH, help="observer.toml with the values found; needs --config.")
 def fit_command(
     log: Path,
@@ -71,7 +71,7 @@ def fit_command(
     out: Path | None,
     **columns: tuple[str, ...],
 ) -> int:
-    """Find parameters of the model of --config in the recorded LOG, with standard errors.
+    """Estimate parameters of the model of --config from the recorded LOG, with standard errors.
 
     The search starts at the values of the file.
 
@@ -96,7 +96,7 @@ def fit_command(
     return 0
 
 
-@click.command("compare", short_help="Observers and other filters on a recorded log.")
+@click.command("compare", short_help="Compare observers and other filters on a recorded log.")
 @of_log
 @click.option(
     "--observer",
@@ -105,8 +105,8 @@ def fit_command(
     multiple=True,
     help="observer.toml to compare; again for several.",
 )
-@click.option("--truth", metavar="STATE=COL", multiple=True, help="Column of a better sensor.")
-@click.option("--skip", type=float, help="Time at the start that is not judged, s.")
+@click.option("--truth", metavar="STATE=COL", multiple=True, help="Column of a reference sensor.")
+@click.option("--skip", type=float, help="Time at the start that is not evaluated, s.")
 @click.option("--out", type=_PATH, help="The table, .csv.")
 @click.option("--figure", type=_PATH, help="Figure, .png, .svg or .pdf.")
 def compare_command(
@@ -122,12 +122,12 @@ def compare_command(
 ) -> int:
     """Compare observers and other filters on the recorded LOG.
 
-    Each --observer begins at the first sample, wherever its file has it start, beside a filtered
-    difference, Savitzky-Golay, alpha-beta-gamma and Kalman filters, tuned by the log alone. They
-    are judged by the smoothed state, or by the columns of --truth.
+    Each --observer begins at the first sample; the start in its file is not used. The other
+    filters are a filtered difference, Savitzky-Golay, alpha-beta-gamma and Kalman filters, tuned
+    on the log alone. Errors are taken from the smoothed state, or from the columns of --truth.
 
     \b
-    Example: what `hgo tune` chose, beside other filters
+    Example: the choice of `hgo tune` compared with other filters
       hgo compare axis.csv --time t --output q --observer axis.observer.toml
     """
     draw = figure is not None and can_draw(figure)

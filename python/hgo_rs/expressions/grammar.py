@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from hgo_rs.errors import nearest
 from hgo_rs.expressions import nodes
 from hgo_rs.expressions.errors import ExpressionError
-from hgo_rs.expressions.library import CONSTANTS, FUNCTIONS
+from hgo_rs.expressions.library import CONSTANTS, FUNCTIONS, SUBSTITUTES
 from hgo_rs.expressions.nodes import Node, function
 
 if TYPE_CHECKING:
@@ -269,7 +269,9 @@ def unknown(name: str, known: Iterable[str], what: str = "name") -> str:
     """What to say of a name that is not there: the nearest one, or all of them."""
     names = sorted(known)
     near = nearest(name[:64], names, count=1, cutoff=0.7)
-    if name == "e":
+    if what == "function" and name in SUBSTITUTES:
+        remedy = f"write {SUBSTITUTES[name]}"
+    elif name == "e":
         remedy = "write exp(1) for Euler's number"
     elif near:
         remedy = f"did you mean {near[0]}?"

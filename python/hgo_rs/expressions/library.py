@@ -90,6 +90,23 @@ FUNCTIONS: dict[str, Function] = {
     "pow": Function("pow(x, p)", nodes.power, 2, 2),
 }
 
+SUBSTITUTES: dict[str, str] = {
+    "asin": "atan2(x, sqrt(1 - x**2))",
+    "acos": "atan2(sqrt(1 - x**2), x)",
+    "arcsin": "atan2(x, sqrt(1 - x**2))",
+    "arccos": "atan2(sqrt(1 - x**2), x)",
+    "arctan": "atan(x)",
+    "sinh": "(exp(x) - exp(-x))/2",
+    "cosh": "(exp(x) + exp(-x))/2",
+    "atanh": "log((1 + x)/(1 - x))/2",
+    "log10": "log(x)/log(10)",
+    "log2": "log(x)/log(2)",
+    "clip": "saturate(x, low, high)",
+    "sat": "saturate(x, low, high)",
+    "clamp": "saturate(x, low, high)",
+}
+"""What to write for functions that other languages have."""
+
 CONSTANTS: dict[str, float] = {"pi": math.pi}
 
 RESERVED = frozenset({*FUNCTIONS, *CONSTANTS, "and", "or", "not"})

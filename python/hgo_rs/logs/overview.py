@@ -303,7 +303,7 @@ def _suggest(path: Path, found: Look, clocks: dict[str, str | None]) -> None:
         found.time = None
     words = ["hgo", "tune", str(path)]
     if found.time is None and not clocks.get(found.output):
-        found.timing.append("no column of times was found: name it by --time, or say --dt")
+        found.timing.append("no time column was found: name it with --time, or give --dt")
         words += ["--dt", "PERIOD"]
     elif found.time is not None:
         words += ["--time", found.time]

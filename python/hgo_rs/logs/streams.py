@@ -101,7 +101,7 @@ class Stream:
     def _refuse_other(self, start: bytes) -> None:
         for magic, what in _OTHER.items():
             if start.startswith(magic):
-                raise DataError(f"{self._path} is no text but {what}")
+                raise DataError(f"{self._path} is not text but {what}")
 
 
 def _encoding(start: bytes) -> tuple[str, tuple[str, ...], int]:

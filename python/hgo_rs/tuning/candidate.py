@@ -438,7 +438,7 @@ class Candidate:
                 remedy = "lower ones were left out"
             return [f"the least error is at the lowest gain tried, {low:.4g} /s: {remedy}"]
         if ell >= high * (1.0 - 1e-3):
-            remedy = "give ells= that end higher, sample faster, or tell the model more"
+            remedy = "give ells= that end higher, sample faster, or improve the model"
             if any(refused > high for refused, _ in self.refused):
                 remedy = "higher ones were left out"
             return [f"the least error is at the highest gain tried, {high:.4g} /s: {remedy}"]
@@ -465,15 +465,15 @@ class Candidate:
         said = []
         so = "so that the gain may be far too high; compare with lower ones, or choose by cutoff="
         if by_target or self.reference is not None:
-            so = "so that noise and model error may be wrong; the gain does not rest on them"
+            so = "so that noise and model error may be wrong; the gain does not depend on them"
         if 0 < self.near < 3:
             said.append(
-                f"gains tried of which the innovation is near the least: {self.near}, too few to "
-                "find noise and model error by; give ells= that are closer together"
+                f"the innovation is near its minimum at {self.near} of the gains tried, too few to "
+                "estimate noise and model error; give ells= that are closer together"
             )
         if self.lasts and self.reference is not None:
             so = "so that noise and model error are those of the smoothed state; "
-            so += "the gain does not rest on them"
+            so += "the gain does not depend on them"
         said += self.of_rounding(record, so)
         whiteness = math.nan
         if math.isfinite(self.misfit):
@@ -496,9 +496,9 @@ class Candidate:
             severe = self.misfit > _MISFIT or (size > _CORRELATED and rests)
             if whiteness < _LEVEL and severe and not said:
                 said.append(
-                    f"the noise found, {self.noise:.3g}, and model error, {self.model_error:.3g}, "
-                    "do not explain the innovation if they are white: its autocorrelations are off "
-                    f"by {size:.2g} in all (probability {whiteness:.1g}), its variance over the "
+                    f"white noise of {self.noise:.3g} and model error of {self.model_error:.3g} do "
+                    "not explain the innovation: its autocorrelations differ by "
+                    f"{size:.2g} in all (p = {whiteness:.1g}), its variance over the "
                     f"gain by {100.0 * self.misfit:.0f} %, {so}; look for hum, filtering, held "
                     "samples, or terms that the model lacks"
                 )
@@ -510,7 +510,7 @@ class Candidate:
             return []
         step = record.coarse_step()
         return [
-            f"y moves in steps of {step:.4g}, by one or none from most samples to the next, "
-            f"and the noise found is rounding ({step / math.sqrt(12.0):.3g}) and little else: "
+            f"y moves in steps of {step:.4g}, by one or none between most samples, and the noise "
+            f"found is little more than rounding ({step / math.sqrt(12.0):.3g}): "
             f"it lasts for several samples and is not white, {so}"
         ]

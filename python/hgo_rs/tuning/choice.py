@@ -271,7 +271,7 @@ def tune(
     if free and ells is None and record is not None and chosen.any.model is None and not targets:
         lowest = float(chosen.curve.ell[0])
         remedy = "choose a lower one, or give a model, or a log in which y moves more"
-        allowed = "one that the log tells of: here the lowest gain tried errs least"
+        allowed = "one that the log determines: here the error is least at the lowest gain tried"
         check(reached[best] > lowest * (1.0 + 1e-3), "state", index, allowed, remedy)
     if record is not None and reference is not None:
         chosen.refine(record)

@@ -131,8 +131,8 @@ def offered(
     run = record.run(constant.made(ell), constant.start(record), spare=True)
     count = slopes_beside(model, record, run.x_hat, ell)
     if not count > SLOPES_COUNT:
-        told = f"The {NAME} was not tried: the model's slopes make {100.0 * count:.2g} % of what "
-        return {}, f"{told}the gain does to the error, and its gains would be constant"
+        told = f"The {NAME} was not tried: the model's slopes make {100.0 * count:.2g} % of the "
+        return {}, f"{told}gain's effect on the error, so its gains would be nearly constant"
     found = {}
     grid = ell * np.geomspace(1.0 / _SPAN, _SPAN, _POINTS)
     variance = max(reference.noise**2, record.smallest**2)
@@ -170,11 +170,11 @@ def compared(
     horizon = 1.0 / min(moving[2], constant[2], reference.ell)
     each = stretches(squares[0] - squares[1], horizon / record.dt)
     if len(each) < FEWEST:
-        told += f", which is too short to be sure ({len(each)} stretches)"
+        told += f", which is too short to be sure ({len(each)} of {FEWEST} stretches)"
         return False, f"{told}: the constant gain is taken."
     told += f", in {int(np.sum(each < 0.0))} of {len(each)} stretches"
     if not surely_less(each):
-        return False, f"{told}, which chance explains: the constant gain is taken."
+        return False, f"{told}, which may be chance: the constant gain is taken."
     if not first < _WORTH * second:
-        return False, f"{told}: too little for a covariance, the constant gain is taken."
-    return True, f"{told}, more than by chance: it is taken."
+        return False, f"{told}: not enough to justify a covariance, the constant gain is taken."
+    return True, f"{told}, which is significant: it is taken."

@@ -107,9 +107,8 @@ class Record:
         if len(self.y) == self.whole:
             return ""
         return (
-            f"{self.whole - len(self.y)} of the log's {self.whole} samples: looked at were those "
-            f"from t = {self.t[0]:.6g} s to {self.t[-1]:.6g} s, where y moves most in the longest "
-            "piece"
+            f"{self.whole - len(self.y)} of the log's {self.whole} samples: used were those from "
+            f"t = {self.t[0]:.6g} s to {self.t[-1]:.6g} s, where y moves most in the longest piece"
         )
 
     @cached_property
@@ -149,7 +148,7 @@ class Record:
     def moves(self, n: int) -> None:
         """Refuse a record that stands still."""
         values = np.unique(self.y[self.judged]).size
-        allowed = f"> {n}, the order: a record that stands still tells of no gain"
+        allowed = f"> {n}, the order: a record that stands still determines no gain"
         remedy = "give a log in which y moves, or the noise level in its place"
         check(values > n, "distinct values of y after skip", values, allowed, remedy)
 

@@ -142,7 +142,7 @@ def find(
     y that lasts for samples: the one of which both sides differ least in `index`.
     """
     if np.sum(record.two_sided) < _LEAST:
-        note("too few samples that others stand around on both sides: nothing to smooth")
+        note("too few samples have others on both sides: there is no smoothed state")
         return None
     searches: list[_Search] = []
     for source in sources:

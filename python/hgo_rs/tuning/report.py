@@ -106,11 +106,13 @@ def _found(of: Any) -> list[str]:
     rows = []
     if of.judged_by:
         rows.append(
-            "The gain is that of the least distance from the smoothed state, which samples on both "
-            f"sides tell (by {of.judged_by}); samples speak some {_shown(of.horizon)} s ahead."
+            "The gain has the least distance from the smoothed state, which uses earlier and later "
+            f"samples (by {of.judged_by}), those within some {_shown(of.horizon)} s."
         )
     elif of.criterion == "least error":
-        rows.append("The gain is that of the least R n(gain) + Q m(gain), noise and model error.")
+        rows.append(
+            "The gain minimises the variance by noise and model error, R n(gain) + Q m(gain)."
+        )
     if of.moving_gain:
         rows.append(of.moving_gain)
     if np.isfinite(of.noise).all():
@@ -120,12 +122,12 @@ def _found(of: Any) -> list[str]:
     if np.any(of.quantisation):
         size = _shown(np.asarray(of.quantisation) / math.sqrt(12.0))
         rows.append(
-            f"y moves in steps of {_shown(of.quantisation)}: a rounding of {size}, standard "
-            "deviation."
+            f"y moves in steps of {_shown(of.quantisation)}: rounding with a standard deviation of "
+            f"{size}."
         )
     if math.isfinite(of.whiteness):
         white = "white" if of.whiteness >= 1e-3 else "not white"
         rows.append(
-            f"The innovation is {white} as far as R and Q go (probability {of.whiteness:.2g})."
+            f"Beyond what R and Q explain, the innovation is {white} (p = {of.whiteness:.2g})."
         )
     return rows
