@@ -9,13 +9,14 @@
 #   make mutants     changes to the core that its tests must see -> out/mutants.out (hours)
 #   make pages       the WebAssembly module that `hgo tune --page` puts into a page
 #   make docs        the Rust API reference -> target/doc
+#   make site        the documentation as a site -> out/site (KaTeX: libjs-katex, or KATEX=folder)
 #   make wheel       an abi3 wheel -> dist/
 #   make clean       remove .venv, dist, out and build products
 #
 # PYTHON=... chooses the interpreter for .venv.  PYTEST_ARGS=... is handed to pytest.
 # make fuzz SECONDS=60 SEED=1 LONG=1: case i of a seed is always the same; LONG=50 for a night.
 
-.PHONY: reproduce test test-rust test-python test-types pytest fuzz bench firmware mutants pages docs wheel clean help
+.PHONY: site reproduce test test-rust test-python test-types pytest fuzz bench firmware mutants pages docs wheel clean help
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-print-directory
@@ -39,7 +40,7 @@ LIBM := --no-default-features --features libm
 say = @printf '\n\033[1m== %s\033[0m\n' "$(1)"
 
 help:
-	@sed -n '3,15s/^# \{0,1\}//p' Makefile
+	@sed -n '3,16s/^# \{0,1\}//p' Makefile
 
 # --- set-up: one stamp a stage, so that the second time takes no time ------------------------
 
@@ -128,6 +129,13 @@ LONG ?= 1
 fuzz: $(VENV)/stamp-dev
 	$(call say,fuzz: seed $(SEED)$(,) $(SECONDS) s)
 	$(BIN)/python tests/fuzz --seconds $(SECONDS) --seed $(SEED) --long $(LONG)
+
+# With the figures of `make reproduce`, where it has run. Search needs a server:
+# python3 -m http.server -d out/site
+site: $(VENV)/stamp-build
+	$(BIN)/python -m pip install --quiet "mkdocs-material>=9.5" "mkdocstrings[python]>=0.26"
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict
+	@echo "out/site/index.html"
 
 bench: $(VENV)/stamp-bench
 	$(CARGO) bench

@@ -35,6 +35,10 @@ class HighGainEKF(Observer):
     Kalman filter. Deza, Busvelle, Gauthier and Rakotopara (1992). Method "sampled" moves both by
     the model without a sample, and corrects by K = P C'/(C P C' + R/theta).
 
+    The memory holds x_hat, then P as L and D of P = L D L', L unit lower triangular, row by row
+    with D on the diagonal, so that P stays positive; `covariance` gives P. Under an
+    `InnovationGain` then theta, the runs of the model over the window, and the innovation of each.
+
     Parameters
     ----------
     n : int
@@ -65,10 +69,6 @@ class HighGainEKF(Observer):
         Let a run go on beyond bounds.
     shape : None
         Of other laws: P holds for all of the innovation.
-
-    The memory holds x_hat, then P as L and D of P = L D L', L unit lower triangular, row by row
-    with D on the diagonal, so that P stays positive; `covariance` gives P. Under an
-    `InnovationGain` then theta, the runs of the model over the window, and the innovation of each.
 
     Raises
     ------

@@ -25,6 +25,13 @@ class MultiOutputObserver(Observer):
     motion that holds the model the other chains stand at their estimates at its beginning. A sample
     that is missing in one output is predicted over in that output.
 
+    High-gain EKFs by method "sampled", one for each output, are one filter: its covariance is of
+    all states, the other chains' slopes are in it, and a sample of one output corrects all of them.
+    Up to 4 outputs and 8 states; `covariance` gives P.
+
+    The memory holds the estimates of all chains, one chain after the other, then the rest of each
+    observer's memory. `run` takes y of shape (N, number of chains).
+
     Parameters
     ----------
     observers : sequence of StandardObserver, LowPowerObserver, PeakingFreeObserver or HighGainEKF
@@ -36,13 +43,6 @@ class MultiOutputObserver(Observer):
         As in `StandardObserver`.
     wrap : None
         Said where the observer of that output is made: `StandardObserver(2, 40, wrap=2*pi)`.
-
-    High-gain EKFs by method "sampled", one for each output, are one filter: its covariance is of
-    all states, the other chains' slopes are in it, and a sample of one output corrects all of them.
-    Up to 4 outputs and 8 states; `covariance` gives P.
-
-    The memory holds the estimates of all chains, one chain after the other, then the rest of each
-    observer's memory. `run` takes y of shape (N, number of chains).
 
     Raises
     ------
