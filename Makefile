@@ -21,6 +21,9 @@
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-print-directory
 
+# What is imported is compiled then: pip would compile all of every package, for minutes.
+export PIP_COMPILE := 0
+
 # Its compilers take no places of make's.
 CARGO := env -u MAKEFLAGS -u MFLAGS cargo
 
