@@ -6,6 +6,7 @@
 #   make bench       one step of each observer (criterion), then side by side, then instructions
 #                    -> out/bench.json, out/performance.json
 #   make firmware    every observer on four chips: bits, instructions, proofs -> out/firmware.json
+#                    (CHIPS=cortex-m4,cortex-a53 for some of them)
 #   make mutants     changes to the core that its tests must see -> out/mutants.out (hours)
 #   make pages       the WebAssembly module that `hgo tune --page` puts into a page
 #   make docs        the Rust API reference -> target/doc
@@ -43,7 +44,7 @@ LIBM := --no-default-features --features libm
 say = @printf '\n\033[1m== %s\033[0m\n' "$(1)"
 
 help:
-	@sed -n '3,16s/^# \{0,1\}//p' Makefile
+	@sed -n '3,18s/^# \{0,1\}//p' Makefile
 
 # --- set-up: one stamp a stage, so that the second time takes no time ------------------------
 
@@ -154,7 +155,7 @@ mutants: $(MUTANTS)
 	PATH="$(abspath target/tools/bin):$$PATH" $(CARGO) mutants -j1 --output out $(FILES:%=--file=%) $(MUTANTS_ARGS)
 
 firmware:
-	@$(PYTHON) firmware/tools/firmware.py --out out
+	@$(PYTHON) firmware/tools/firmware.py --out out $(if $(CHIPS),--chips $(CHIPS))
 
 docs:
 	RUSTDOCFLAGS="-D warnings" cargo doc --no-deps -p hgo-rs -p hgo-ir -p hgo-logs
