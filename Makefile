@@ -109,8 +109,8 @@ test-rust: $(VENV)/stamp-venv
 	$(CARGO) clippy --quiet $(LIBM),serde,defmt -- -D warnings
 	$(call say,cargo test)
 	$(CARGO) test --quiet --profile checked -p hgo-rs -p hgo-ir -p hgo-logs --features hgo-rs/serde,hgo-rs/defmt
-	$(call say,cargo test --release: sums that the compiler makes vectors of)
-	$(CARGO) test --quiet --release --test vectors
+	$(call say,cargo test --release: figures of the papers$(,) sums that the compiler makes vectors of)
+	$(CARGO) test --quiet --release --test golden --test vectors
 
 test-types: $(VENV)/stamp-dev
 	$(call say,ruff)

@@ -124,6 +124,7 @@ fn fixed_step_std_by_monte_carlo() {
 }
 
 #[test]
+#[cfg_attr(debug_assertions, ignore = "millions of steps: run with --release")]
 fn stochastic_approximation_windows() {
     let (rms, _) = exact(decreasing(), None, &WINDOWS);
     let e1 = [0.04353, 0.03299, 0.02469, 0.01801, 0.01294, 0.00923];
