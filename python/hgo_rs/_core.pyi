@@ -22,6 +22,7 @@ __all__ = [
     "law_coefficients",
     "law_sizes",
     "laws",
+    "live_numbers",
     "low_power_coefficients",
     "low_power_coefficients_from_poles",
     "low_power_polynomial",
