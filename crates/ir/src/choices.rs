@@ -120,10 +120,13 @@ fn number_or_0<T: Scalar>(spec: &Spec<'_>, key: &str) -> Result<T> {
     spec.f64_or(key, 0.0).map(T::from_f64)
 }
 
-/// The gain law of a spec, under its shape if it has one, with E entries of memory: the gain's, then the
-/// shape's.
+/// Room for what a gain law and a shape remember.
+pub const ENTRIES: usize = 2;
+
+/// The gain law of a spec, under its shape if it has one. Its memory: the gain's entries, then the shape's,
+/// then room that is not used.
 #[derive(Clone, Copy)]
-pub struct Chosen<T, const N: usize, const E: usize> {
+pub struct Chosen<T, const N: usize> {
     /// The gain law.
     pub gain: AnyGain<T, N>,
     shape: Option<AnyShape<T, N>>,
@@ -134,7 +137,7 @@ fn len_of<T: Scalar, M: Memory<T>>(_: &M) -> usize {
 }
 
 #[allow(clippy::unit_arg, clippy::let_unit_value)] // some laws have no memory
-impl<T: Scalar, const N: usize, const E: usize> Chosen<T, N, E> {
+impl<T: Scalar, const N: usize> Chosen<T, N> {
     /// As an observer's spec has them.
     pub fn read(spec: &Spec<'_>) -> Result<Self> {
         let shape = if spec.has("shape") { Some(spec.sub("shape")?) } else { None };
@@ -168,12 +171,12 @@ impl<T: Scalar, const N: usize, const E: usize> Chosen<T, N, E> {
     /// A memory of both, from what each makes of its own part.
     fn both(
         &self,
-        memory: &SVector<T, E>,
+        memory: &SVector<T, ENTRIES>,
         gain: impl FnOnce(&AnyGain<T, N>, &[T], &mut [T]),
         shape: impl FnOnce(&AnyShape<T, N>, &[T], &mut [T]),
-    ) -> SVector<T, E> {
+    ) -> SVector<T, ENTRIES> {
         let mut made = *memory;
-        let at = self.of_gain().min(E);
+        let at = self.of_gain().min(ENTRIES);
         let (of_gain, of_shape) = memory.as_slice().split_at(at);
         let (to_gain, to_shape) = made.as_mut_slice().split_at_mut(at);
         gain(&self.gain, of_gain, to_gain);
@@ -185,8 +188,8 @@ impl<T: Scalar, const N: usize, const E: usize> Chosen<T, N, E> {
 }
 
 #[allow(clippy::unit_arg, clippy::let_unit_value)] // some laws have no memory
-impl<T: Scalar, const N: usize, const E: usize> GainLaw<T> for Chosen<T, N, E> {
-    type Memory = SVector<T, E>;
+impl<T: Scalar, const N: usize> GainLaw<T> for Chosen<T, N> {
+    type Memory = SVector<T, ENTRIES>;
     const STILL: bool = false;
     const ALIKE: bool = false;
     fn initial(&self) -> Self::Memory {

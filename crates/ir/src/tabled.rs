@@ -239,33 +239,45 @@ trait PlacedLaw: FlowingLaw {
 }
 
 /// A law of the core as such.
-struct Flat<L>(L);
+struct Flat<L> {
+    law: L,
+    /// Entries of its memory in the tables: its room for the gain's, which stands last, may be larger.
+    len: usize,
+}
+
+impl<L: ContinuousLaw<Traced>> Flat<L> {
+    fn z(&self, z: &L::State) -> Vec<Traced> {
+        let mut z = flat(z);
+        z.truncate(self.len);
+        z
+    }
+}
 
 impl<L> Law for Flat<L>
 where
     L: ContinuousLaw<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>>,
 {
     fn initial(&self) -> Vec<Traced> {
-        flat(&self.0.initial())
+        self.z(&self.law.initial())
     }
     fn innovation(&self, z: &[Traced], y: Traced) -> Vec<Traced> {
-        flat(&self.0.innovation(&L::State::read(z), y))
+        flat(&self.law.innovation(&L::State::read(z), y))
     }
     fn rate(&self, t: Traced, z: &[Traced], e: &[Traced], u: &[Traced]) -> Vec<Traced> {
         let (e, u) = (L::Innovation::read(e), L::Input::read(u));
-        flat(&self.0.rate(t, &L::State::read(z), &e, &u))
+        self.z(&self.law.rate(t, &L::State::read(z), &e, &u))
     }
     fn injection(&self, z: &[Traced], e: &[Traced]) -> Vec<Traced> {
-        flat(&self.0.injection(&L::State::read(z), &L::Innovation::read(e)))
+        self.z(&self.law.injection(&L::State::read(z), &L::Innovation::read(e)))
     }
     fn stagger(&self, old: &[Traced], new: &[Traced], dt: Traced) -> Vec<Traced> {
-        flat(&self.0.stagger(&L::State::read(old), L::State::read(new), dt))
+        self.z(&self.law.stagger(&L::State::read(old), L::State::read(new), dt))
     }
     fn admissible(&self, z: &[Traced]) -> Vec<Traced> {
-        flat(&self.0.admissible(L::State::read(z)))
+        self.z(&self.law.admissible(L::State::read(z)))
     }
     fn jumped(&self, z: &[Traced], e: &[Traced]) -> Vec<Traced> {
-        flat(&self.0.jumped(L::State::read(z), &L::Innovation::read(e)))
+        self.z(&self.law.jumped(L::State::read(z), &L::Innovation::read(e)))
     }
 }
 
@@ -275,19 +287,19 @@ where
         + Flow<Traced, L::State, L::Input>,
 {
     fn terms(&self, t: Traced, z: &[Traced], u: &[Traced]) -> Vec<Traced> {
-        flat(&self.0.terms(t, &L::State::read(z), &L::Input::read(u)))
+        flat(&self.law.terms(t, &L::State::read(z), &L::Input::read(u)))
     }
     fn flow(&self, z: &[Traced], y: Traced, f: &[Traced], dt: Traced) -> Vec<Traced> {
-        flat(&self.0.flow_under(&L::State::read(z), y, &L::Terms::read(f), dt))
+        self.z(&self.law.flow_under(&L::State::read(z), y, &L::Terms::read(f), dt))
     }
     fn chain(&self, delta: &[Traced]) -> Vec<Traced> {
-        flat(&self.0.chain(&L::Terms::read(delta)))
+        flat(&self.law.chain(&L::Terms::read(delta)))
     }
     fn shifted(&self, z: &[Traced], delta: &[Traced]) -> Vec<Traced> {
-        flat(&self.0.shifted(&L::State::read(z), &L::Terms::read(delta)))
+        self.z(&self.law.shifted(&L::State::read(z), &L::Terms::read(delta)))
     }
     fn kick(&self, z: &[Traced], e: &[Traced]) -> Vec<Traced> {
-        flat(&self.0.kick(&L::State::read(z), &L::Innovation::read(e)))
+        self.z(&self.law.kick(&L::State::read(z), &L::Innovation::read(e)))
     }
 }
 
@@ -296,12 +308,13 @@ where
     L: Injected<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>, Gains: Numbers<Traced>>,
 {
     fn closing(&self, z: &[Traced], e: &[Traced], dt: Traced) -> Result<Vec<Traced>> {
-        self.0.closed()?;
-        Ok(flat(&self.0.closing(&L::State::read(z), &L::Innovation::read(e), dt)))
+        self.law.closed()?;
+        Ok(self.z(&self.law.closing(&L::State::read(z), &L::Innovation::read(e), dt)))
     }
     fn decaying(&self, z: &[Traced], e: &[Traced], dt: Traced) -> Result<Vec<Traced>> {
-        self.0.decays()?;
-        Ok(flat(&self.0.decaying(&L::State::read(z), &L::Innovation::read(e), dt)))
+        self.law.decays()?;
+        let (z, e) = self.law.decaying(&L::State::read(z), &L::Innovation::read(e), dt);
+        Ok([self.z(&z), flat(&e)].concat())
     }
     fn gains(
         &self,
@@ -310,14 +323,23 @@ where
         y: Traced,
         dt: &dyn Fn() -> Traced,
     ) -> Result<Vec<Traced>> {
-        let (poles, z) = (self.0.poles(at)?, L::State::read(z));
-        Ok(self.0.gains(at, &poles, &z, &self.0.innovation(&z, y), dt()).numbers())
+        let (poles, z) = (self.law.poles(at)?, L::State::read(z));
+        Ok(self.law.gains(at, &poles, &z, &self.law.innovation(&z, y), dt()).numbers())
     }
     fn inject(&self, z: &[Traced], y: Traced, gains: &[Traced], dt: Traced) -> Vec<Traced> {
         let z = L::State::read(z);
-        let e = self.0.innovation(&z, y);
-        flat(&self.0.inject(&z, &e, &L::Gains::from_numbers(gains), dt))
+        let e = self.law.innovation(&z, y);
+        self.z(&self.law.inject(&z, &e, &L::Gains::from_numbers(gains), dt))
     }
+}
+
+/// What is known of a law beside its type: its known inputs, whether its gain is the same at every sample,
+/// and entries at the end of its memory that its gain has no use for.
+#[derive(Clone, Copy)]
+pub struct Kept {
+    pub n_u: usize,
+    pub still: bool,
+    pub spare: usize,
 }
 
 /// What is known of a law by its type.
@@ -329,11 +351,12 @@ struct Sizes {
 }
 
 impl Sizes {
-    fn of<L>() -> Self
+    fn of<L>(spare: usize) -> Self
     where
         L: ContinuousLaw<Traced, Innovation: Memory<Traced>>,
     {
-        Self { n: L::ESTIMATED, len: L::State::LEN, errors: L::Innovation::LEN }
+        let len = L::State::LEN.saturating_sub(spare);
+        Self { n: L::ESTIMATED, len, errors: L::Innovation::LEN }
     }
 }
 
@@ -371,15 +394,17 @@ impl LawTables {
     pub fn known<L>(
         setting: Setting,
         manner: Manner,
-        n_u: usize,
+        Kept { n_u, spare, .. }: Kept,
         build: impl Fn() -> Result<L>,
     ) -> Result<Self>
     where
         L: ContinuousLaw<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>> + 'static,
     {
-        let build = || -> Result<Box<dyn Law>> { Ok(Box::new(Flat(build()?))) };
+        let sizes = Sizes::of::<L>(spare);
+        let build =
+            || -> Result<Box<dyn Law>> { Ok(Box::new(Flat { law: build()?, len: sizes.len })) };
         match manner.method {
-            AnyMethod::Known(_) => Self::of(setting, n_u, Sizes::of::<L>(), &build),
+            AnyMethod::Known(_) => Self::of(setting, n_u, sizes, &build),
             other => Err(not_placed(other)),
         }
     }
@@ -388,7 +413,7 @@ impl LawTables {
     pub fn flowing<L>(
         setting: Setting,
         manner: Manner,
-        n_u: usize,
+        Kept { n_u, spare, .. }: Kept,
         build: impl Fn() -> Result<L>,
     ) -> Result<Self>
     where
@@ -396,8 +421,10 @@ impl LawTables {
             + Flow<Traced, L::State, L::Input>
             + 'static,
     {
-        let sizes = Sizes::of::<L>();
-        let build = || -> Result<Box<dyn FlowingLaw>> { Ok(Box::new(Flat(build()?))) };
+        let sizes = Sizes::of::<L>(spare);
+        let build = || -> Result<Box<dyn FlowingLaw>> {
+            Ok(Box::new(Flat { law: build()?, len: sizes.len }))
+        };
         let placed = match manner.method {
             AnyMethod::Known(_) => None,
             AnyMethod::Proper => Some(PlacedTables {
@@ -413,7 +440,7 @@ impl LawTables {
     pub fn any<L>(
         setting: Setting,
         manner: Manner,
-        (n_u, still): (usize, bool),
+        Kept { n_u, still, spare }: Kept,
         build: impl Fn() -> Result<L>,
         gains: impl FnOnce(Placement) -> Result<Arc<Gains>>,
     ) -> Result<Self>
@@ -425,8 +452,10 @@ impl LawTables {
                 Gains: Numbers<Traced>,
             > + 'static,
     {
-        let sizes = Sizes::of::<L>();
-        let build = || -> Result<Box<dyn PlacedLaw>> { Ok(Box::new(Flat(build()?))) };
+        let sizes = Sizes::of::<L>(spare);
+        let build = || -> Result<Box<dyn PlacedLaw>> {
+            Ok(Box::new(Flat { law: build()?, len: sizes.len }))
+        };
         let lens = (sizes.len, L::Terms::LEN, n_u);
         let chain = || Self::chain(setting, lens, &|| Ok(build()?));
         let placed = match manner.method {

@@ -2,12 +2,12 @@
 //! choices are the row's.
 #![allow(clippy::extra_unused_type_parameters)] // every row of the list has the same ones
 
-use crate::choices::{AnyGain, AnyMethod, AnyMotion, AnySaturation, Chosen, Manner};
+use crate::choices::{AnyGain, AnyMethod, AnyMotion, AnySaturation, Chosen, ENTRIES, Manner};
 use crate::error::{Result, refused};
 use crate::model::{Given, Known};
 use crate::order::MAX_INPUTS;
 use crate::spec::Spec;
-use crate::tabled::{Gains, LawTables};
+use crate::tabled::{Gains, Kept, LawTables};
 use crate::tables::{PlacedChain, Shape, Tables};
 use crate::trace::{self, Setting, Traced};
 use hgo_rs::dual::Dual;
@@ -135,11 +135,11 @@ impl<'a> Described<'a> {
     }
 
     /// What the law is made of over traced numbers, within a trace.
-    fn traced<const N: usize, const E: usize>(
+    fn traced<const N: usize>(
         &self,
-    ) -> Result<Taken<Traced, Chosen<Traced, N, E>, Known, AnySaturation<N, Traced>>> {
+    ) -> Result<Taken<Traced, Chosen<Traced, N>, Known, AnySaturation<N, Traced>>> {
         let (model, saturation) = (self.given.install(N)?, self.saturation()?);
-        let mut chosen = Chosen::<Traced, N, E>::read(self.spec)?;
+        let mut chosen = Chosen::<Traced, N>::read(self.spec)?;
         if self.setting.free_gain && matches!(chosen.gain, AnyGain::Constant(_)) {
             chosen.gain = AnyGain::Constant(ConstantGain::new(trace::positive("ell"))?);
         }
@@ -152,16 +152,17 @@ impl<'a> Described<'a> {
     }
 
     /// What it is made of where its model does not matter.
-    fn numbers<T: Scalar, const N: usize, const E: usize>(
+    fn numbers<T: Scalar, const N: usize>(
         &self,
-    ) -> Result<Taken<T, Chosen<T, N, E>, Unknown, AnySaturation<N, T>>> {
+    ) -> Result<Taken<T, Chosen<T, N>, Unknown, AnySaturation<N, T>>> {
         Ok(Taken::new(Chosen::read(self.spec)?, Unknown, self.saturation()?))
     }
 
-    /// Entries of the gain's and the shape's memory, and whether the gain is the same at every sample.
-    fn chosen<const N: usize>(&self) -> Result<(usize, bool)> {
-        let chosen = Chosen::<f64, N, 0>::read(self.spec)?;
-        Ok((chosen.entries(), chosen.is_still()))
+    /// What is known of a law with the gain that the spec chooses.
+    fn kept<const N: usize>(&self) -> Result<Kept> {
+        let chosen = Chosen::<f64, N>::read(self.spec)?;
+        let spare = ENTRIES.saturating_sub(chosen.entries());
+        Ok(Kept { n_u: self.given.n_u()?, still: chosen.is_still(), spare })
     }
 }
 
@@ -230,44 +231,41 @@ macro_rules! traced {
     (@gain constant $taken:ident) => {
         $taken.constant.ok_or_else(|| refused("another gain law"))?
     };
-    (@gains gain $steps:ident $of:ident) => {
-        match $of.chosen::<N>()? {
-            (0, still) => traced!(@steps $steps $of 0 still),
-            (1, still) => traced!(@steps $steps $of 1 still),
-            (_, still) => traced!(@steps $steps $of 2 still),
-        }
-    };
-    (@gains adaptive $steps:ident $of:ident) => {
-        traced!(@steps $steps $of 1 false)
-    };
-    (@gains constant $steps:ident $of:ident) => {
-        traced!(@steps $steps $of 0 true)
-    };
-    (@steps placed $of:ident $entries:literal $still:ident) => {
+    (@gains gain $steps:ident $of:ident) => {{
+        let kept = $of.kept::<N>()?;
+        traced!(@steps $steps $of kept)
+    }};
+    (@gains adaptive $steps:ident $of:ident) => {{
+        let kept = Kept { n_u: $of.given.n_u()?, still: false, spare: 0 };
+        traced!(@steps $steps $of kept)
+    }};
+    (@gains constant $steps:ident $of:ident) => {{
+        let kept = Kept { n_u: $of.given.n_u()?, still: true, spare: 0 };
+        traced!(@steps $steps $of kept)
+    }};
+    (@steps placed $of:ident $kept:ident) => {
         LawTables::any(
             $of.setting,
             $of.manner,
-            ($of.given.n_u()?, $still),
-            || new::<Traced, _, _, _, N, K, MAX_INPUTS>($of, $of.traced::<N, $entries>()?),
+            $kept,
+            || new::<Traced, _, _, _, N, K, MAX_INPUTS>($of, $of.traced::<N>()?),
             |at| {
-                let double = || new::<f64, _, _, _, N, K, 0>($of, $of.numbers::<_, N, $entries>()?);
-                let single = || new::<f32, _, _, _, N, K, 0>($of, $of.numbers::<_, N, $entries>()?);
+                let double = || new::<f64, _, _, _, N, K, 0>($of, $of.numbers::<_, N>()?);
+                let single = || new::<f32, _, _, _, N, K, 0>($of, $of.numbers::<_, N>()?);
                 Gains::of($of.setting, at, double, single)
             },
         )
     };
-    (@steps exact $of:ident $entries:literal $still:tt) => {{
-        let _ = $still;
-        LawTables::flowing($of.setting, $of.manner, $of.given.n_u()?, || {
-            new::<Traced, _, _, _, N, K, MAX_INPUTS>($of, $of.traced::<N, $entries>()?)
+    (@steps exact $of:ident $kept:ident) => {
+        LawTables::flowing($of.setting, $of.manner, $kept, || {
+            new::<Traced, _, _, _, N, K, MAX_INPUTS>($of, $of.traced::<N>()?)
         })
-    }};
-    (@steps rates $of:ident $entries:literal $still:tt) => {{
-        let _ = $still;
-        LawTables::known($of.setting, $of.manner, $of.given.n_u()?, || {
-            new::<Traced, _, _, _, N, K, MAX_INPUTS>($of, $of.traced::<N, $entries>()?)
+    };
+    (@steps rates $of:ident $kept:ident) => {
+        LawTables::known($of.setting, $of.manner, $kept, || {
+            new::<Traced, _, _, _, N, K, MAX_INPUTS>($of, $of.traced::<N>()?)
         })
-    }};
+    };
     (@sizes [] $orders:tt $of:ident) => {
         traced!(@orders $orders 0 $of)
     };
