@@ -17,7 +17,8 @@ mod numbers;
 mod record;
 mod spectrum;
 
-use linear::{Linear, Matrix};
+use linear::Linear;
+use nalgebra::DMatrix;
 use numbers::Live;
 use record::{Clock, Record, Running};
 
@@ -136,7 +137,7 @@ pub unsafe extern "C" fn figures(
     out.fill(f64::NAN);
     out[0] = linear.radius();
     if out[0] < 1.0 {
-        let lift = Matrix::from_rows(unit.n, lift);
+        let lift = DMatrix::from_row_slice(lift.len() / unit.n.max(1), unit.n, lift);
         out[1] = linear.decay() as f64;
         out[2..2 + unit.n].copy_from_slice(&linear.noise());
         out[2 + unit.n..2 + 2 * unit.n].copy_from_slice(&linear.model(&lift));
@@ -168,8 +169,8 @@ pub unsafe extern "C" fn bode(
     };
     let Some(linear) = linear_of(unit, ell, dt) else { return 0 };
     for (rows, omega) in out.chunks_exact_mut(2 * unit.n).zip(omega) {
-        for (slot, (re, im)) in rows.chunks_exact_mut(2).zip(linear.bode(*omega)) {
-            slot.copy_from_slice(&[re, im]);
+        for (slot, of) in rows.chunks_exact_mut(2).zip(linear.bode(*omega)) {
+            slot.copy_from_slice(&[of.re, of.im]);
         }
     }
     1

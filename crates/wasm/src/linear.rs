@@ -5,53 +5,13 @@
 //! alone, and the columns of its matrices are steps from unit memories.
 
 use crate::record::Running;
+use nalgebra::{Complex, DMatrix};
 
-/// A matrix by its rows.
-#[derive(Clone)]
-pub struct Matrix {
-    rows: usize,
-    columns: usize,
-    entries: Vec<f64>,
-}
+type Matrix = DMatrix<f64>;
 
-impl Matrix {
-    fn of(rows: usize, columns: usize, entry: impl Fn(usize, usize) -> f64) -> Self {
-        let each = |i: usize| (i / columns.max(1), i % columns.max(1));
-        let entries = (0..rows * columns).map(each).map(|(i, j)| entry(i, j)).collect();
-        Self { rows, columns, entries }
-    }
-
-    /// By rows of this length.
-    pub fn from_rows(columns: usize, entries: &[f64]) -> Self {
-        let rows = entries.len().checked_div(columns).unwrap_or(0);
-        Self { rows, columns, entries: entries.to_vec() }
-    }
-
-    fn at(&self, i: usize, j: usize) -> f64 {
-        self.entries[i * self.columns + j]
-    }
-
-    fn times(&self, other: &Self) -> Self {
-        let product = |i, j| (0..self.columns).map(|k| self.at(i, k) * other.at(k, j)).sum();
-        Self::of(self.rows, other.columns, product)
-    }
-
-    fn transposed(&self) -> Self {
-        Self::of(self.columns, self.rows, |i, j| self.at(j, i))
-    }
-
-    /// M P Mᵀ.
-    fn around(&self, p: &Self) -> Self {
-        self.times(p).times(&self.transposed())
-    }
-
-    fn plus(&self, other: &Self) -> Self {
-        Self::of(self.rows, self.columns, |i, j| self.at(i, j) + other.at(i, j))
-    }
-
-    fn largest(&self) -> f64 {
-        self.entries.iter().fold(0.0, |most: f64, entry| most.max(entry.abs()))
-    }
+/// m p mᵀ.
+fn around(m: &Matrix, p: &Matrix) -> Matrix {
+    m * p * m.transpose()
 }
 
 /// Doublings after which nothing is left of a stable matrix's powers.
@@ -84,10 +44,10 @@ impl Linear {
             .collect();
         Self {
             n,
-            a: Matrix::of(size, size, |i, j| columns[j].1[i]),
-            b: Matrix::of(size, 1, |i, _| columns[size].1[i]),
-            c: Matrix::of(n, size, |i, j| columns[j].0[i]),
-            d: Matrix::of(n, 1, |i, _| columns[size].0[i]),
+            a: Matrix::from_fn(size, size, |i, j| columns[j].1[i]),
+            b: Matrix::from_fn(size, 1, |i, _| columns[size].1[i]),
+            c: Matrix::from_fn(n, size, |i, j| columns[j].0[i]),
+            d: Matrix::from_fn(n, 1, |i, _| columns[size].0[i]),
             ell,
             dt,
         }
@@ -101,13 +61,13 @@ impl Linear {
     pub fn radius(&self) -> f64 {
         let (mut power, mut log, mut weight) = (self.a.clone(), 0.0, 1.0);
         for _ in 0..40 {
-            let size = power.largest();
+            let size = power.amax();
             if size == 0.0 || !size.is_finite() {
                 return if size == 0.0 { 0.0 } else { f64::INFINITY };
             }
             log += weight * size.ln();
-            power.entries.iter_mut().for_each(|entry| *entry /= size);
-            power = power.times(&power);
+            power /= size;
+            power = &power * &power;
             weight *= 0.5;
         }
         log.exp()
@@ -117,20 +77,20 @@ impl Linear {
     fn lyapunov(&self, q: &Matrix) -> Matrix {
         let (mut p, mut power) = (q.clone(), self.a.clone());
         for _ in 0..DOUBLINGS {
-            if power.largest() < 1e-200 {
+            if power.amax() < 1e-200 {
                 break;
             }
-            p = p.plus(&power.around(&p));
-            power = power.times(&power);
+            p = &p + around(&power, &p);
+            power = &power * &power;
         }
         p
     }
 
     /// Variance of each estimate per unit variance of white noise of the samples.
     pub fn noise(&self) -> Vec<f64> {
-        let p = self.lyapunov(&self.b.times(&self.b.transposed()));
-        let shown = self.c.around(&p);
-        let of = |i: usize| self.scale(i).powi(2) * (shown.at(i, i) + self.d.at(i, 0).powi(2));
+        let p = self.lyapunov(&(&self.b * self.b.transpose()));
+        let shown = around(&self.c, &p);
+        let of = |i: usize| self.scale(i).powi(2) * (shown[(i, i)] + self.d[i].powi(2));
         (0..self.n).map(of).collect()
     }
 
@@ -140,58 +100,31 @@ impl Linear {
         let (n, step) = (self.n, self.ell * self.dt);
         let each = |i: usize| (1..n - i).fold(1.0, |part, j| part * step / j as f64);
         let spread =
-            Matrix::of(n, n, |i, j| step * each(i) * each(j) / ((2 * n - 1 - i - j) as f64));
-        let shown = self.c.around(&self.lyapunov(&lift.around(&spread)));
+            Matrix::from_fn(n, n, |i, j| step * each(i) * each(j) / ((2 * n - 1 - i - j) as f64));
+        let shown = around(&self.c, &self.lyapunov(&around(lift, &spread)));
         let factor = (1..2 * n).fold(1.0, |factor, _| factor / self.ell);
-        (0..n).map(|i| self.scale(i).powi(2) * shown.at(i, i) * factor).collect()
+        (0..n).map(|i| self.scale(i).powi(2) * shown[(i, i)] * factor).collect()
     }
 
-    /// Response of each estimate to y at a frequency ω/ℓ, real and imaginary part.
-    fn response(&self, w: f64) -> Vec<(f64, f64)> {
-        let m = self.a.rows;
+    /// Response of each estimate to y at a frequency ω/ℓ: c (z − a)⁻¹ b + d. NaN where z is an eigenvalue.
+    fn response(&self, w: f64) -> Vec<Complex<f64>> {
         let angle = w * self.ell * self.dt;
-        let z = (angle.cos(), angle.sin());
-        // rows of (z − a | b)
-        let mut rows: Vec<Vec<(f64, f64)>> = (0..m)
-            .map(|i| {
-                let of = |j: usize| {
-                    let own = if i == j { z } else { (0.0, 0.0) };
-                    (own.0 - self.a.at(i, j), own.1)
-                };
-                (0..m).map(of).chain([(self.b.at(i, 0), 0.0)]).collect()
-            })
-            .collect();
-        for k in 0..m {
-            let size = |row: &Vec<(f64, f64)>| row[k].0.abs() + row[k].1.abs();
-            let best = (k..m).max_by(|i, j| size(&rows[*i]).total_cmp(&size(&rows[*j])));
-            rows.swap(k, best.unwrap_or(k));
-            let pivot = rows[k].clone();
-            for row in rows.iter_mut().skip(k + 1) {
-                let factor = over(row[k], pivot[k]);
-                for (entry, of) in row.iter_mut().zip(&pivot).skip(k) {
-                    *entry = minus(*entry, times(factor, *of));
-                }
-            }
+        let z = Complex::new(angle.cos(), angle.sin());
+        let complex = |matrix: &Matrix| matrix.map(Complex::from);
+        let mut free = complex(&-&self.a);
+        for i in 0..free.nrows() {
+            free[(i, i)] += z;
         }
-        let mut x = vec![(0.0, 0.0); m];
-        for k in (0..m).rev() {
-            let known = (k + 1..m).fold(rows[k][m], |sum, j| minus(sum, times(rows[k][j], x[j])));
-            x[k] = over(known, rows[k][k]);
+        match free.lu().solve(&complex(&self.b)) {
+            Some(x) => (complex(&self.c) * x + complex(&self.d)).iter().copied().collect(),
+            None => vec![Complex::from(f64::NAN); self.n],
         }
-        let of = |i: usize| {
-            let start = (self.d.at(i, 0), 0.0);
-            (0..m).fold(start, |(re, im), j| {
-                (re + self.c.at(i, j) * x[j].0, im + self.c.at(i, j) * x[j].1)
-            })
-        };
-        (0..self.n).map(of).collect()
     }
 
-    /// The response x̂ᵢ/y at a frequency [rad/s], for each estimate: real and imaginary part.
-    pub fn bode(&self, omega: f64) -> Vec<(f64, f64)> {
+    /// The response x̂ᵢ/y at a frequency [rad/s], for each estimate.
+    pub fn bode(&self, omega: f64) -> Vec<Complex<f64>> {
         let found = self.response(omega / self.ell);
-        let of = |(i, (re, im)): (usize, &(f64, f64))| (self.scale(i) * re, self.scale(i) * im);
-        found.iter().enumerate().map(of).collect()
+        found.iter().enumerate().map(|(i, of)| of * self.scale(i)).collect()
     }
 
     /// Cutoff of each estimate [rad/s]: the first frequency with less than 1/√2 of the derivative's amplitude;
@@ -202,15 +135,15 @@ impl Linear {
         // below 1e-10^(1/i), rounding drowns what is left of the derivative
         let least = |i: usize| if i > 0 { 1e-10_f64.powf(1.0 / i as f64) } else { 0.0 };
         let lowest = |i: usize| (0.02 * slow).max(least(i)).min(0.5 * highest);
-        let amplitude = |(re, im): (f64, f64), w: f64, i: usize| {
-            re.hypot(im) / (0..i).fold(1.0, |power, _| power * w)
+        let amplitude = |of: Complex<f64>, w: f64, i: usize| {
+            of.re.hypot(of.im) / (0..i).fold(1.0, |power, _| power * w)
         };
         let level = 0.5_f64.sqrt();
         let grid =
             |k: usize| lowest(0) * (highest / lowest(0)).powf(k as f64 / (POINTS - 1) as f64);
         let found: Vec<_> = (0..POINTS).map(|k| (grid(k), self.response(grid(k)))).collect();
         let of = |i: usize| {
-            let below = |(w, of): &(f64, Vec<(f64, f64)>)| amplitude(of[i], *w, i) < level;
+            let below = |(w, of): &(f64, Vec<Complex<f64>>)| amplitude(of[i], *w, i) < level;
             let first = found.iter().position(|at| at.0 >= lowest(i) && below(at));
             let Some(first) = first else { return f64::INFINITY };
             let (mut under, mut above) = (found[first.max(1) - 1].0.max(lowest(i)), found[first].0);
@@ -230,33 +163,20 @@ impl Linear {
     /// Samples after which the error of a wrong start is gone.
     pub fn decay(&self) -> usize {
         let radius = self.radius();
-        let long = 32.0 + 1.5 * self.a.rows as f64 + LEFT.ln() / radius.ln();
+        let long = 32.0 + 1.5 * self.a.nrows() as f64 + LEFT.ln() / radius.ln();
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         if radius < 0.3 { 16 } else { long.clamp(1.0, LONGEST).ceil() as usize }
     }
 
     /// Errors of all estimates, sample by sample, after a start with x̂₁ wrong by 1, a row a sample.
     pub fn errors(&self, samples: usize) -> Vec<f64> {
-        let mut z = Matrix::of(self.a.rows, 1, |i, _| f64::from(u8::from(i == 0)));
+        let mut z = Matrix::from_fn(self.a.nrows(), 1, |i, _| f64::from(u8::from(i == 0)));
         let mut out = Vec::with_capacity(samples * self.n);
         for _ in 0..samples {
-            let shown = self.c.times(&z);
-            out.extend((0..self.n).map(|i| self.scale(i) * shown.at(i, 0)));
-            z = self.a.times(&z);
+            let shown = &self.c * &z;
+            out.extend((0..self.n).map(|i| self.scale(i) * shown[i]));
+            z = &self.a * z;
         }
         out
     }
-}
-
-fn times((a, b): (f64, f64), (c, d): (f64, f64)) -> (f64, f64) {
-    (a * c - b * d, a * d + b * c)
-}
-
-fn minus((a, b): (f64, f64), (c, d): (f64, f64)) -> (f64, f64) {
-    (a - c, b - d)
-}
-
-fn over((a, b): (f64, f64), (c, d): (f64, f64)) -> (f64, f64) {
-    let square = c * c + d * d;
-    ((a * c + b * d) / square, (b * c - a * d) / square)
 }
