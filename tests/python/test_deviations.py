@@ -50,6 +50,21 @@ def test_without_a_model_they_come_to_rest_at_lyapunovs_equation(build, method, 
     assert run.deviation[-1] == pytest.approx(np.sqrt(np.diag(both)), rel=1e-9)
 
 
+def test_an_innovation_that_is_kept_between_samples_has_its_place():
+    """The inter-sample predictor keeps the innovation beside the estimate: simulated, it has the
+    deviation that is told.
+    """
+    observer = StandardObserver(2, 8.0, method="inter-sample", timing="predictor")
+    rng = np.random.default_rng(3)
+    x, kicks = np.zeros((60_000, 2)), np.sqrt(Q * DT) * rng.standard_normal(60_000)
+    for k in range(1, len(x)):  # a kick at the middle of each step
+        q, v = x[k - 1]
+        x[k] = q + DT * v + 0.5 * DT * kicks[k], v + kicks[k]
+    run = observer.run(DT, x[:, 0] + np.sqrt(R) * rng.standard_normal(len(x)), **KNOWN)
+    error = (run.x_hat[: len(x)] - x)[2000:]
+    assert run.deviation[-1] == pytest.approx(np.sqrt(np.mean(error**2, axis=0)), rel=0.03)
+
+
 def test_constant_slopes_are_in_lyapunovs_equation():
     """A stiff spring: F by the matrix exponential, K of the law; none of it by the module."""
     from scipy.linalg import expm

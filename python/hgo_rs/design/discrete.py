@@ -183,11 +183,13 @@ def linear(observer: Mapping[str, Any], *, gain: float | None = None) -> Continu
     return Continuous(f, g, power, sizes(observer)[0], ell)
 
 
-def following(observer: Mapping[str, Any]) -> Array:
+def following(observer: Mapping[str, Any], size: int | None = None) -> Array:
     """L, (m, n): on the chain's own motion x' = A x, y = x_1, the memory of a continuous law of one
     chain is z = L x.  Estimates are x, eta of the low-power laws too; states of a filter are 0.
 
     M L - L A + G C = 0, in scaled coordinates, which are also those of the law at gain 1.
+    ``size``: rows of a memory that keeps more than the law's, which stays 0: an innovation that is
+    kept between samples.
     """
     f, g, _ = rates(unit(observer))
     n, m = sizes(observer)[0], len(g)
@@ -197,7 +199,8 @@ def following(observer: Mapping[str, Any]) -> Array:
     sum_of = np.kron(np.eye(n), closed) - np.kron(np.eye(n, k=1).T, np.eye(m))
     found = np.linalg.solve(sum_of, -given.ravel(order="F")).reshape(m, n, order="F")
     whole = np.rint(found)
-    return np.where(np.abs(found - whole) < 1e-6, whole, found)
+    near = np.where(np.abs(found - whole) < 1e-6, whole, found)
+    return np.pad(near, ((0, (size or m) - m), (0, 0)))
 
 
 def discrete(observer: Mapping[str, Any], dt: float, *, gain: float | None = None) -> Discrete:

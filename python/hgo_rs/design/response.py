@@ -171,7 +171,8 @@ def _covariance_of_model(
     system = _system(observer, dt, gain)
     n = law.n
     factor = law.ell ** (1.0 - 2.0 * n)
-    lift = following(observer)  # z = L x without errors
+    size = None if isinstance(system, Continuous) else len(system.a)
+    lift = following(observer, size)  # z = L x without errors
     kind, allowed = observer["kind"], "a law that follows the chain's own motion"
     remedy = "its estimates lag behind a state that wanders, without bound; take another law"
     follows = bool(np.allclose(lift[:n], np.eye(n), atol=1e-6))
@@ -189,9 +190,7 @@ def _covariance_of_model(
     each = step**left / np.array([math.factorial(j) for j in left])
     covariance = step * np.outer(each, each) / (left[:, None] + left + 1.0)
     # z - L x; a method that moves the chain inexactly errs more.
-    spread = np.zeros_like(a)  # an innovation that is kept between samples stays 0
-    spread[: len(lift), : len(lift)] = lift @ covariance @ lift.T
-    p = solve_discrete_lyapunov(a, spread)
+    p = solve_discrete_lyapunov(a, lift @ covariance @ lift.T)
     shown = np.diag(c @ p @ c.T)
     return p[:, 0] * factor, np.asarray(system.scale[:n] ** 2 * shown * factor)
 

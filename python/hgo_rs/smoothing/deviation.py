@@ -189,7 +189,8 @@ class Recursion:
         self._usual = float(np.median(samples.dt))
         parts = np.round(samples.dt / self._usual, _CLOSE)
         self._parts = np.append(parts, parts[-1:])
-        lifts = [following(spec) for spec in self._specs]
+        sizes = [len(discrete(spec, self._usual).a) for spec in self._specs]
+        lifts = list(map(following, self._specs, sizes))
         self._lift = _diagonal(lifts)
         self._begins = np.cumsum([0, *(len(lift) for lift in lifts[:-1])])
         if p0 is None:

@@ -56,7 +56,7 @@ def stationary(spec: Mapping[str, Any], dt: float) -> Covariances:
     n = len(law.c)
     a, b, c, d = law.scaled
     scale = law.scale[:n]
-    lift = following(spec)
+    lift = following(spec, len(a))
     spread = lift @ (motion_noise(n, dt) / np.outer(scale, scale)) @ lift.T
     of_noise, of_model = (solve_discrete_lyapunov(a, q) for q in (b @ b.T, spread))
     units = np.outer(scale, scale)
@@ -109,7 +109,7 @@ def along(specs: Sequence[Mapping[str, Any]], dt: float, moves: Array) -> Covari
     laws = [discrete(spec, dt) for spec in specs]
     n = len(laws[0].c)
     a, b, c, d = (np.array([getattr(law, name) for law in laws]) for name in "abcd")
-    lift = following(specs[0])
+    lift = following(specs[0], a.shape[1])
     # in the law's own units, entry i of z has those of x_hat_1 times s^-power
     power = laws[0].power
     scale = np.array([law.ell for law in laws])[:, None] ** power
