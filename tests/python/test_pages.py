@@ -20,6 +20,7 @@ from hgo_rs.pages import module
 from hgo_rs.pages.__main__ import main as pages_main
 from hgo_rs.pages.module import digest
 from hgo_rs.pages.showcase import shown
+from hgo_rs.tuning import TuningWarning
 
 pytestmark = pytest.mark.skipif(
     not module.MODULE.is_file(), reason="the package was built without the module: make pages"
@@ -106,7 +107,7 @@ def test_what_a_page_cannot_draw_is_refused(
     with pytest.raises(hgo.HgoError, match="log of the tuning = None: must be given, for a page"):
         alone.page(path)
     two = replace(tuned, ell=np.array([1.0, 2.0]), curves={}, built={})
-    with pytest.raises(hgo.HgoError, match="outputs = 2: must be 1, for a page; tune one output"):
+    with pytest.raises(hgo.HgoError, match="outputs of the log = 2: must be 1, for a page"):
         two.page(path)
     slow = hgo.Model(states=["q", "v"], phi=lambda t, x, u: -float(x[0]) * x[1])
     of_functions = replace(tuned, built={"model": hgo.StandardObserver(2, 20.0, model=slow)})
@@ -116,6 +117,41 @@ def test_what_a_page_cannot_draw_is_refused(
     with pytest.raises(hgo.HgoError, match="make pages"):
         tuned.page(path)
     assert not path.exists()
+
+
+def test_a_choice_that_cannot_be_drawn_is_told(tuned: hgo.Tuning, tmp_path: Path) -> None:
+    """The gains of a Kalman filter move: the page begins with the next best, and says so."""
+    pendulum = hgo.Model(states=["q", "v"], phi="-9.81*sin(q)")
+    moving = hgo.HighGainEKF(2, 1.0, model=pendulum, R=1e-6, Q=[[0.0, 0.0], [0.0, 0.1]])
+    curve = next(iter(tuned.curves.values()))
+    chosen = replace(
+        tuned,
+        structure="filter",
+        built={"filter": moving, **tuned.built},
+        curves={"filter": curve, **tuned.curves},
+        tried=(("filter", 1.0, 0.1), *tuned.tried),
+    )
+    next_best = tuned.tried[0][0]
+    with pytest.warns(TuningWarning, match="filter was chosen, which a page cannot draw"):
+        chosen.page(tmp_path / "tune.html")
+    data = held((tmp_path / "tune.html").read_text())
+    assert data["chosen"] == next_best in [of["name"] for of in data["structures"]]
+    assert "filter was chosen" in data["text"]
+    assert any("move with the slopes of the model" in left for left in data["left"])
+
+
+def test_several_outputs_are_refused_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    t, y, _ = record(200)
+    np.savetxt("axis.csv", np.c_[t, y, y], delimiter=",", header="t,q,p", comments="")
+    monkeypatch.setattr("hgo_rs.cli.tune.tune", lambda *_, **__: pytest.fail("it tuned"))
+    words = "tune axis.csv --time t --output q --output p --page tune.html"
+    with pytest.raises(SystemExit) as end:
+        main(words.split())
+    assert end.value.code == 2
+    assert "outputs of the log = 2: must be 1, for a page" in capsys.readouterr().err
 
 
 def test_the_command_writes_a_page(

@@ -82,10 +82,12 @@ def tune_command(
     results |= {"--figure": figure} if draw else {}
     results |= {} if page is None else {"--page": page}
     recorded = asked.read(results)
-    result = _tuned(recorded, asked.model, state, skip)
-    text, decimated = "", ""
     if page is not None:
-        text, decimated = pages.page(result, recorded.source, asked.saved)
+        pages.check_outputs(1 if recorded.y.ndim == 1 else recorded.y.shape[1])
+    result = _tuned(recorded, asked.model, state, skip)
+    text, said = "", ""
+    if page is not None:
+        text, said = pages.page(result, recorded.source, asked.saved)
     with written(results) as files:
         saved = asked.saved(result.observer).to_toml()
         files["--out"].write(saved.encode())
@@ -97,8 +99,8 @@ def tune_command(
             files["--page"].write(text.encode())
     say(result.report())
     say(f"\nchosen: {described(result.observer)}")
-    if decimated:
-        say(f"the page: {decimated}")
+    if said:
+        say(f"the page: {said}")
     tell_written(results, draw)
     return 0
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
+from hgo_rs.pages.drawn import check_outputs
 from hgo_rs.pages.module import require_module
 from hgo_rs.pages.tuning import page, write
 
-__all__ = ["page", "require_module", "write"]
+__all__ = ["check_outputs", "page", "require_module", "write"]

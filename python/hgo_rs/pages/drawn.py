@@ -20,6 +20,12 @@ MOST = 50_000
 """Samples of a page; a longer log is decimated."""
 
 
+def check_outputs(count: int) -> None:
+    """Refuse a log, or a tuning, of several outputs."""
+    remedy = "tune one output, with the others' estimates as inputs, and draw that"
+    check(count == 1, "outputs of the log", count, "1, for a page", remedy)
+
+
 @dataclass(frozen=True)
 class Drawn:
     """The record that a page draws.
@@ -44,8 +50,7 @@ class Drawn:
         """
         clock, y, u, whole = longest(log)
         y = y[:, 0] if y.ndim == 2 and y.shape[1] == 1 else y
-        remedy = "tune one output, with the others' estimates as inputs, and draw that"
-        check(y.ndim == 1, "outputs of the log", y.shape[-1], "1, for a page", remedy)
+        check_outputs(1 if y.ndim == 1 else y.shape[-1])
         u = u[:, None] if u is not None and u.ndim == 1 else u
         t, period = clock, None
         if not clock.ndim:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,12 +13,73 @@ import numpy.typing as npt
 from hgo_rs import _core
 from hgo_rs.config import Config
 from hgo_rs.design.discrete import METHODS, TIMINGS, at_unit_gain, following
-from hgo_rs.errors import HgoError, check
-from hgo_rs.observers import Observer
+from hgo_rs.errors import HgoError, check, explain
+from hgo_rs.observers import HighGainEKF, Observer
+from hgo_rs.observers.labels import Labels
 from hgo_rs.pages.drawn import Drawn
 from hgo_rs.pages.module import digest, packed
 
 Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """States (N, n) at times (N,) that a page draws beside the estimates, and what they are."""
+
+    name: str
+    t: Array
+    x: Array
+
+
+def system(
+    title: str,
+    drawn: Drawn,
+    structures: Sequence[dict[str, Any]],
+    chosen: str,
+    state: Any,
+    noise: float,
+    model_error: float,
+    reference: Reference | None,
+    *,
+    text: str = "",
+    left: Sequence[str] = (),
+    criterion: str = "",
+    judged_by: str = "",
+    horizon: float = math.nan,
+    warnings: Sequence[str] = (),
+    truth: bool = False,
+) -> dict[str, Any]:
+    """A record and its observers, as a page holds them.
+
+    ``noise``, ``model_error``: what the sliders begin with. ``truth``: whether the reference is the
+    true state.
+    """
+    drawn_beside = None
+    if reference is not None:
+        t, x = packed(reference.t), packed(reference.x)
+        drawn_beside = {"name": reference.name, "t": t, "x": x, "n": reference.x.shape[1]}
+    return {
+        "title": title,
+        "text": text,
+        "log": drawn.data,
+        "decimated": drawn.decimated,
+        "left": list(left),
+        "structures": list(structures),
+        "chosen": chosen,
+        "state": state,
+        "criterion": criterion,
+        "noise": _finite(noise),
+        "model_error": _finite(model_error),
+        "judged_by": judged_by,
+        "horizon": _finite(horizon),
+        "warnings": list(warnings),
+        "truth": truth,
+        "reference": drawn_beside,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
 
 
 def structure(
@@ -36,13 +99,11 @@ def structure(
     """
     first = drawn.first if start == "first-sample" else None
     found = ways(observer, first, lambda other: saved(other).to_toml(), methods)
-    states = list(getattr(observer.model, "states", ()))
-    states += [f"x{i + 1}" for i in range(len(states), observer.n)]
     return {
         "name": name,
         "n": observer.n,
         "inputs": observer.n_u,
-        "states": states,
+        "states": Labels.of(observer.spec, observer.n).names(observer.n),
         "units": observer.units.tolist(),
         "ell": float(observer.spec["gain"]["ell"]),
         "range": list(span),
@@ -97,22 +158,18 @@ def _way(observer: Observer, first: Array | None, toml: Any) -> dict[str, Any]:
         "timing": spec["timing"],
         "numbers": packed(numbers),
         "unit": packed(of_unit),
-        "lift": packed(_lift(observer)),
+        "lift": packed(following(spec, observer._core.memory_len - observer._core.is_current)),
         "memory": packed(memory),
         "toml": [before, gain, after],
     }
 
 
-def _lift(observer: Observer) -> Array:
-    """What of the memory follows a chain, (m, n), m without the time that a filter holds."""
-    lift = following(observer.spec)
-    out = np.zeros((observer._core.memory_len - observer._core.is_current, observer.n))
-    out[: len(lift)] = lift  # an innovation that is kept between samples stays 0
-    return out
-
-
 def _check_gain(observer: Observer) -> None:
     """Refuse an observer of which more than the gain changes with the gain."""
+    if isinstance(observer, HighGainEKF):
+        told, remedy = "one of constant gains, for a page", "draw another law"
+        reason = f"{remedy}: those of this filter move with the slopes of the model"
+        raise HgoError(explain("observer", "HighGainEKF", told, reason))
     spec = observer.spec
     gain = spec.get("gain", {})
     constant = gain.get("law") == "constant"

@@ -20,8 +20,8 @@ from hgo_rs.observers import (
     StandardObserver,
 )
 from hgo_rs.pages.drawn import Drawn
-from hgo_rs.pages.live import structure
-from hgo_rs.pages.module import assembled, packed, require_module
+from hgo_rs.pages.live import Reference, structure, system
+from hgo_rs.pages.module import assembled, require_module
 from hgo_rs.simulation import Noise, NormalNoise, UniformNoise, simulate
 
 _REACH = 30.0
@@ -154,37 +154,20 @@ def _system(of: Shown) -> dict[str, Any]:
     x, y = run.x[0], run.y[0, :, 0]
     drawn = Drawn(of.dt * np.arange(len(y), dtype=np.float64), y, None, of.dt, "")
     spans = {name: float(made.spec["gain"]["ell"]) for name, made in of.observers.items()}
-    return {
-        "title": of.title,
-        "text": of.text,
-        "log": drawn.data,
-        "decimated": "",
-        "left": [],
-        "structures": [
-            structure(
-                name,
-                made,
-                drawn,
-                (spans[name] / _REACH, spans[name] * _REACH),
-                Config.of,
-                "zero",
-                methods=_METHODS,
-            )
-            for name, made in of.observers.items()
-        ],
-        "chosen": next(iter(of.observers)),
-        "state": of.state,
-        "criterion": "",
-        "noise": of.noise,
-        "model_error": of.model_error,
-        "judged_by": "",
-        "horizon": None,
-        "warnings": [],
-        "truth": True,
-        "reference": {
-            "name": "true state",
-            "t": packed(drawn.t),
-            "x": packed(x),
-            "n": x.shape[1],
-        },
-    }
+    structures = [
+        structure(
+            name,
+            made,
+            drawn,
+            (spans[name] / _REACH, spans[name] * _REACH),
+            Config.of,
+            "zero",
+            methods=_METHODS,
+        )
+        for name, made in of.observers.items()
+    ]
+    true = Reference("true state", drawn.t, x)
+    chosen, numbers = next(iter(of.observers)), (of.noise, of.model_error)
+    return system(
+        of.title, drawn, structures, chosen, of.state, *numbers, true, text=of.text, truth=True
+    )

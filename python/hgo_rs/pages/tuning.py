@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +13,9 @@ from hgo_rs.config import Config
 from hgo_rs.errors import HgoError, check
 from hgo_rs.files import replacing
 from hgo_rs.observers import Observer
-from hgo_rs.pages.drawn import MOST, Drawn
-from hgo_rs.pages.live import structure
-from hgo_rs.pages.module import assembled, packed, require_module
+from hgo_rs.pages.drawn import MOST, Drawn, check_outputs
+from hgo_rs.pages.live import Reference, structure, system
+from hgo_rs.pages.module import assembled, require_module
 from hgo_rs.tuning import Tuning, TuningWarning
 
 
@@ -26,7 +25,7 @@ def page(
     saved: Callable[[Observer], Config] = Config.of,
     most: int = MOST,
 ) -> tuple[str, str]:
-    """A page of a tuning, as text, and what of the log it leaves out, in words.
+    """A page of a tuning, as text, and what of log and choice it leaves out, in words.
 
     Parameters
     ----------
@@ -46,8 +45,7 @@ def page(
         page can run.
     """
     require_module()
-    remedy = "tune one output, with the others' estimates as inputs, and draw that"
-    check(not np.ndim(tuning.ell), "outputs", np.size(tuning.ell), "1, for a page", remedy)
+    check_outputs(np.size(tuning.ell))
     remedy = "tune on a log: tune(model, (t, y))"
     check(tuning.log is not None, "log of the tuning", None, "given, for a page", remedy)
     drawn = Drawn.of(tuning.log, most)
@@ -63,44 +61,49 @@ def page(
             left.append(f"{name or 'the structure'}: {error}")
     remedy = "; ".join(left[:1])
     check(bool(structures), "build", list(tuning.built), "an observer that a page can run", remedy)
-    data = {
-        "title": title,
-        "text": "",
-        "log": drawn.data,
-        "decimated": drawn.decimated,
-        "left": left,
-        "structures": structures,
-        "chosen": tuning.structure,
-        "state": tuning.state,
-        "criterion": tuning.criterion,
-        "noise": _finite(tuning.noise),
-        "model_error": _finite(tuning.model_error),
-        "judged_by": tuning.judged_by,
-        "horizon": _finite(tuning.horizon),
-        "warnings": list(tuning.warnings),
-        "truth": False,
-        "reference": _smoothed(tuning),
-    }
-    return assembled(title or "Tuning", [data]), drawn.decimated
+    chosen, other = _first(tuning, [made["name"] for made in structures])
+    said = [text for text in (drawn.decimated, other) if text]
+    data = system(
+        title,
+        drawn,
+        structures,
+        chosen,
+        tuning.state,
+        tuning.noise,
+        tuning.model_error,
+        _smoothed(tuning),
+        text=other,
+        left=left,
+        criterion=tuning.criterion,
+        judged_by=tuning.judged_by,
+        horizon=tuning.horizon,
+        warnings=tuning.warnings,
+    )
+    return assembled(title or "Tuning", [data]), "; ".join(said)
+
+
+def _first(tuning: Tuning, drawn: Sequence[str]) -> tuple[str, str]:
+    """The structure that a page begins with, and what to say of it: the chosen one, or the best of
+    those that can be drawn.
+    """
+    if tuning.structure in drawn:
+        return tuning.structure, ""
+    ranked = [name for name, _, _ in tuning.tried if name in drawn]
+    first = next(iter(ranked), drawn[0])
+    return first, f"{tuning.structure} was chosen, which a page cannot draw; it begins with {first}"
 
 
 def write(tuning: Tuning, path: str | Path, title: str, log: Mapping[str, Any]) -> None:
     """`Tuning.page`."""
-    text, decimated = page(tuning, title, lambda observer: Config.of(observer, **log))
+    text, said = page(tuning, title, lambda observer: Config.of(observer, **log))
     with replacing(path) as file:
         file.write(text.encode())
-    if decimated:
-        warnings.warn(f"the page: {decimated}", TuningWarning, stacklevel=4)
+    if said:
+        warnings.warn(f"the page: {said}", TuningWarning, stacklevel=4)
 
 
-def _finite(value: Any) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _smoothed(tuning: Tuning) -> dict[str, Any] | None:
+def _smoothed(tuning: Tuning) -> Reference | None:
     """The smoothed states that the gain was judged by."""
     if tuning.smoothed is None:
         return None
-    t, x = tuning.smoothed
-    name = "smoothed state, which samples on both sides tell"
-    return {"name": name, "t": packed(t), "x": packed(x), "n": x.shape[1]}
+    return Reference("smoothed state, which samples on both sides tell", *tuning.smoothed)
