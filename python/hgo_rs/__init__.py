@@ -211,7 +211,7 @@ _PUBLIC = (
 
 def __getattr__(name: str) -> Any:
     """A public name, or a module, on its first use (PEP 562)."""
-    if name in (*_MODULES, *_PUBLIC, "_core"):
+    if name in (*_PUBLIC, "_core"):
         return import_module(f"hgo_rs.{name}")
     if name in __all__:
         for module in map(import_module, (f"hgo_rs.{name}" for name in _MODULES)):

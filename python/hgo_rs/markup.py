@@ -14,7 +14,7 @@ MOST = 20
 def table(title: str, rows: Iterable[Sequence[object]], heads: Sequence[str] = ()) -> str:
     """A table under a title; the first entry of a row names it. Of more than `MOST` rows the first.
 
-    Texts are escaped; a row's entry that is `Html` stands as it is.
+    Texts are escaped.
     """
     rows = list(rows)
     left = len(rows) - MOST
@@ -26,20 +26,13 @@ def table(title: str, rows: Iterable[Sequence[object]], heads: Sequence[str] = (
     return f"<div><b>{escape(title)}</b><table>{head}<tbody>{body}</tbody></table></div>"
 
 
-class Html(str):
-    """Text that is HTML already."""
-
-
 def number(value: Any) -> str:
     """A number to four digits; a dash for none."""
     return "–" if value is None or value != value else f"{value:.4g}"
 
 
 def _cells(row: Sequence[object]) -> str:
-    style = ' style="text-align:left"'
-    return "".join(
-        f"<td{style}>{cell if isinstance(cell, Html) else escape(str(cell))}</td>" for cell in row
-    )
+    return "".join(f'<td style="text-align:left">{escape(str(cell))}</td>' for cell in row)
 
 
 def in_notebook() -> bool:

@@ -12,7 +12,6 @@ from hgo_rs import plots
 from hgo_rs.cli.places import can_draw, check_places, tell_written, written
 from hgo_rs.cli.recorded import Asked, described, of_log, one_or_all
 from hgo_rs.cli.terminal import say
-from hgo_rs.config import load
 from hgo_rs.errors import HgoError, check, printable
 from hgo_rs.logs import Log, estimate, look, read_log
 from hgo_rs.logs.streams import stem_of
@@ -59,9 +58,9 @@ def plot_command(
     rows = _rows(recorded, late, np.inf if end is None else end)
     with written({"--figure": figure}) as files:
         if config is not None:
-            told = load(config)
-            result = estimate(recorded, told)
-            say(f"run by {described(told.observer())}")
+            assert asked.told is not None
+            result = estimate(recorded, asked.told)
+            say(f"run by {described(asked.told.observer())}")
             drawn = result.rows(rows).plot()
         else:
             drawn = _drawn(recorded.rows(rows))

@@ -137,13 +137,6 @@ def _input(text: str) -> tuple[str, str]:
     return name.strip(), expression
 
 
-def _names(found: SimulationResult) -> list[str]:
-    """Of the estimates: the model's, or x1, x2, ..."""
-    assert found.x_hat is not None
-    own = found._labels.states
-    return list(own) if own else [f"x{i + 1}" for i in range(found.x_hat.shape[2])]
-
-
 def _columns(found: SimulationResult) -> dict[str, np.ndarray]:
     """Times and samples, inputs, states, estimates."""
     assert found.time is not None and found.x is not None and found.y is not None
@@ -156,13 +149,13 @@ def _columns(found: SimulationResult) -> dict[str, np.ndarray]:
         states = list(found.loop.states) or states
         columns |= {name: found.of(name)["frames"][0] for name in found.loop.inputs}
     columns |= dict(zip(states, found.x[0].T, strict=False))
-    names = zip(_names(found), found.x_hat[0].T, strict=True)
+    names = zip(found._names, found.x_hat[0].T, strict=True)
     return columns | {f"{name}_hat": values for name, values in names}
 
 
 def _tell(found: SimulationResult) -> None:
     """The error of each estimate."""
-    for i, name in enumerate(_names(found)):
+    for i, name in enumerate(found._names):
         rms, largest = found.rms[0, 0, i], found.peak[0, i]
         say(f"{name:12s} RMS error of the second half {rms:.4g}; largest estimate {largest:.4g}")
     if found.diverged_at[0] >= 0:

@@ -39,6 +39,10 @@ class Labels:
             dict(model.get("units", {})),
         )
 
+    def names(self, n: int) -> list[str]:
+        """Names of all n entries: the model's, else x1, x2, ..."""
+        return [*self.states[:n], *(f"x{i + 1}" for i in range(len(self.states), n))]
+
     def column(self, i: int) -> str:
         """The column of entry i: the state's name, else x_hat1, x_hat2, ...
 

@@ -212,7 +212,7 @@ class SimulationResult:
     @property
     def _names(self) -> list[str]:
         """The estimates: the model's states, else x1, x2, ..."""
-        return list(self._labels.states) or [f"x{i + 1}" for i in range(self.n)]
+        return self._labels.names(self.n)
 
     def plot(self, figure: Figure | None = None, run: int = 0) -> Figure:
         """Draw one run: states and estimates. Needs `every` and the extra `plot`."""

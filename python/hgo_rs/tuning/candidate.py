@@ -472,8 +472,7 @@ class Candidate:
                 "estimate noise and model error; give ells= that are closer together"
             )
         if self.lasts and self.reference is not None:
-            so = "so that noise and model error are those of the smoothed state; "
-            so += "the gain does not depend on them"
+            so = ""
         said += self.of_rounding(record, so)
         whiteness = math.nan
         if math.isfinite(self.misfit):
@@ -504,10 +503,17 @@ class Candidate:
                 )
         return whiteness, said
 
-    def of_rounding(self, record: Record, so: str) -> list[str]:
-        """What to say of rounding that lasts, and what follows; nothing where it does not."""
+    def of_rounding(self, record: Record, so: str = "") -> list[str]:
+        """What to say of rounding that lasts, and what follows; nothing where it does not.
+
+        By itself: the gain is judged by the smoothed state.
+        """
         if not self.lasts:
             return []
+        so = so or (
+            "so that noise and model error are those of the smoothed state; the gain does not "
+            "depend on them"
+        )
         step = record.coarse_step()
         return [
             f"y moves in steps of {step:.4g}, by one or none between most samples, and the noise "

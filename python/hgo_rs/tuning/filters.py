@@ -113,9 +113,7 @@ class Filter(Candidate):
 
     def doubts(self, ell: float, record: Record, by_target: bool) -> tuple[float, list[str]]:
         """Whether the innovation is white, as the Kalman filter's is."""
-        so = "so that noise and model error are those of the smoothed state; "
-        so += "the gain does not rest on them"
-        return whiteness(self.standard(record, ell)), self.of_rounding(record, so)
+        return whiteness(self.standard(record, ell)), self.of_rounding(record)
 
 
 def offered(

@@ -19,7 +19,7 @@ def report(of: Any) -> str:
     ``of``: a `Tuning`.
     """
     rows = [f"{choice(of)}.", ""]
-    names = _names(of)
+    names = _labels(of).names(of.observer.n)
     wanted = _wanted(of)
     rows.append("Predicted error of each estimate (RMS), and its bound:")
     for i, (error, bound) in enumerate(zip(of.errors, of.bounds, strict=True)):
@@ -48,11 +48,11 @@ def report(of: Any) -> str:
 
 def as_html(of: Any) -> str:
     """The choice, the predicted errors, and the structures that were tried."""
-    wanted = _wanted(of)
+    wanted, names = _wanted(of), _labels(of).names(of.observer.n)
     errors = [
         (name, number(error), number(bound), "wanted" if i in wanted else "")
         for i, (name, error, bound) in enumerate(
-            zip(_names(of), of.errors.tolist(), of.bounds.tolist(), strict=False)
+            zip(names, of.errors.tolist(), of.bounds.tolist(), strict=False)
         )
     ]
     tried = [(name, _shown(ell), number(cost)) for name, ell, cost in of.tried]
@@ -64,11 +64,8 @@ def as_html(of: Any) -> str:
     return "".join(parts)
 
 
-def _names(of: Any) -> list[str]:
-    """The estimates: the model's states, else x1, x2, ..."""
-    n = of.observer.n
-    states = Labels.of(of.observer.spec, n).states
-    return list(states) if len(states) == n else [f"x{i + 1}" for i in range(n)]
+def _labels(of: Any) -> Labels:
+    return Labels.of(of.observer.spec, of.observer.n)
 
 
 def _shown(value: Any) -> str:
