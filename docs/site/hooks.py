@@ -1,4 +1,5 @@
-"""What the documentation's site has beside the pages of docs/: KaTeX, the API, live pages, figures.
+"""What the documentation's site has beside the pages of docs/: KaTeX, the API, live pages, figures,
+notebooks.
 
 KaTeX is copied from Debian's libjs-katex and fonts-katex, or from the folder of a release of KaTeX
 that the environment variable KATEX names.
@@ -13,6 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import notebooks
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 
@@ -36,9 +38,17 @@ GROUPS = {
 """Headings of the API page, and the modules of which it shows the public names."""
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """A link out of docs/ becomes the file's place among the sources."""
-    return OUTSIDE.sub(r"\1 (`\2` of the sources)", markdown)
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """A link out of docs/ becomes the file's place among the sources; a page that has a notebook
+    links to it behind its title.
+    """
+    markdown = OUTSIDE.sub(r"\1 (`\2` of the sources)", markdown)
+    name = Path(page.file.src_uri).stem
+    if page.file.src_uri == f"{name}.md" and name in notebooks.pages():
+        title, _, rest = markdown.partition("\n")
+        link = f"[This page as a notebook](site/notebooks/{name}.ipynb){{ download }}"
+        markdown = f"{title}\n\n{link}\n{rest}"
+    return markdown
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -49,6 +59,9 @@ def on_files(files: Files, config: Any) -> Files:
     files.append(File.generated(config, "site/showcase.md", content=text))
     if live:
         files.append(File.generated(config, "site/live.html", content=live))
+    for name in notebooks.pages():
+        made = notebooks.notebook(name)
+        files.append(File.generated(config, f"site/notebooks/{name}.ipynb", content=made))
     for name, place in (*_katex(), *_figures()):
         files.append(File.generated(config, name, abs_src_path=str(place)))
     return files

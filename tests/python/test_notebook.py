@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import copy
+import importlib
+import json
+import os
 import re
 import sys
 import types
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from notebook_pages import PAGES
 
 import hgo_rs as hgo
 from hgo_rs import markup
@@ -118,6 +123,51 @@ def test_progress_needs_no_widget(cells: dict[str, Any]) -> None:
     assert re.search(r"study 100 %, .* run-steps/s", told)
     assert not any("ipywidgets" in str(output) for output in cells["study"])
     assert not cells["light"]
+
+
+# --- pages of the documentation ----------------------------------------------------------------
+
+SITE = Path(__file__).parents[2] / "docs" / "site"
+
+
+@pytest.fixture
+def notebooks(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """What makes notebooks of pages."""
+    monkeypatch.syspath_prepend(str(SITE))
+    return importlib.import_module("notebooks")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_runs_as_a_notebook(
+    page: str, notebooks: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    book = nbformat.reads(notebooks.notebook(page), as_version=4)
+    nbformat.validate(book)
+    here = str(Path(sys.executable).parent)
+    monkeypatch.setenv("PATH", os.pathsep.join([here, os.environ["PATH"]]))
+    resources = {"metadata": {"path": str(tmp_path)}}
+    nbclient.NotebookClient(book, kernel_name="python3", timeout=300, resources=resources).execute()
+    done = [cell for cell in book.cells if cell.cell_type == "code"]
+    assert done and all(cell.execution_count for cell in done)
+    for cell in done:  # a command's failure is no exception in a notebook
+        told = "".join(out.get("text", "") for out in cell.outputs)
+        assert "Error" not in told and "must be" not in told, told
+
+
+def test_a_notebook_holds_all_of_its_page(notebooks: Any) -> None:
+    for page in notebooks.pages():
+        text = (SITE.parent / f"{page}.md").read_text(encoding="utf-8")
+        cells = json.loads(notebooks.notebook(page))["cells"]
+        code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+        blocks = re.findall(r"^```python\n(.*?)^```", text, re.M | re.S)
+        assert [block.strip("\n") for block in blocks] == [
+            source for source in code if not source.startswith("!")
+        ]
+        told = "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
+        assert told.count("\n#") + told.startswith("#") >= text.count("\n## ") + 1
+        assert "```python" not in told
 
 
 # --- a script ----------------------------------------------------------------------------------
