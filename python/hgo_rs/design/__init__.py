@@ -31,6 +31,7 @@ from .coefficients import (
     observer_coefficients,
     routh_hurwitz,
 )
+from .delay import delay_limit
 from .discrete import Continuous, Discrete, continuous, discrete
 from .discretisation import StepLimit, check_step, step_limit
 from .low_power import (
@@ -88,6 +89,7 @@ __all__ = [
     "companion",
     "continuous",
     "crackle_gradient",
+    "delay_limit",
     "discrete",
     "ell_frozen",
     "ell_star",

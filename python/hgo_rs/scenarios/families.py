@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hgo_rs.design import continuous, discrete, levant_coefficients, noise_gain
+from hgo_rs.design import (
+    continuous,
+    delay_limit,
+    discrete,
+    levant_coefficients,
+    noise_gain,
+)
 from hgo_rs.design.discrete import fixed_timing
 from hgo_rs.models import Model, Plant, VanDerPol
 from hgo_rs.observers import (
@@ -703,11 +709,15 @@ LIMITS = {
     "proper": (2.0 * (np.sqrt(2.0) - 1.0), 0.52752523, 0.38757453),
 }
 """Largest ell T of poles -1, n = 2, 3, 4; "proper" with current timing is Nadri's form."""
+DELAYS = {(2, 1): 0.647409203, (3, 3, 1): 0.407054160, (2, 2): 0.520494347}
+"""Largest ell D of samples that come late."""
 
 
 @scenario("families-sampling", title="Prediction between samples", paper="families")
 def sampling(ctx: Context) -> Outcome:
-    """A correction that decays between samples, and the longest steps that it bears."""
+    """A correction that decays between samples, the longest steps that it bears, and the longest
+    delays.
+    """
     law = StandardObserver(3, 10.0, k=(3.0, 3.0, 1.0), method="inter-sample")
     y = 1.1 - np.sin(0.05 * np.arange(2))
     memory = record(ctx, law, (0.3, -0.2, 0.7), y, 0.05)
@@ -721,6 +731,10 @@ def sampling(ctx: Context) -> Outcome:
             note = NADRI if method == "proper" and len(k) == 2 else ""
             what = f"{method}, n = {len(k)}, largest ℓT"
             rows.append(row(what, c, expected=limit, rel=1e-7, note=note))
+    for k, limit in DELAYS.items():
+        longest = delay_limit(StandardObserver(len(k), 1.0, k=k).spec)
+        what = f"delayed, k = {', '.join(map(str, k))}, largest ℓD"
+        rows.append(row(what, longest, expected=limit, rel=1e-8))
     gaps = np.full(201, np.nan)
     gaps[::4] = np.sin(0.05 * np.arange(201))[::4]
     by_gaps = law.run(0.05, gaps, x_hat0=(1.0, 0.0, 0.0)).memory[::4]
