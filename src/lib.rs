@@ -62,6 +62,8 @@ mod wide;
 mod pages {
     #[doc = include_str!("../docs/architecture.md")]
     mod architecture {}
+    #[doc = include_str!("../docs/rust.md")]
+    mod rust {}
     #[doc = include_str!("../firmware/README.md")]
     mod firmware {}
 }
