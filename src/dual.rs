@@ -30,26 +30,36 @@ impl<T: Scalar, const N: usize> Dual<T, N> {
     /// The variable whose slope along `direction` is 1.
     #[inline(always)]
     pub fn along(value: T, direction: usize) -> Self {
-        let slope = |i| if i == direction { T::ONE } else { T::NEG_ZERO };
-        Self { value, slopes: core::array::from_fn(slope) }
+        let mut slopes = [T::NEG_ZERO; N];
+        if let Some(slope) = slopes.get_mut(direction) {
+            *slope = T::ONE;
+        }
+        Self { value, slopes }
     }
 
     /// A value whose slopes are these ones times `by`.
     #[inline(always)]
     fn chained(&self, value: T, by: T) -> Self {
-        Self { value, slopes: self.slopes.map(|slope| times(slope, by)) }
+        let mut slopes = self.slopes;
+        for slope in &mut slopes {
+            *slope = times(*slope, by);
+        }
+        Self { value, slopes }
     }
 
     /// A value whose slopes are these ones and the other's.
     #[inline(always)]
     fn joined(&self, other: &Self, value: T) -> Self {
-        let slope = |i: usize| sum(self.slopes[i], other.slopes[i]);
-        Self { value, slopes: core::array::from_fn(slope) }
+        self.each(other, value, sum)
     }
 
     #[inline(always)]
     fn each(&self, other: &Self, value: T, slope: impl Fn(T, T) -> T) -> Self {
-        Self { value, slopes: core::array::from_fn(|i| slope(self.slopes[i], other.slopes[i])) }
+        let mut slopes = self.slopes;
+        for (of_self, of_other) in slopes.iter_mut().zip(&other.slopes) {
+            *of_self = slope(*of_self, *of_other);
+        }
+        Self { value, slopes }
     }
 }
 

@@ -378,7 +378,7 @@ fn part(
 fn kicked(
     setting: Setting,
     Sizes { len, errors, .. }: Sizes,
-    kick: impl Fn(&[Traced], &[Traced], Traced) -> Result<Vec<Traced>>,
+    kick: &dyn Fn(&[Traced], &[Traced], Traced) -> Result<Vec<Traced>>,
 ) -> Result<Table> {
     part(setting, &[("z", len), ("e", errors), ("dt", 1)], |of| kick(&of[0], &of[1], of[2][0]))
 }
@@ -394,26 +394,24 @@ impl LawTables {
     pub fn known<L>(
         setting: Setting,
         manner: Manner,
-        Kept { n_u, spare, .. }: Kept,
+        kept: Kept,
         build: impl Fn() -> Result<L>,
     ) -> Result<Self>
     where
         L: ContinuousLaw<Traced, Input: Memory<Traced>, Innovation: Memory<Traced>> + 'static,
     {
-        let sizes = Sizes::of::<L>(spare);
-        let build =
-            || -> Result<Box<dyn Law>> { Ok(Box::new(Flat { law: build()?, len: sizes.len })) };
-        match manner.method {
-            AnyMethod::Known(_) => Self::of(setting, n_u, sizes, &build),
-            other => Err(not_placed(other)),
+        let sizes = Sizes::of::<L>(kept.spare);
+        if !matches!(manner.method, AnyMethod::Known(_)) {
+            return Err(not_placed(manner.method));
         }
+        Self::of(setting, kept.n_u, sizes, &|| Ok(Box::new(Flat { law: build()?, len: sizes.len })))
     }
 
     /// Of a law whose chain can move exactly and whose eigenvalues cannot be placed.
     pub fn flowing<L>(
         setting: Setting,
         manner: Manner,
-        Kept { n_u, spare, .. }: Kept,
+        kept: Kept,
         build: impl Fn() -> Result<L>,
     ) -> Result<Self>
     where
@@ -421,28 +419,37 @@ impl LawTables {
             + Flow<Traced, L::State, L::Input>
             + 'static,
     {
-        let sizes = Sizes::of::<L>(spare);
-        let build = || -> Result<Box<dyn FlowingLaw>> {
+        let sizes = Sizes::of::<L>(kept.spare);
+        Self::that_flows(setting, manner, kept.n_u, (sizes, L::Terms::LEN), &|| {
             Ok(Box::new(Flat { law: build()?, len: sizes.len }))
-        };
+        })
+    }
+
+    fn that_flows(
+        setting: Setting,
+        manner: Manner,
+        n_u: usize,
+        (sizes, n_f): (Sizes, usize),
+        build: &dyn Fn() -> Result<Box<dyn FlowingLaw>>,
+    ) -> Result<Self> {
         let placed = match manner.method {
             AnyMethod::Known(_) => None,
             AnyMethod::Proper => Some(PlacedTables {
-                kick: kicked(setting, sizes, |z, e, _| Ok(build()?.kick(z, e)))?,
-                ..Self::chain(setting, (sizes.len, L::Terms::LEN, n_u), &build)?
+                kick: kicked(setting, sizes, &|z, e, _| Ok(build()?.kick(z, e)))?,
+                ..Self::chain(setting, (sizes.len, n_f, n_u), build)?
             }),
             other => return Err(not_placed(other)),
         };
         Ok(Self { placed, ..Self::of(setting, n_u, sizes, &|| Ok(build()?))? })
     }
 
-    /// Of any other; `still`: its gain is the same at every sample.
+    /// Of any other.
     pub fn any<L>(
         setting: Setting,
         manner: Manner,
-        Kept { n_u, still, spare }: Kept,
+        kept: Kept,
         build: impl Fn() -> Result<L>,
-        gains: impl FnOnce(Placement) -> Result<Arc<Gains>>,
+        gains: impl Fn(Placement) -> Result<Arc<Gains>>,
     ) -> Result<Self>
     where
         L: Injected<
@@ -452,24 +459,35 @@ impl LawTables {
                 Gains: Numbers<Traced>,
             > + 'static,
     {
-        let sizes = Sizes::of::<L>(spare);
+        let sizes = Sizes::of::<L>(kept.spare);
+        let of = (sizes, L::Terms::LEN, L::TRACEABLE);
         let build = || -> Result<Box<dyn PlacedLaw>> {
             Ok(Box::new(Flat { law: build()?, len: sizes.len }))
         };
-        let lens = (sizes.len, L::Terms::LEN, n_u);
-        let chain = || Self::chain(setting, lens, &|| Ok(build()?));
+        Self::that_is_placed(setting, manner, kept, of, &build, &gains)
+    }
+
+    fn that_is_placed(
+        setting: Setting,
+        manner: Manner,
+        Kept { n_u, still, .. }: Kept,
+        (sizes, n_f, traceable): (Sizes, usize, bool),
+        build: &dyn Fn() -> Result<Box<dyn PlacedLaw>>,
+        gains: &dyn Fn(Placement) -> Result<Arc<Gains>>,
+    ) -> Result<Self> {
+        let chain = || Self::chain(setting, (sizes.len, n_f, n_u), &|| Ok(build()?));
         let placed = match manner.method {
             AnyMethod::Known(_) => None,
             AnyMethod::Proper => Some(PlacedTables {
-                kick: kicked(setting, sizes, |z, e, _| Ok(build()?.kick(z, e)))?,
+                kick: kicked(setting, sizes, &|z, e, _| Ok(build()?.kick(z, e)))?,
                 ..chain()?
             }),
             AnyMethod::Implicit => Some(PlacedTables {
-                kick: kicked(setting, sizes, |z, e, dt| build()?.closing(z, e, dt))?,
+                kick: kicked(setting, sizes, &|z, e, dt| build()?.closing(z, e, dt))?,
                 ..PlacedTables::default()
             }),
             AnyMethod::InterSample => Some(PlacedTables {
-                kick: kicked(setting, sizes, |z, e, dt| build()?.decaying(z, e, dt))?,
+                kick: kicked(setting, sizes, &|z, e, dt| build()?.decaying(z, e, dt))?,
                 ..chain()?
             }),
             AnyMethod::Placed(at) => {
@@ -477,22 +495,16 @@ impl LawTables {
                 let given = still
                     && match setting.gains {
                         PlacedGains::Given => true,
-                        PlacedGains::Held => !L::TRACEABLE,
+                        PlacedGains::Held => !traceable,
                         PlacedGains::Computed | PlacedGains::For(_) => false,
                     };
-                let gains = match (given, L::TRACEABLE || known) {
+                let gains = match (given, traceable || known) {
                     (true, _) => GainsOf::Inputs(gains(at)?),
                     (false, true) => GainsOf::Table,
                     (false, false) => GainsOf::Call(gains(at)?),
                 };
-                Some(Self::placed(
-                    setting,
-                    (at, manner.timing),
-                    sizes.len,
-                    &build,
-                    gains,
-                    chain()?,
-                )?)
+                let at = (at, manner.timing);
+                Some(Self::placed(setting, at, sizes.len, build, gains, chain()?)?)
             }
         };
         Ok(Self { placed, ..Self::of(setting, n_u, sizes, &|| Ok(build()?))? })

@@ -282,47 +282,104 @@ impl Tables {
     }
 }
 
+/// A recursion of any sizes over traced numbers: what it moves are slices, so that all that is made of it is
+/// compiled once.
+pub(crate) trait Halves {
+    /// Estimated states, outputs, entries of the memory.
+    fn sizes(&self) -> [usize; 3];
+    fn is_current(&self) -> bool;
+    fn initial(&self) -> Vec<Traced>;
+    fn innovation(&self, t: Traced, z: &[Traced], y: &[Traced], u: &[Traced]) -> Vec<Traced>;
+    fn correct(&self, t: Traced, z: &[Traced], y: &[Traced]) -> Vec<Traced>;
+    fn advance(
+        &self,
+        at: (Traced, Traced),
+        z: &[Traced],
+        y: &[Traced],
+        u: &[Traced],
+    ) -> Vec<Traced>;
+}
+
+struct Flat<O>(O);
+
+impl<O: Observer<Traced, Input: Memory<Traced>>> Halves for Flat<O> {
+    fn sizes(&self) -> [usize; 3] {
+        [O::ESTIMATED, O::Measurement::LEN, O::State::LEN]
+    }
+    fn is_current(&self) -> bool {
+        O::TIMING == Timing::Current
+    }
+    fn initial(&self) -> Vec<Traced> {
+        flat(&self.0.initial())
+    }
+    fn innovation(&self, t: Traced, z: &[Traced], y: &[Traced], u: &[Traced]) -> Vec<Traced> {
+        let (z, y, u) = (O::State::read(z), O::Measurement::read(y), O::Input::read(u));
+        flat(&self.0.innovation(t, &z, &y, &u))
+    }
+    fn correct(&self, t: Traced, z: &[Traced], y: &[Traced]) -> Vec<Traced> {
+        let mut z = O::State::read(z);
+        self.0.correct(&mut z, &O::Measurement::read(y), t);
+        flat(&z)
+    }
+    fn advance(
+        &self,
+        (t, dt): (Traced, Traced),
+        z: &[Traced],
+        y: &[Traced],
+        u: &[Traced],
+    ) -> Vec<Traced> {
+        let mut z = O::State::read(z);
+        self.0.advance(&mut z, &O::Measurement::read(y), &O::Input::read(u), t, dt);
+        flat(&z)
+    }
+}
+
+/// A recursion as its halves.
+pub(crate) fn halves<O>(observer: O) -> Box<dyn Halves>
+where
+    O: Observer<Traced, Input: Memory<Traced>> + 'static,
+{
+    Box::new(Flat(observer))
+}
+
+/// A recursion, made within a trace.
+pub(crate) type Build<'a> = &'a dyn Fn() -> Result<Box<dyn Halves>>;
+
 /// A half of a step of the observer that `build` makes within the trace: the use of a sample, or the
 /// way to the next one.
-pub(crate) fn half_table<O>(
+pub(crate) fn half_table(
     setting: Setting,
-    n_u: usize,
+    shape: &Shape,
     corrects: bool,
-    build: impl FnOnce() -> Result<O>,
-) -> Result<Table>
-where
-    O: Observer<Traced, Input: Memory<Traced>>,
-{
+    build: Build<'_>,
+) -> Result<Table> {
     trace(setting, || {
         let (t, dt) = (input("t"), input("dt"));
-        let mut z = O::State::read(&inputs("z", O::State::LEN));
-        let y = O::Measurement::read(&inputs("y", O::Measurement::LEN));
-        let u = O::Input::read(&inputs("u", n_u));
+        let z = inputs("z", shape.memory);
+        let (y, u) = (inputs("y", shape.n_y), inputs("u", shape.n_u));
         let observer = build()?;
         let mut innovation = Vec::new();
-        if corrects == (O::TIMING == Timing::Current) {
-            innovation = flat(&observer.innovation(t, &z, &y, &u));
+        if corrects == shape.current {
+            innovation = observer.innovation(t, &z, &y, &u);
         }
-        if corrects {
-            observer.correct(&mut z, &y, t);
+        let z = if corrects {
+            observer.correct(t, &z, &y)
         } else {
-            observer.advance(&mut z, &y, &u, t, dt);
-        }
-        Ok([named("z", &flat(&z)), named("innovation", &innovation)].concat())
+            observer.advance((t, dt), &z, &y, &u)
+        };
+        Ok([named("z", &z), named("innovation", &innovation)].concat())
     })
 }
 
 /// What a recursion of its own is made of.
-pub(crate) fn shape_of<O>(n_u: usize, build: impl FnOnce() -> Result<O>) -> Result<Shape>
-where
-    O: Observer<Traced, Input: Memory<Traced>>,
-{
-    let mut initial = Vec::new();
+pub(crate) fn shape_of(n_u: usize, build: Build<'_>) -> Result<Shape> {
+    let (mut initial, mut sizes, mut current) = (Vec::new(), [0; 3], false);
     trace(Setting::usual(false), || {
-        initial = flat(&build()?.initial()).into_iter().map(Scalar::to_f64).collect();
+        let observer = build()?;
+        (sizes, current) = (observer.sizes(), observer.is_current());
+        initial = observer.initial().into_iter().map(Scalar::to_f64).collect();
         Ok(Vec::new())
     })?;
-    let (n, n_y, memory) = (O::ESTIMATED, O::Measurement::LEN, O::State::LEN);
-    let current = O::TIMING == Timing::Current;
+    let [n, n_y, memory] = sizes;
     Ok(Shape { n, n_y, n_u, memory, signals: memory, current, initial })
 }

@@ -5,14 +5,12 @@ use crate::error::{Result, refused};
 use crate::model::{Given, OwnChains, OwnModel};
 use crate::order::MAX_INPUTS;
 use crate::spec::Spec;
-use crate::tables::{Shape, Tables, half_table, shape_of};
+use crate::tables::{Build, Shape, Tables, half_table, halves, shape_of};
 use crate::trace::{self, Setting, Traced, input};
 use hgo_rs::Scalar;
 use hgo_rs::dual::Dual;
 use hgo_rs::laws::Law;
-use hgo_rs::memory::Memory;
 use hgo_rs::model::Model;
-use hgo_rs::observer::Observer;
 use hgo_rs::observers::{AdaptiveEkf, InnovationGain, SampledEkf};
 use nalgebra::SMatrix;
 
@@ -144,30 +142,30 @@ fn of<Md, const N: usize, const K: usize>(
     model: impl Fn() -> Result<Md>,
 ) -> Result<Tables>
 where
-    Md: Model<Dual<Traced, N>, N, MAX_INPUTS>,
+    Md: Model<Dual<Traced, N>, N, MAX_INPUTS> + 'static,
 {
-    let build = || -> Result<SampledEkf<Traced, Md, N, K, MAX_INPUTS>> {
+    let build = || {
         let of = |value: &dyn Fn(&Chain) -> f64| {
             std::array::from_fn(|q| Traced::from_f64(chains.get(q).map_or(1.0, value)))
         };
         let orders = std::array::from_fn(|q| chains.get(q).map_or(0, |chain| chain.n));
         let (q, p0) = (joined(chains, |chain| &chain.q), joined(chains, |chain| &chain.p0));
         let (r, theta) = (of(&|chain| chain.r), of(&|chain| chain.theta));
-        Ok(SampledEkf::new(&q, r, &p0, theta, orders, model()?)?)
+        let model = model()?;
+        let observer =
+            SampledEkf::<_, Md, N, K, MAX_INPUTS>::new(&q, r, &p0, theta, orders, model)?;
+        Ok(halves(observer))
     };
-    finished(chains, (n_u, parameters), setting, build)
+    finished(chains, (n_u, parameters), setting, &build)
 }
 
 /// Tables of the filter that `build` makes within a trace.
-fn finished<O>(
+fn finished(
     chains: &[Chain],
     (n_u, parameters): (usize, &[f64]),
     setting: Setting,
-    build: impl Fn() -> Result<O> + Copy,
-) -> Result<Tables>
-where
-    O: Observer<Traced, Input: Memory<Traced>>,
-{
+    build: Build<'_>,
+) -> Result<Tables> {
     let shape = shape_of(n_u, build)?;
     let mut end = 0;
     let firsts = chains.iter().map(|chain| {
@@ -175,11 +173,13 @@ where
         end - chain.n
     });
     let start = outputs::start_at(&firsts.collect::<Vec<_>>(), &shape, setting)?;
+    let (correct, advance) =
+        (half_table(setting, &shape, true, build)?, half_table(setting, &shape, false, build)?);
     Ok(Tables {
         // the time that has passed is no signal; of several outputs, as of other chains, the estimates are
         shape: Shape { signals: if shape.n_y == 1 { shape.memory - 1 } else { shape.n }, ..shape },
-        correct: Some(half_table(setting, n_u, true, build)?),
-        advance: half_table(setting, n_u, false, build)?,
+        correct: Some(correct),
+        advance,
         missing: None,
         unstarted: None,
         placed: Vec::new(),
@@ -204,11 +204,13 @@ pub(super) fn tables(
         macro_rules! sizes {
             ($(($n:literal, $w:literal))*) => {
                 match (chains[0].n, window.samples) {
-                    $(($n, $w) => finished(&chains, with, setting, || {
+                    $(($n, $w) => finished(&chains, with, setting, &|| {
                         let (q, p0) = (joined(&chains, |of| &of.q), joined(&chains, |of| &of.p0));
                         let (r, model) = (Traced::from_f64(chains[0].r), given.install($n)?);
                         let gain = window.gain()?;
-                        Ok(AdaptiveEkf::<_, _, $n, $w, MAX_INPUTS>::new(&q, r, &p0, gain, model)?)
+                        let observer =
+                            AdaptiveEkf::<_, _, $n, $w, MAX_INPUTS>::new(&q, r, &p0, gain, model)?;
+                        Ok(halves(observer))
                     }),)*
                     (n, samples) => Err(refused(format!(
                         "n = {n} with a window of {samples} samples is not allowed: the adaptive {} takes \

@@ -5,7 +5,7 @@ use crate::model::{Given, OwnModel, OwnStrictFeedback};
 use crate::order::MAX_INPUTS;
 use crate::spec::Spec;
 use crate::systems::read_ship;
-use crate::tables::{Shape, Tables, half_table, shape_of};
+use crate::tables::{Build, Shape, Tables, half_table, halves, shape_of};
 use crate::trace::{self, Setting, Traced, input};
 use hgo_rs::Scalar;
 use hgo_rs::model::StrictFeedback;
@@ -63,26 +63,38 @@ fn of<Md, const NX: usize, const NZ: usize, const M: usize>(
     model: impl Fn() -> Result<Md>,
 ) -> Result<Tables>
 where
-    Md: StrictFeedback<Traced, NX, NZ, M>,
+    Md: StrictFeedback<Traced, NX, NZ, M> + 'static,
 {
     let (h_bar, epsilon) = (spec.vector::<NZ>("h_bar", NZ)?, spec.f64("epsilon")?);
     let n_u = given.n_u()?;
-    let build = || -> Result<ReducedOrderObserver<Traced, Md, NX, NZ, M>> {
+    let build = || {
         let h_bar = h_bar.map(Traced::from_f64);
-        Ok(ReducedOrderObserver::new(h_bar, Traced::from_f64(epsilon), model()?)?)
+        let epsilon = Traced::from_f64(epsilon);
+        let observer = ReducedOrderObserver::<_, Md, NX, NZ, M>::new(h_bar, epsilon, model()?)?;
+        Ok(halves(observer))
     };
+    // the filters' states are no signals; behind them, outputs and inputs the time that has passed
+    recursion(given, setting, (n_u, NZ, NZ + NX + M), &build)
+}
+
+/// With so many inputs and signals, and the place in the memory of the time that has passed.
+fn recursion(
+    given: &Given<'_>,
+    setting: Setting,
+    (n_u, signals, elapsed): (usize, usize, usize),
+    build: Build<'_>,
+) -> Result<Tables> {
+    let shape = Shape { signals, ..shape_of(n_u, build)? };
     let correct = |started, present| {
         let answer = Some(if started { Ordering::Greater } else { Ordering::Equal });
-        half_table(Setting { present, answer, ..setting }, n_u, true, build)
+        half_table(Setting { present, answer, ..setting }, &shape, true, build)
     };
-    let elapsed = NZ + NX + M; // where it stands in the memory
     Ok(Tables {
-        // the filters' states are no signals
-        shape: Shape { signals: NZ, ..shape_of(n_u, build)? },
         correct: Some(correct(true, true)?),
-        advance: half_table(setting, n_u, false, build)?,
+        advance: half_table(setting, &shape, false, build)?,
         missing: Some(correct(true, false)?),
         unstarted: Some((elapsed, [correct(false, true)?, correct(false, false)?])),
+        shape,
         placed: Vec::new(),
         law: None,
         moving: None,

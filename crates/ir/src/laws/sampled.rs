@@ -6,11 +6,9 @@ use crate::model::{Given, OwnModel, OwnSampled};
 use crate::order::{MAX_INPUTS, order_refused};
 use crate::spec::Spec;
 use crate::systems::read_van_der_pol;
-use crate::tables::{Tables, half_table, shape_of};
+use crate::tables::{Build, Tables, half_table, halves, shape_of};
 use crate::trace::{self, Setting, Traced, input};
-use hgo_rs::memory::Memory;
 use hgo_rs::models::Correction;
-use hgo_rs::observer::Observer;
 use hgo_rs::observers::SampledDataObserver;
 
 pub(super) fn tables(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Result<Tables> {
@@ -29,25 +27,21 @@ pub(super) fn tables(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Re
     if name != "van-der-pol" {
         return Err(known.unknown("kind", &name, &["van-der-pol"]));
     }
-    of(given, setting, || {
+    of(given, setting, &|| {
         let model = read_van_der_pol::<Traced>(&spec.sub("model")?, correction)?;
-        Ok(SampledDataObserver::<_, 2, 0> { model })
+        Ok(halves(SampledDataObserver::<_, 2, 0> { model }))
     })
 }
 
 /// Tables of a sampled-data observer that `build` makes.
-fn of<O>(given: &Given<'_>, setting: Setting, build: impl Fn() -> Result<O>) -> Result<Tables>
-where
-    O: Observer<Traced>,
-    O::Input: Memory<Traced>,
-{
-    let n_u = given.n_u()?;
-    let advance = |present| half_table(Setting { present, ..setting }, n_u, false, &build);
+fn of(given: &Given<'_>, setting: Setting, build: Build<'_>) -> Result<Tables> {
+    let shape = shape_of(given.n_u()?, build)?;
+    let advance = |present| half_table(Setting { present, ..setting }, &shape, false, build);
     Ok(Tables {
-        shape: shape_of(n_u, &build)?,
         correct: None,
         advance: advance(true)?,
         missing: Some(advance(false)?),
+        shape,
         unstarted: None,
         placed: Vec::new(),
         law: None,
@@ -63,10 +57,10 @@ fn of_own<const N: usize>(given: &Given<'_>, own: &OwnModel, setting: Setting) -
             "the sampled-data observer needs a model of sampled-data form: f, K_T and h",
         ));
     }
-    of(given, setting, || {
+    of(given, setting, &|| {
         let parameters = own.names().iter().map(|name| input(name)).collect();
         let function = trace::function(own.table.clone(), parameters);
         let model = OwnSampled { function, n: own.n, n_u: own.n_u };
-        Ok(SampledDataObserver::<_, N, MAX_INPUTS> { model })
+        Ok(halves(SampledDataObserver::<_, N, MAX_INPUTS> { model }))
     })
 }

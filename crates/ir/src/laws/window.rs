@@ -3,7 +3,7 @@
 use crate::error::{Result, refused};
 use crate::model::Given;
 use crate::spec::Spec;
-use crate::tables::{Tables, half_table, shape_of};
+use crate::tables::{Build, Tables, half_table, halves, shape_of};
 use crate::trace::{Setting, Traced};
 use hgo_rs::Scalar;
 use hgo_rs::observers::WindowObserver;
@@ -50,16 +50,20 @@ fn of<const N: usize, const K: usize>(
     setting: Setting,
 ) -> Result<Tables> {
     let (w, dt) = (spec.list_of("W", N * K)?, spec.f64("dt")?);
-    let build = || -> Result<WindowObserver<Traced, N, K>> {
-        let w = w.iter().map(|gain| Traced::from_f64(*gain));
-        Ok(WindowObserver::new(SMatrix::from_row_iterator(w), Traced::from_f64(dt))?)
-    };
-    let correct = |present| half_table(Setting { present, ..setting }, 0, true, build);
+    recursion(given, setting, &|| {
+        let w = SMatrix::<_, N, K>::from_row_iterator(w.iter().copied().map(Traced::from_f64));
+        Ok(halves(WindowObserver::new(w, Traced::from_f64(dt))?))
+    })
+}
+
+fn recursion(given: &Given<'_>, setting: Setting, build: Build<'_>) -> Result<Tables> {
+    let shape = shape_of(0, build)?;
+    let correct = |present| half_table(Setting { present, ..setting }, &shape, true, build);
     Ok(Tables {
-        shape: shape_of(0, build)?,
         correct: Some(correct(true)?),
-        advance: half_table(setting, 0, false, build)?,
+        advance: half_table(setting, &shape, false, build)?,
         missing: Some(correct(false)?),
+        shape,
         unstarted: None,
         placed: Vec::new(),
         law: None,
