@@ -4,8 +4,8 @@
 //! then what is computed. It has no branch and no jump, so it ends, never panics, needs no heap, and
 //! evaluates a block of runs side by side as well as one. Every instruction is one operation of
 //! [`Scalar`] (a product and a sum in two roundings count as one), in the order in which they stand:
-//! a program gives the bits of compiled code that does the same. What takes time is the way to an
-//! instruction, more than the instruction: those that move a state do so for a row of registers.
+//! a program gives the bits of compiled code that does the same. To choose an instruction costs more than
+//! its arithmetic, so states are moved by instructions for a row of four registers.
 
 // The form that a compiler makes vector code of: an index, and no branch between two truths.
 #![allow(clippy::needless_range_loop)]

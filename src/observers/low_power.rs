@@ -370,10 +370,10 @@ crate::error::through_constructor! {
 /// so that, as in continuous time, eᵢ⁺ = (1 − aᵢ) eᵢ + bᵢ₋₁ eᵢ₋₁, and Lemma 1 of the paper, carried over
 /// to z, finds the aᵢ and bᵢ that place all 2n − 1 eigenvalues ([`crate::polynomial`]).
 ///
-/// Without saturations these eigenvalues are all there is to stability. With them a block may be left
-/// alone with bounded company, and aᵢ, bᵢ need not make it stable then. So the part of eᵢ that asks for
-/// more than ηᵢ may be, eᵢ − sat(b′ᵢeᵢ)/b′ᵢ, corrects by a′ᵢ and b′ᵢ, which place the two eigenvalues of
-/// the block alone. Every block is then a stable linear system driven by bounded signals, for any T.
+/// Without saturations these eigenvalues decide on stability. A saturated block decouples and sees bounded
+/// inputs only, and aᵢ, bᵢ alone need not make it stable. So the part of eᵢ beyond the saturation,
+/// eᵢ − sat(b′ᵢeᵢ)/b′ᵢ, corrects by a′ᵢ and b′ᵢ, which place the two eigenvalues of the block by itself.
+/// Every block is then a stable linear system driven by bounded signals, for any T.
 impl<T, G, Md, S, const N: usize, const M: usize> Injected<T> for LowPower<T, G, Md, S, N, M>
 where
     T: Scalar,

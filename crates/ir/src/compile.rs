@@ -1,8 +1,8 @@
 //! Floor 4. Tables of operations translated to programs of the core.
 //!
-//! One instruction does what several would: a product and the sum that alone uses it become one, and
-//! operations that are alike and have their operands in registers one after the other, as those that
-//! move a state have, become one for a row. Then instructions that wait for one another are put apart.
+//! Operations are joined: a product and the only sum that uses it become one instruction, and equal
+//! operations on consecutive registers, as a state's, become one instruction for a row. Then dependent
+//! instructions are scheduled apart.
 
 use crate::error::{Result, refused};
 use crate::table::{NOT_COMPILED, Slot, Table, operands};
@@ -249,8 +249,8 @@ impl<'a> Compiler<'a> {
 /// How far an instruction may be put forward.
 const FORWARD: usize = 32;
 
-/// The same in an order in which few wait for the one just before them: of those that may come next,
-/// the one that begins the longest chain of instructions that wait for one another.
+/// The same instructions, dependent ones apart: of those that are ready, the one that begins the longest
+/// chain of dependent instructions comes next.
 fn apart(instructions: &[Instruction]) -> Vec<Instruction> {
     let before = before(instructions);
     let mut chain = vec![0; instructions.len()];

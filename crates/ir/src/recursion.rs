@@ -63,8 +63,8 @@ pub trait Tabled: Recursion {
     fn fixed(&self, dt: f64) -> Vec<f64>;
 }
 
-/// Samples that are copied as they are taken, since nobody changes the copies meanwhile or later. (A
-/// step waits for the one before: a copy beside it costs less than one of all at once.)
+/// Copies each sample as it is read, so that later changes by the caller have no effect. (The copy runs
+/// beside the step, which waits for the one before it.)
 pub struct Samples<'a> {
     given: &'a [f64],
     kept: &'a mut [f64],

@@ -143,8 +143,8 @@ impl Trace {
     }
 }
 
-const DECIDES: &str = "this observer decides on values while it runs, so that its step is no table of \
-                       operations: choose a law or a method without decisions";
+const DECIDES: &str = "this observer branches on values while it runs, and cannot be compiled to a table \
+                       of operations: choose a law or a method without branches";
 
 thread_local! {
     static TRACE: RefCell<Trace> = RefCell::default();
