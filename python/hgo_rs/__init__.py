@@ -232,6 +232,7 @@ upward.register("save", _later("config", "save"))
 upward.register("deviation", _later("smoothing.deviation", "deviation"))
 upward.register("gated", _later("smoothing.deviation", "gated"))
 upward.register("page", _later("pages", "write"))
+upward.register("widget", _later("pages", "widget"))
 upward.register("to_control", _later("exports.control", "to_control"))
 
 

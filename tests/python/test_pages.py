@@ -239,6 +239,48 @@ def test_a_browser_has_pythons_bits_as_the_slider_moves(tuned: hgo.Tuning, tmp_p
         assert f"{tuned.ell}"[:8] in opened.value("document.getElementById('notice').innerText")
 
 
+def test_a_notebook_has_the_page_and_its_observer(tuned: hgo.Tuning) -> None:
+    pytest.importorskip("anywidget")
+    shown_page = tuned.widget(title="axis", output="q", time="t")
+    assert held(shown_page.page)["title"] == "axis"
+    assert shown_page.observer.spec == tuned.observer.spec
+    shown_page.toml = shown_page.toml.replace(f"gain = {tuned.ell!r}", "gain = 33.0")
+    assert shown_page.observer.spec["gain"]["ell"] == 33.0
+
+
+@pytest.mark.skipif(browser.PROGRAM is None, reason="needs Chromium")
+def test_what_the_page_in_a_notebook_comes_to_goes_back(tuned: hgo.Tuning, tmp_path: Path) -> None:
+    """The widget's script with a model that keeps what it is given."""
+    pytest.importorskip("anywidget")
+    from hgo_rs.pages.widget import SCRIPT
+
+    text = json.dumps(tuned.widget().page).replace("</", "<\\/")
+    script = SCRIPT.read_text(encoding="utf-8").replace("export default", "const made =")
+    harness = tmp_path / "notebook.html"
+    harness.write_text(
+        f"""<meta charset="utf-8"><body><script>{script}
+        const values = {{ page: {text}, toml: "" }}, model = {{ get: (name) => values[name],
+            set: (name, value) => {{ values[name] = value; }}, save_changes: () => {{}} }};
+        made.render({{ model, el: document.body }});</script>""",
+        encoding="utf-8",
+    )
+    with browser.Browser() as opened:
+        opened.open(harness)
+        opened.value(
+            "new Promise((done) => { const ask = () => values.toml ? done() : setTimeout(ask, 20);"
+            "ask(); })"
+        )
+        assert hgo.Config.from_toml(opened.value("values.toml")).observer() == tuned.observer
+        opened.value(
+            "(() => { const page = document.querySelector('iframe').contentWindow.hgo;"
+            "page.gain.set(33.5); page.draw(); })()"
+        )
+        opened.value("new Promise((done) => setTimeout(done, 100))")
+        moved = hgo.Config.from_toml(opened.value("values.toml")).observer()
+        assert moved.spec["gain"]["ell"] == pytest.approx(33.5, rel=0.01)
+        assert opened.requests == [] and opened.errors == []
+
+
 @pytest.mark.skipif(browser.PROGRAM is None, reason="needs Chromium")
 def test_the_showcase_runs_in_a_browser(tmp_path: Path) -> None:
     path = tmp_path / "showcase.html"

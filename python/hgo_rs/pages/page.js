@@ -533,6 +533,7 @@ class Page {
     this.drawWrong(stable, figures, ell, n);
     this.tabulate(figures);
     this.text.textContent = this.toml();
+    if (window.parent !== window) window.parent.postMessage({ observer: this.toml() }, "*");
     this.pictures = (this.pictures || 0) + 1;
     this.spent = performance.now() - began;
     if (this.time) this.time.textContent = `${log.samples} samples, ${this.spent.toFixed(1)} ms a picture. hgo_rs ${this.version}.`;

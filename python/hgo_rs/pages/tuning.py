@@ -95,11 +95,17 @@ def _first(tuning: Tuning, drawn: Sequence[str]) -> tuple[str, str]:
 
 def write(tuning: Tuning, path: str | Path, title: str, log: Mapping[str, Any]) -> None:
     """`Tuning.page`."""
-    text, said = page(tuning, title, lambda observer: Config.of(observer, **log))
+    text = told_page(tuning, title, log)
     with replacing(path) as file:
         file.write(text.encode())
+
+
+def told_page(tuning: Tuning, title: str, log: Mapping[str, Any]) -> str:
+    """The page, as text; what it leaves out is a warning."""
+    text, said = page(tuning, title, lambda observer: Config.of(observer, **log))
     if said:
-        warnings.warn(f"the page: {said}", TuningWarning, stacklevel=4)
+        warnings.warn(f"the page: {said}", TuningWarning, stacklevel=5)
+    return text
 
 
 def _smoothed(tuning: Tuning) -> Reference | None:

@@ -225,6 +225,19 @@ class Tuning:
         """
         upward.call("page", self, path, title, log)
 
+    def widget(self, *, title: str = "", **log: Any) -> Any:
+        """`page` in a cell of a notebook, as a widget. Needs the extra `notebook`.
+
+        Its `observer` is what the sliders stand at, its `toml` the same as `observer.toml`, which
+        `observe(..., names="toml")` follows. Errors as of `page`.
+
+        Examples
+        --------
+        >>> page = tuning.widget()  # doctest: +SKIP
+        >>> page.observer.run(t, y)  # doctest: +SKIP
+        """
+        return upward.call("widget", self, title, log)
+
     def plot(self, figure: Figure | None = None) -> Figure:
         """Draw the trade-off with the chosen point marked; of several outputs, whose gains are not
         on one curve, the errors of the structures. Needs the extra `plot`.
