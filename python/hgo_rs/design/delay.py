@@ -34,8 +34,8 @@ def delay_limit(observer: Mapping[str, Any], *, gain: float | None = None) -> fl
     0.0647409
     """
     law = continuous(observer, gain=gain)
-    p = np.poly(law.f)
-    q = np.poly(law.closed) - p
+    p = np.asarray(np.poly(law.f), dtype=np.float64)
+    q = np.asarray(np.poly(law.closed), dtype=np.float64) - p
     crossings = np.roots(_square(p) - _square(q))
     real = np.abs(crossings.imag) < 1e-7 * np.abs(crossings)
     omega = crossings.real[real & (crossings.real > 1e-9)]

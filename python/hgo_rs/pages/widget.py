@@ -21,7 +21,7 @@ def _kind() -> Any:
     anywidget: Any = need("anywidget", "the page in a notebook needs anywidget", "notebook")
     import traitlets
 
-    class TuningPage(anywidget.AnyWidget):  # type: ignore[misc]
+    class TuningPage(anywidget.AnyWidget):
         """A page to tune in; `observer` is what its sliders stand at."""
 
         _esm = SCRIPT
