@@ -375,11 +375,10 @@ fn part(
 }
 
 /// (z, e, dt) → what a sample moves, as a rate.
-fn kicked(
-    setting: Setting,
-    Sizes { len, errors, .. }: Sizes,
-    kick: &dyn Fn(&[Traced], &[Traced], Traced) -> Result<Vec<Traced>>,
-) -> Result<Table> {
+type Kick<'a> = dyn Fn(&[Traced], &[Traced], Traced) -> Result<Vec<Traced>> + 'a;
+
+/// Its table.
+fn kicked(setting: Setting, Sizes { len, errors, .. }: Sizes, kick: &Kick<'_>) -> Result<Table> {
     part(setting, &[("z", len), ("e", errors), ("dt", 1)], |of| kick(&of[0], &of[1], of[2][0]))
 }
 
