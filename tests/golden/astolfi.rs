@@ -112,7 +112,6 @@ where
 
 /// The paper's own column, by its own scheme (order 3, 1 ms): every printed digit.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "millions of steps: run with --release")]
 fn table_1_for_ell_70() {
     let worst = worst_case(&peaking_free(70.0, crackle()), 1e-3, 1.0);
     printed("T", worst.last_sample, 0.471, 3);
@@ -139,7 +138,6 @@ where
 }
 
 #[test]
-#[cfg_attr(debug_assertions, ignore = "30 million steps: run with --release")]
 fn table_1_converged() {
     let low = [(4.1027, 4), (3.6982, 4), (3.3703, 4), (3.2072, 4)];
     let peaks = [(43.886, 3), (33.360, 3), (18.430, 3), (9.1911, 4)];
@@ -156,7 +154,6 @@ fn table_1_converged() {
 }
 
 #[test]
-#[cfg_attr(debug_assertions, ignore = "millions of steps: run with --release")]
 fn table_2_converged() {
     let peaks = [(41.844, 3), (222.600, 3), (613.616, 3), (690.730, 3)];
     converged(&standard(4.17, crackle()), [6.0, 1.5], [1e-3, 1e-4], 4.9011, &peaks);
@@ -168,7 +165,6 @@ fn table_2_converged() {
 
 /// Tables 3 and 4, columns (b) and (d): A sin ωt in the measurement, sup over [from, 10] s.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "millions of steps: run with --release")]
 fn sinusoidal_noise() {
     fn errors<L>(law: &L, z0: L::State, amplitude: f64, omega: f64, from: f64) -> [f64; 5]
     where

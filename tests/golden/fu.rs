@@ -86,7 +86,6 @@ fn stationary_error_in_a_short_study() {
 }
 
 #[test]
-#[cfg_attr(debug_assertions, ignore = "90 million substeps: run with --release")]
 fn stationary_error() {
     // T, substeps, mean, median, 95 %
     let table = [

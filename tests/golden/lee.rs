@@ -124,7 +124,6 @@ fn fixed_step_std_by_monte_carlo() {
 }
 
 #[test]
-#[cfg_attr(debug_assertions, ignore = "millions of steps: run with --release")]
 fn stochastic_approximation_windows() {
     let (rms, _) = exact(decreasing(), None, &WINDOWS);
     let e1 = [0.04353, 0.03299, 0.02469, 0.01801, 0.01294, 0.00923];
@@ -144,7 +143,7 @@ fn stochastic_approximation_windows() {
 
 #[test]
 fn plant_at_fixed_period_biases_the_observer() {
-    let windows = &WINDOWS[..if cfg!(debug_assertions) { 4 } else { 6 }];
+    let windows = &WINDOWS;
     let (rms, _) = exact(decreasing(), Some(fixed()), windows);
     let e2 = [3.5835, 2.7134, 2.0725, 1.9626, 3.0781, 0.7540];
     for (ours, expected) in rms.iter().zip(e2) {
@@ -153,7 +152,6 @@ fn plant_at_fixed_period_biases_the_observer() {
 }
 
 #[test]
-#[cfg_attr(debug_assertions, ignore = "77 million steps: run with --release")]
 fn stochastic_approximation_windows_by_monte_carlo() {
     let rms = monte_carlo(decreasing(), &WINDOWS, 48);
     let e1 = [0.04353, 0.03299, 0.02469, 0.01801, 0.01294, 0.00923];

@@ -2,7 +2,8 @@
 //!
 //! Expected values come from independent solvers (exact covariance recursions, adaptive
 //! Runge-Kutta integration, closed forms) or from the papers' tables; none from this crate.
-//! Studies that take seconds without optimisation run under `cargo test --release` only.
+//! Millions of steps: they run under `cargo test --release` only.
+#![cfg(not(debug_assertions))]
 
 mod astolfi;
 mod fu;

@@ -194,7 +194,6 @@ fn spread_copies() -> [CopyState<f64, 2>; 3] {
 
 /// n_obs = 3 copies, μ = 0.026: mean nominal gain, and copies a third of a period apart.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "millions of steps: run with --release")]
 fn repelled_copies_splay() {
     let (dt, settle) = (0.01, 1_500.0);
     for (p1, mean) in [(20.0, 1.2189), (10.0, 1.2151)] {
@@ -293,7 +292,6 @@ where
 }
 
 #[test]
-#[cfg_attr(debug_assertions, ignore = "9 million steps: run with --release")]
 fn tables_1_and_4_with_noise() {
     let start = StandardState { x_hat: Vector2::new(1.0, 0.0), r: 1.0 };
     let dead_zone = |nu1| {

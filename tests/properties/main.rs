@@ -24,7 +24,7 @@ mod streams;
 use proptest::prelude::*;
 
 fn config(cases: u32) -> ProptestConfig {
-    let cases = if cfg!(debug_assertions) { cases / 4 } else { cases };
+    let cases = if cfg!(debug_assertions) { cases / 8 } else { cases };
     ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() }
 }
 
