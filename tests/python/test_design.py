@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
-import time
 from typing import Any
 
 import numpy as np
@@ -864,17 +863,23 @@ def test_sampled_data_limit_without_a_cycle() -> None:
         assert found.dt == pytest.approx(2.0 / 3.0, abs=0.01)
 
 
-def test_step_limit_is_quick() -> None:
+def test_step_limit_takes_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bisection over matrices of one step: their number is bounded, whatever the machine."""
+    made: list[int] = []
+    steps = sys.modules["hgo_rs.design.discrete"].Steps  # type: ignore[attr-defined]
+    before = steps._from
+
+    def counted(*given: Any) -> Any:
+        made.append(1)
+        return before(*given)
+
+    monkeypatch.setattr(steps, "_from", counted)
     for spec in (STANDARD, LOW_POWER, PEAKING_FREE):
         for method in METHODS:
-            times = []
-            for _ in range(10):
-                discretisation._critical.cache_clear()
-                start = time.thread_time()
-                design.step_limit({**spec, "method": method})
-                times.append(time.thread_time() - start)
-            # 3 to 14 ms on an idle core; the rest is for one that is shared
-            assert min(times) < 60e-3, (spec["kind"], method)
+            made.clear()
+            discretisation._critical.cache_clear()
+            design.step_limit({**spec, "method": method})
+            assert len(made) <= 600, (spec["kind"], method, len(made))
 
 
 @pytest.mark.parametrize(
