@@ -60,8 +60,8 @@ $(VENV)/stamp-venv:
 	$(BIN)/python -m pip install --quiet "maturin>=1.7,<2" uv
 	@touch $@
 
-# The release build, installed in place (Python sources stay live), with the extras that are named. Two hundred
-# packages take uv half a minute, pip four; where uv reaches no packages pip installs them.
+# The release build, installed in place (Python sources stay live), with the extras that are named: by uv, which
+# takes half a minute for what takes pip some; where uv reaches no packages, by pip.
 develop = @develop() { env -u CONDA_PREFIX VIRTUAL_ENV=$(abspath $(VENV)) PATH="$(abspath $(BIN)):$$PATH" \
 	maturin develop --quiet --release --extras "$$@"; }; develop $(1) --uv || develop $(1)
 

@@ -44,7 +44,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """
     markdown = OUTSIDE.sub(r"\1 (`\2` of the sources)", markdown)
     name = Path(page.file.src_uri).stem
-    if page.file.src_uri == f"{name}.md" and name in notebooks.pages():
+    if page.file.src_uri == f"{name}.md" and notebooks.has_code(markdown):
         title, _, rest = markdown.partition("\n")
         link = f"[This page as a notebook](site/notebooks/{name}.ipynb){{ download }}"
         markdown = f"{title}\n\n{link}\n{rest}"

@@ -9,20 +9,25 @@ from typing import Any
 
 DOCS = Path(__file__).parents[1]
 BLOCK = re.compile(r"^```(python|sh)\n(.*?)^```\n?", re.M | re.S)
-LINK = re.compile(r"\]\((?!https?:|#)[^)]*\)")
+LINK = re.compile(r"!?\[([^\]]*)\]\((?!https?:)[^)]*\)")
+
+
+def has_code(text: str) -> bool:
+    """Whether a page has Python blocks."""
+    return "```python\n" in text
 
 
 def pages() -> list[str]:
-    """Pages that have Python blocks, by their names without `.md`."""
+    """Pages that have some, by their names without `.md`."""
     found = sorted(DOCS.glob("*.md"))
-    return [page.stem for page in found if "```python\n" in page.read_text(encoding="utf-8")]
+    return [page.stem for page in found if has_code(page.read_text(encoding="utf-8"))]
 
 
 def notebook(page: str) -> str:
     """A page as a notebook (nbformat 4.5), without results.
 
     Commands `hgo ...` of a shell's block are cells too; other blocks and all text stay as they are,
-    but for links into the site, which lose their targets.
+    but for pictures of the site and links into it, of which their words stay.
     """
     text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
     cells: list[dict[str, Any]] = []
@@ -40,13 +45,13 @@ def notebook(page: str) -> str:
         commands = block[2].strip().splitlines()
         if block[1] == "sh" and not all(line.startswith(("hgo ", "#")) for line in commands):
             continue
-        add("markdown", LINK.sub("]", text[end : block.start()]))
+        add("markdown", LINK.sub(r"\1", text[end : block.start()]))
         source = block[2]
         if block[1] == "sh":
             source = "\n".join(f"!{line}" for line in commands if line.startswith("hgo "))
         add("code", source)
         end = block.end()
-    add("markdown", LINK.sub("]", text[end:]))
+    add("markdown", LINK.sub(r"\1", text[end:]))
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     whole = {
         "cells": cells,

@@ -44,6 +44,18 @@ def test_below_it_errors_decay_and_beyond_they_grow(observer: hgo.Observer) -> N
         assert (radius < 1.0) == stable, (delay, radius)
 
 
+@pytest.mark.parametrize(
+    "observer",
+    [hgo.SampledDataObserver(), hgo.HighGainObserver("reduced-chain", 3, 5.0)],
+    ids=lambda observer: observer.spec["kind"],
+)
+def test_a_law_without_such_a_limit_is_refused_with_a_way_that_works(
+    observer: hgo.Observer,
+) -> None:
+    with pytest.raises(hgo.DesignError, match="at a finite rate; let it run on late samples"):
+        delay_limit(observer.spec)
+
+
 def test_a_gain_that_moves_is_frozen_where_it_is_asked_for() -> None:
     moving = hgo.StandardObserver(2, hgo.AdaptiveGain(10.0, 0.0025, 0.183))
     with pytest.raises(hgo.DesignError, match="gain"):

@@ -132,8 +132,9 @@ def test_a_choice_that_cannot_be_drawn_is_told(tuned: hgo.Tuning, tmp_path: Path
         tried=(("filter", 1.0, 0.1), *tuned.tried),
     )
     next_best = tuned.tried[0][0]
-    with pytest.warns(TuningWarning, match="filter was chosen, which a page cannot draw"):
+    with pytest.warns(TuningWarning, match="filter was chosen, which a page cannot draw") as told:
         chosen.page(tmp_path / "tune.html")
+    assert told[0].filename == __file__
     data = held((tmp_path / "tune.html").read_text())
     assert data["chosen"] == next_best in [of["name"] for of in data["structures"]]
     assert "filter was chosen" in data["text"]

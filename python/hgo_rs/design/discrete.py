@@ -158,7 +158,7 @@ def continuous(observer: Mapping[str, Any], *, gain: float | None = None) -> Con
     """
     law = linear(observer, gain=gain)
     remedy = "give dt: its sample acts at once, and noise reaches its estimates at any frequency"
-    check(not _acts_at_once(unit(observer)), "dt", None, "given for this law", remedy, DesignError)
+    check(not acts_at_once(unit(observer)), "dt", None, "given for this law", remedy, DesignError)
     return law
 
 
@@ -392,14 +392,14 @@ def _euler(of: Unit, ell: float) -> Array:
     """[M G] at a gain, (m, m + 1), by forward Euler over 1 s."""
     a, b, *_ = Steps(of, "euler", "predictor", ell)(1.0)
     rate = a - np.eye(len(a))
-    if _acts_at_once(of):
+    if acts_at_once(of):
         jump = ell * Steps(of, "euler", "current", ell)(0.0)[3]
         rate[:, :1] += b - jump
         b = jump
     return np.column_stack([rate, b])
 
 
-def _acts_at_once(of: Unit) -> bool:
+def acts_at_once(of: Unit) -> bool:
     """Whether a sample moves the memory however short its step."""
     return bool(np.any(Steps(of, "euler", "current")(0.0)[3]))
 

@@ -104,7 +104,7 @@ def told_page(tuning: Tuning, title: str, log: Mapping[str, Any]) -> str:
     """The page, as text; what it leaves out is a warning."""
     text, said = page(tuning, title, lambda observer: Config.of(observer, **log))
     if said:
-        warnings.warn(f"the page: {said}", TuningWarning, stacklevel=5)
+        warnings.warn(f"the page: {said}", TuningWarning, stacklevel=6)
     return text
 
 
