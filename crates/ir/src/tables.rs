@@ -67,6 +67,27 @@ pub(crate) struct PlacedChain {
 }
 
 impl Tables {
+    /// Of a recursion: its halves alone.
+    pub(crate) fn of_halves(
+        shape: Shape,
+        correct: Option<Table>,
+        advance: Table,
+        parameters: &[f64],
+    ) -> Self {
+        Self {
+            shape,
+            correct,
+            advance,
+            missing: None,
+            unstarted: None,
+            placed: Vec::new(),
+            law: None,
+            moving: None,
+            parameters: parameters.to_vec(),
+            start: None,
+        }
+    }
+
     /// Estimated states.
     pub fn n(&self) -> usize {
         self.shape.n

@@ -173,21 +173,12 @@ fn finished(
         end - chain.n
     });
     let start = outputs::start_at(&firsts.collect::<Vec<_>>(), &shape, setting)?;
-    let (correct, advance) =
-        (half_table(setting, &shape, true, build)?, half_table(setting, &shape, false, build)?);
-    Ok(Tables {
-        // the time that has passed is no signal; of several outputs, as of other chains, the estimates are
-        shape: Shape { signals: if shape.n_y == 1 { shape.memory - 1 } else { shape.n }, ..shape },
-        correct: Some(correct),
-        advance,
-        missing: None,
-        unstarted: None,
-        placed: Vec::new(),
-        law: None,
-        moving: None,
-        parameters: parameters.to_vec(),
-        start: Some(start),
-    })
+    let correct = Some(half_table(setting, &shape, true, build)?);
+    let advance = half_table(setting, &shape, false, build)?;
+    // the time that has passed is no signal; of several outputs, as of other chains, the estimates are
+    let signals = if shape.n_y == 1 { shape.memory - 1 } else { shape.n };
+    let tables = Tables::of_halves(Shape { signals, ..shape }, correct, advance, parameters);
+    Ok(Tables { start: Some(start), ..tables })
 }
 
 /// Of one chain.

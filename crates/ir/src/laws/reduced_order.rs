@@ -89,16 +89,9 @@ fn recursion(
         let answer = Some(if started { Ordering::Greater } else { Ordering::Equal });
         half_table(Setting { present, answer, ..setting }, &shape, true, build)
     };
-    Ok(Tables {
-        correct: Some(correct(true, true)?),
-        advance: half_table(setting, &shape, false, build)?,
-        missing: Some(correct(true, false)?),
-        unstarted: Some((elapsed, [correct(false, true)?, correct(false, false)?])),
-        shape,
-        placed: Vec::new(),
-        law: None,
-        moving: None,
-        parameters: given.parameters().to_vec(),
-        start: None,
-    })
+    let (present, missing) = (correct(true, true)?, correct(true, false)?);
+    let unstarted = Some((elapsed, [correct(false, true)?, correct(false, false)?]));
+    let advance = half_table(setting, &shape, false, build)?;
+    let tables = Tables::of_halves(shape, Some(present), advance, given.parameters());
+    Ok(Tables { missing: Some(missing), unstarted, ..tables })
 }

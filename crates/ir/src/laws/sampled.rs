@@ -37,18 +37,9 @@ pub(super) fn tables(spec: &Spec<'_>, given: &Given<'_>, setting: Setting) -> Re
 fn of(given: &Given<'_>, setting: Setting, build: Build<'_>) -> Result<Tables> {
     let shape = shape_of(given.n_u()?, build)?;
     let advance = |present| half_table(Setting { present, ..setting }, &shape, false, build);
-    Ok(Tables {
-        correct: None,
-        advance: advance(true)?,
-        missing: Some(advance(false)?),
-        shape,
-        unstarted: None,
-        placed: Vec::new(),
-        law: None,
-        moving: None,
-        parameters: given.parameters().to_vec(),
-        start: None,
-    })
+    let (present, missing) = (advance(true)?, advance(false)?);
+    let tables = Tables::of_halves(shape, None, present, given.parameters());
+    Ok(Tables { missing: Some(missing), ..tables })
 }
 
 fn of_own<const N: usize>(given: &Given<'_>, own: &OwnModel, setting: Setting) -> Result<Tables> {

@@ -59,16 +59,8 @@ fn of<const N: usize, const K: usize>(
 fn recursion(given: &Given<'_>, setting: Setting, build: Build<'_>) -> Result<Tables> {
     let shape = shape_of(0, build)?;
     let correct = |present| half_table(Setting { present, ..setting }, &shape, true, build);
-    Ok(Tables {
-        correct: Some(correct(true)?),
-        advance: half_table(setting, &shape, false, build)?,
-        missing: Some(correct(false)?),
-        shape,
-        unstarted: None,
-        placed: Vec::new(),
-        law: None,
-        moving: None,
-        parameters: given.parameters().to_vec(),
-        start: None,
-    })
+    let (present, missing) = (correct(true)?, correct(false)?);
+    let advance = half_table(setting, &shape, false, build)?;
+    let tables = Tables::of_halves(shape, Some(present), advance, given.parameters());
+    Ok(Tables { missing: Some(missing), ..tables })
 }
