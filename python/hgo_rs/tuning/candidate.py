@@ -373,13 +373,12 @@ class Candidate:
 
     def least_error(self) -> float:
         """The gain of the least error: measured where a record tells of it, else R n + Q m."""
-        from scipy.optimize import minimize_scalar
-
         remedy = "no noise is left to weigh against; give a noise level and model_error, or cutoff="
         rms = float(np.nanmin(self.curve.innovation)) if self.silent else math.nan
         check(rms != rms, "least RMS innovation", rms, "above the rounding of y", remedy)
         if self.reference is not None:
             return self.least_measured()
+        from scipy.optimize import minimize_scalar
 
         def error(log_ell: float) -> float:
             noise, model = (of[self.index] for of in self.gains(self.made(math.exp(log_ell))))
@@ -454,7 +453,7 @@ class Candidate:
         makes every long record fail that, at little cost for the gain. It costs where the variance
         S(ell) itself does not follow R and Q, or where the correlation is most of the innovation.
         """
-        from scipy.stats import chi2
+        from scipy.special import chdtrc
 
         try:
             observer = self.made(ell)
@@ -489,7 +488,7 @@ class Candidate:
             i, k = lags[:, None], np.arange(1, _FAR + 1)
             spread = rho[k + i] + rho[np.abs(k - i)] - 2.0 * rho[i] * rho[k]
             normal = np.linalg.lstsq(spread, np.sqrt(pairs) * excess, rcond=None)[0]
-            whiteness = float(chi2.sf(normal @ normal, _LAGS))
+            whiteness = float(chdtrc(_LAGS, normal @ normal))
             size = float(np.sqrt(np.sum(excess**2)))
             rests = not by_target and self.reference is None
             severe = self.misfit > _MISFIT or (size > _CORRELATED and rests)
