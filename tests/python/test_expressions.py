@@ -515,6 +515,7 @@ def test_errors_say_what_and_where(written):
     assert isinstance(caught.value, HgoError)
     assert isinstance(caught.value, ValueError)
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+    assert isinstance(caught.value.__context__, ExpressionError | None)  # dask sends it too
 
 
 ATTACKS = {

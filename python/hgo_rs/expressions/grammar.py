@@ -110,16 +110,17 @@ def parse(text: str, names: Iterable[str] | None = None) -> Node:
         raise ExpressionError("the expression is empty: must be a number at least; write 0")
     from lark.exceptions import UnexpectedCharacters, UnexpectedToken
 
+    # raised outside of `except`: the parser's error, which no worker could send, stays here
     try:
-        tree = _parser().parse(text)
+        return _Reader(text, names).read(_parser().parse(text))
     except UnexpectedCharacters as error:
         at = int(error.pos_in_stream or 0)
-        raise ExpressionError(_stranger(text[at]), text, at) from None
+        what = _stranger(text[at])
     except UnexpectedToken as error:
         token = error.token
         at = len(text.rstrip()) if token.type == "$END" else int(token.start_pos or 0)
-        raise ExpressionError(_surprise(text, token, at), text, at) from None
-    return _Reader(text, names).read(tree)
+        what = _surprise(text, token, at)
+    raise ExpressionError(what, text, at)
 
 
 @cache
