@@ -261,7 +261,8 @@ def limits(found: Sequence[Row], beside: Sequence[Run]) -> Iterator[str]:
         "C low-power": ("low-power", 5),
         "C adaptive": ("adaptive", 2),
     }
-    small = {row.observer for row in found} - {"collection of 3", "modified"}
+    several = {"collection of 3", "modified", "high-gain EKF, adaptive"}  # which hold several copies
+    small = {row.observer for row in found} - several
     for row in found:
         if (row.scalar, row.cpu) != ("f32", "cortex-m4"):
             continue

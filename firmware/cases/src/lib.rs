@@ -5,8 +5,10 @@
 //! two machines agree on the number only if they agree on every bit of every step.
 #![no_std]
 
+mod families;
 mod papers;
 
+pub use families::*;
 pub use papers::*;
 
 use hgo_rs::Timing;
@@ -244,6 +246,20 @@ where
     Ok(digest)
 }
 
+/// Every case but the one whose clock is a part of it, for the macro `$then`.
+#[macro_export]
+macro_rules! each_case {
+    ($then:ident) => {
+        $then! {
+            Standard2 Standard3 Standard5 Zoh2 Zoh5 LowPower5 PeakingFree5 Filtered2 LimitedGain5
+            Cascade5 ReducedChain5 Adaptive2 DeadZone2 Collection2 Modified2 SampledData2 ReducedOrder3
+            Window2
+            Proper3 Implicit3 InterSample3 FilteredLevant2 Switched2 PrescribedTime2 DeadZoneShape2
+            PiecewiseLinear2 Fal2 BiHomogeneous2 HighGainEkf2 SampledEkf2 AdaptiveEkf2
+        }
+    };
+}
+
 /// What is done with each case.
 pub trait Visitor {
     /// Take a case in a precision.
@@ -257,23 +273,9 @@ pub fn visit_all(visitor: &mut impl Visitor) {
 }
 
 fn visit_precision<T: Scalar>(visitor: &mut impl Visitor, scalar: &'static str) {
-    visitor.visit::<T, Standard2>(scalar);
-    visitor.visit::<T, Standard3>(scalar);
-    visitor.visit::<T, Standard5>(scalar);
-    visitor.visit::<T, Zoh2>(scalar);
-    visitor.visit::<T, Zoh5>(scalar);
-    visitor.visit::<T, LowPower5>(scalar);
-    visitor.visit::<T, PeakingFree5>(scalar);
-    visitor.visit::<T, Filtered2>(scalar);
-    visitor.visit::<T, LimitedGain5>(scalar);
-    visitor.visit::<T, Cascade5>(scalar);
-    visitor.visit::<T, ReducedChain5>(scalar);
+    macro_rules! visit {
+        ($($case:ident)*) => {$( visitor.visit::<T, $case>(scalar); )*};
+    }
+    each_case!(visit);
     visitor.visit::<T, StochasticApproximation2>(scalar);
-    visitor.visit::<T, Adaptive2>(scalar);
-    visitor.visit::<T, DeadZone2>(scalar);
-    visitor.visit::<T, Collection2>(scalar);
-    visitor.visit::<T, Modified2>(scalar);
-    visitor.visit::<T, SampledData2>(scalar);
-    visitor.visit::<T, ReducedOrder3>(scalar);
-    visitor.visit::<T, Window2>(scalar);
 }

@@ -45,25 +45,28 @@ macro_rules! case {
     };
 }
 
+pub(crate) use case;
+
 /// The literature's Runge-Kutta step of a plant.
 const RK4: PlantScheme = PlantScheme::Deterministic(Integrator::Rk4);
 
-fn fixed<T: Scalar>(dt: f64) -> Result<FixedStep<T>, DesignError> {
+pub(crate) fn fixed<T: Scalar>(dt: f64) -> Result<FixedStep<T>, DesignError> {
     FixedStep::new(T::from_f64(dt))
 }
 
-type Standard<T, G, Md, const N: usize> = Discretised<StandardObserver<T, G, Md, N>, Euler>;
+pub(crate) type Standard<T, G, Md, const N: usize> =
+    Discretised<StandardObserver<T, G, Md, N>, Euler>;
 
 // --- Lee, Choi and Khalil: plant (38), noise uniform on [-0.5, 0.5], (42)-(47) ----------------
 
-fn lee<T: Scalar>() -> Scenario<T, Lee, StandardState<T, (), 2>> {
+pub(crate) fn lee<T: Scalar, Z>(z0: Z) -> Scenario<T, Lee, Z> {
     let c = T::from_f64;
     Scenario {
         plant: Lee,
         scheme: PlantScheme::Deterministic(Integrator::Euler),
         draw: Draw::Uniform { low: c(-0.5), high: c(0.5) },
         x0: Vector2::new(c(10.0), c(10.0)),
-        z0: Memory::zero(),
+        z0,
     }
 }
 
@@ -78,7 +81,7 @@ case! {
     /// Standard, n = 2, nothing known of the system, fixed step: (42).
     Standard2 = "standard", 2;
     observer: Standard<T, ConstantGain<T>, Unknown, 2> = |number| differentiator(number);
-    plant: Lee = || Ok(lee());
+    plant: Lee = || Ok(lee(Memory::zero()));
     schedule: |I| fixed(4e-4);
 }
 
@@ -102,10 +105,7 @@ case! {
         let dt = number(4e-4);
         zoh(differentiator(number)?.law, dt)
     };
-    plant: Lee = || {
-        let Scenario { plant, scheme, draw, x0, .. } = lee();
-        Ok(Scenario { plant, scheme, draw, x0, z0: whole_period(4e-4) })
-    };
+    plant: Lee = || Ok(lee(whole_period(4e-4)));
     schedule: |I| fixed(4e-4);
 }
 
@@ -114,7 +114,7 @@ case! {
     /// the observer.
     StochasticApproximation2 = "stochastic approximation", 2;
     observer: Standard<T, ConstantGain<T>, Unknown, 2> = |number| differentiator(number);
-    plant: Lee = || Ok(lee());
+    plant: Lee = || Ok(lee(Memory::zero()));
     schedule: |I| {
         let [alpha, epsilon, k0, p] = [0.04, 0.01, 20_000.0, 1.0].map(T::from_f64);
         Ok(Watched::<_, I>::new(StochasticApproximation::new(alpha, epsilon, k0, p)?))
@@ -136,16 +136,13 @@ case! {
         });
         WindowObserver::new(w, number(dt))
     };
-    plant: Lee = || {
-        let Scenario { plant, scheme, draw, x0, .. } = lee();
-        Ok(Scenario { plant, scheme, draw, x0, z0: Memory::zero() })
-    };
+    plant: Lee = || Ok(lee(Memory::zero()));
     schedule: |I| fixed(4e-4);
 }
 
 // --- Astolfi, Marconi, Praly and Teel: crackle (20), n = 5 -------------------------------------
 
-fn crackle<T: Scalar, Z>(z0: Z) -> Result<Scenario<T, Crackle<T>, Z>, DesignError> {
+pub(crate) fn crackle<T: Scalar, Z>(z0: Z) -> Result<Scenario<T, Crackle<T>, Z>, DesignError> {
     let c = T::from_f64;
     Ok(Scenario {
         plant: Crackle::new(c(3.0))?,
@@ -270,9 +267,11 @@ case! {
 
 // --- Sanfelice and Praly: plant (19) at rest, normal noise -------------------------------------
 
-const NU1: f64 = 1.9;
+pub(crate) const NU1: f64 = 1.9;
 
-fn at_rest<T: Scalar, Z>(z0: Z) -> Result<Scenario<T, SanfelicePraly<T>, Z>, DesignError> {
+pub(crate) fn at_rest<T: Scalar, Z>(
+    z0: Z,
+) -> Result<Scenario<T, SanfelicePraly<T>, Z>, DesignError> {
     let c = T::from_f64;
     Ok(Scenario {
         plant: SanfelicePraly::new(c(NU1), c(0.1))?,

@@ -84,11 +84,7 @@ macro_rules! both {
     };
 }
 
-both! {
-    Standard2 Standard3 Standard5 Zoh2 Zoh5 LowPower5 PeakingFree5 Filtered2 LimitedGain5
-    Cascade5 ReducedChain5 Adaptive2 DeadZone2 Collection2 Modified2 SampledData2 ReducedOrder3
-    Window2
-}
+cases::each_case!(both);
 
 /// Stochastic approximation is an observer and a clock: its step asks the clock first.
 macro_rules! with_a_clock {
