@@ -4,7 +4,7 @@
 //! The value has the bits of the number alone. A slope that is 0 takes no operation with it: of a model over
 //! traced numbers only the slopes that there are remain, and x² at 0 has the slope 0, though ln 0 is infinite.
 
-use crate::Scalar;
+use crate::scalar::{Constant, Scalar};
 use core::cmp::Ordering;
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
@@ -63,24 +63,18 @@ impl<T: Scalar, const N: usize> Dual<T, N> {
     }
 }
 
-/// A number that is known to be 0; of a trace, a constant.
-#[inline(always)]
-pub(crate) fn is_nothing<T: Scalar>(x: T) -> bool {
-    x.to_f64().abs() < f64::MIN_POSITIVE
-}
-
 /// x·y, nothing where x is 0.
 #[inline(always)]
 pub(crate) fn times<T: Scalar>(x: T, y: T) -> T {
-    if is_nothing(x) { T::NEG_ZERO } else { x * y }
+    if x.is_nothing() { T::NEG_ZERO } else { x * y }
 }
 
 /// x + y, which is the other one where one is 0.
 #[inline(always)]
 fn sum<T: Scalar>(x: T, y: T) -> T {
-    if is_nothing(y) {
+    if y.is_nothing() {
         x
-    } else if is_nothing(x) {
+    } else if x.is_nothing() {
         y
     } else {
         x + y
@@ -200,8 +194,16 @@ impl<T: Scalar, const N: usize> Scalar for Dual<T, N> {
         T::from_u64(value).into()
     }
     #[inline(always)]
+    fn constant(value: Constant) -> Self {
+        T::constant(value).into()
+    }
+    #[inline(always)]
     fn to_f64(self) -> f64 {
         self.value.to_f64()
+    }
+    #[inline(always)]
+    fn is_nothing(self) -> bool {
+        self.value.is_nothing()
     }
     #[inline(always)]
     fn is_finite(self) -> bool {

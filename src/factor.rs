@@ -12,7 +12,6 @@
 //! changes one number, d₁ to d₁ R/(d₁ + R).
 
 use crate::Scalar;
-use crate::dual::is_nothing;
 use crate::error::{DesignError, require};
 use crate::memory::{LowerTriangle, Memory};
 use core::cmp::Ordering::{Equal, Greater, Less};
@@ -146,7 +145,7 @@ impl<T: Scalar, const N: usize> Factor<T, N> {
     #[must_use]
     pub fn plus_noise(mut self, mut c: T, mut v: SVector<T, N>) -> Self {
         for j in 0..N {
-            if is_nothing(v[j]) {
+            if v[j].is_nothing() {
                 continue;
             }
             let share = c * v[j];

@@ -22,12 +22,12 @@
 //!
 //! As T goes to 0, δᵢ goes to λᵢ, dᵢ to kᵢℓⁱ and Kᵢ to T kᵢℓⁱ: forward Euler.
 
-use crate::Scalar;
 use crate::error::{DesignError, require};
 use crate::memory::Memory;
 use crate::motion::{Flow, Held, Motion, UnderSample};
 use crate::observer::{ContinuousLaw, Scheme, StaggeredEuler, absent};
 use crate::polynomial::{roots, times_root};
+use crate::scalar::{Constant, Scalar};
 use nalgebra::SVector;
 
 /// Where in the unit circle the eigenvalues of the error lie.
@@ -120,8 +120,8 @@ const GONE: f64 = -50.0;
 fn exp_m1<T: Scalar>(x: T) -> T {
     let x = x.max(T::from_f64(GONE)) * T::from_f64(1.0 / 128.0);
     let mut sum = T::ONE;
-    for i in (2..=12_u32).rev() {
-        sum = T::ONE + sum * x * T::from_f64(1.0 / f64::from(i));
+    for over in const { Constant::reciprocals::<11>(2) }.into_iter().rev() {
+        sum = T::ONE + sum * x * T::constant(over);
     }
     let (mut grown, two) = (sum * x, T::from_f64(2.0));
     for _ in 0..7 {
@@ -199,7 +199,7 @@ pub fn ahead<T: Scalar, const N: usize>(
     rate: &SVector<T, N>,
     dt: T,
 ) -> SVector<T, N> {
-    let steps: [T; N] = core::array::from_fn(|m| dt * T::from_f64(1.0 / (m as f64 + 1.0)));
+    let steps = const { Constant::reciprocals::<N>(1) }.map(|over| dt * T::constant(over));
     SVector::from_fn(|i, _| {
         let mut moved = T::NEG_ZERO;
         for m in (0..N - i).rev() {

@@ -12,11 +12,11 @@
 //! where one is missing: m periods without a sample are one step of the length mT. As T goes to 0 it is Euler's
 //! method. A gain that moves is that of the step's beginning.
 
-use crate::Scalar;
 use crate::injection::OneChain;
 use crate::memory::Memory;
 use crate::motion::{Flow, Held, Motion};
 use crate::observer::{ContinuousLaw, Observer, Status, Timing};
+use crate::scalar::{Constant, Scalar};
 
 /// A law under the inter-sample predictor, with predictor timing: its estimate moves on at a sample without a
 /// jump. Its memory is the law's and c.
@@ -79,19 +79,26 @@ where
 /// From this h on e⁻ʰ is nothing beside 1.
 const GONE: f64 = 50.0;
 
+/// 1/m! for m from 0 on.
+const fn over_factorials<const N: usize>() -> [Constant; N] {
+    let (mut over, mut made, mut m) = ([Constant::new(1.0); N], 1.0, 1);
+    while m < N {
+        made /= m as f64;
+        over[m] = Constant::new(made);
+        m += 1;
+    }
+    over
+}
+
 /// φ₀(−h) = e⁻ʰ, and φ₁ … φ_N for h ≥ 0: by a series at h/128, doubled seven times, where all terms are
 /// positive; beyond [`GONE`] from φₘ₊₁(−h) = (1/m! − φₘ(−h))/h.
 #[inline(always)]
 pub(crate) fn phi<T: Scalar, const N: usize>(h: T) -> (T, [T; N]) {
-    let mut over = [1.0; N]; // 1/m!
-    for m in 1..N {
-        over[m] = over[m - 1] / m as f64;
-    }
-    let over = over.map(T::from_f64);
+    let over = const { over_factorials::<N>() }.map(T::constant);
     let x = h.min(T::from_f64(GONE)) * T::from_f64(1.0 / 128.0);
     let mut series = T::ONE;
-    for i in (1..=12).rev() {
-        series = T::ONE - series * x * T::from_f64(1.0 / (N as f64 + f64::from(i)));
+    for over in const { Constant::reciprocals::<12>(N + 1) }.into_iter().rev() {
+        series = T::ONE - series * x * T::constant(over);
     }
     let mut phi = [T::ZERO; N];
     let mut below = series * T::from_f64(1.0 / N as f64);

@@ -9,6 +9,32 @@ use crate::elementary;
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
+/// A number that is known when a program is compiled, and rounded to each precision then: a chip without double
+/// precision converts nothing, also where it stands in a table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Constant {
+    double: f64,
+    single: f32,
+}
+
+impl Constant {
+    /// Nearest values to it.
+    #[allow(clippy::cast_possible_truncation)] // to single precision it is meant to round
+    pub const fn new(value: f64) -> Self {
+        Self { double: value, single: value as f32 }
+    }
+
+    /// 1/i for K numbers from i = `first` on.
+    pub const fn reciprocals<const K: usize>(first: usize) -> [Self; K] {
+        let (mut over, mut k) = ([Self::new(0.0); K], 0);
+        while k < K {
+            over[k] = Self::new(1.0 / (first + k) as f64);
+            k += 1;
+        }
+        over
+    }
+}
+
 /// A real number of the chosen precision.
 pub trait Scalar:
     'static
@@ -39,8 +65,18 @@ pub trait Scalar:
     fn from_f64(value: f64) -> Self;
     /// Nearest value to a whole number.
     fn from_u64(value: u64) -> Self;
+    /// Nearest value to a constant, as by [`Scalar::from_f64`].
+    #[inline(always)]
+    fn constant(value: Constant) -> Self {
+        Self::from_f64(value.double)
+    }
     /// Widened to `f64` (exact).
     fn to_f64(self) -> f64;
+    /// Whether it is known to be 0, or too small for all of its digits; of a trace, of constants alone.
+    #[inline(always)]
+    fn is_nothing(self) -> bool {
+        self.to_f64().abs() < f64::MIN_POSITIVE
+    }
     /// Neither NaN nor infinite.
     fn is_finite(self) -> bool;
     /// |x|.
@@ -156,7 +192,7 @@ pub trait Scalar:
 }
 
 macro_rules! scalar {
-    ($t:ident, $bits:ident, $shift:literal) => {
+    ($t:ident, $of:ident, $bits:ident, $shift:literal) => {
         impl Scalar for $t {
             const ZERO: Self = 0.0;
             const NEG_ZERO: Self = -0.0;
@@ -171,9 +207,17 @@ macro_rules! scalar {
                 value as $t
             }
             #[inline(always)]
+            fn constant(value: Constant) -> Self {
+                value.$of
+            }
+            #[inline(always)]
             #[allow(clippy::cast_lossless)]
             fn to_f64(self) -> f64 {
                 self as f64
+            }
+            #[inline(always)]
+            fn is_nothing(self) -> bool {
+                <$t>::abs(self) < <$t>::MIN_POSITIVE
             }
             #[inline(always)]
             fn is_finite(self) -> bool {
@@ -238,5 +282,5 @@ macro_rules! scalar {
     };
 }
 
-scalar!(f32, u32, 12_582_912.0); // 3·2²²
-scalar!(f64, u64, 6_755_399_441_055_744.0); // 3·2⁵¹
+scalar!(f32, single, u32, 12_582_912.0); // 3·2²²
+scalar!(f64, double, u64, 6_755_399_441_055_744.0); // 3·2⁵¹

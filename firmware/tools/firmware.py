@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -217,6 +218,8 @@ def chip(cpu: str, expected: Callable[[], list[dict[tuple[str, str], str]]]) -> 
         )
         if len(functions) == 1:
             failures += miscounted(f"{cpu}, {name}", run, whole.executed(functions[0]))
+        if run.scalar == "f32":
+            failures += doubles(f"{cpu}, {name}", whole, functions)
         if run.stack > bound:
             failures.append(f"{cpu}, {name}: a step took {run.stack} B of stack, bound {bound} B")
     failures += [f"{cpu}: {name}" for name in unlike(runs)]
@@ -234,6 +237,18 @@ def miscounted(name: str, run: Run, executed: tuple[int, int] | None) -> Iterato
     if not least * run.steps <= run.instructions or run.most > most:
         mean = run.instructions / run.steps
         yield f"{name}: counted {mean:g} (≤ {run.most}); its code executes {least} to {most}"
+
+
+# As compilers name it for Arm and for others: __aeabi_dadd, __aeabi_f2d, __aeabi_ui2d; __adddf3, __floatsidf.
+DOUBLE = re.compile(r"__aeabi_(c?d\w+|\w+2d)|__[a-z]+df\d?|__\w+df[st][fi]\d?")
+
+
+def doubles(name: str, image: Image, functions: Sequence[str]) -> Iterator[str]:
+    """Arithmetic of double precision in software that a step in single precision reaches."""
+    reached = sorted(set().union(*map(image.reachable, functions)))
+    found = [function for function in reached if DOUBLE.fullmatch(function)]
+    if found:
+        yield f"{name}: a step in single precision reaches {', '.join(found)}"
 
 
 def unlike(runs: Sequence[Run]) -> Iterator[str]:

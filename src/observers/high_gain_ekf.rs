@@ -17,8 +17,7 @@
 //! Boizot, Busvelle and Gauthier, Automatica 46 (2010) 1483, have the law in these terms.
 
 use super::{driven, one_row, swept};
-use crate::Scalar;
-use crate::dual::{Dual, is_nothing, times};
+use crate::dual::{Dual, times};
 use crate::error::{DesignError, positive, require};
 use crate::factor::Factor;
 use crate::gain::GainLaw;
@@ -26,6 +25,7 @@ use crate::integrate::{RightHandSide, rk4};
 use crate::memory::Memory;
 use crate::model::Model;
 use crate::observer::ContinuousLaw;
+use crate::scalar::{Constant, Scalar};
 use nalgebra::{SMatrix, SVector};
 
 /// Entries of the lists of a covariance, of which a law of order N takes the first N(N + 1)/2.
@@ -149,10 +149,10 @@ where
     pub(super) fn free(&self, t: T, x: &SVector<T, N>, u: &SVector<T, M>, dt: T) -> SVector<T, N> {
         let still = core::array::from_fn(|_| SVector::from_element(T::NEG_ZERO));
         let h = dt * T::from_f64(1.0 / f64::from(SUBSTEPS));
-        let mut moved = *x;
-        for step in 0..SUBSTEPS {
-            let begun = t + h * T::from_f64(f64::from(step));
+        let (mut moved, mut begun) = (*x, t);
+        for _ in 0..SUBSTEPS {
             moved = rk4(|t: T, x: &SVector<T, N>| self.rate(t, x, &still, u).0, begun, &moved, h);
+            begun += h;
         }
         moved
     }
@@ -168,10 +168,10 @@ where
         r: T,
     ) -> (SVector<T, N>, Factor<T, N>) {
         let h = dt * T::from_f64(1.0 / f64::from(SUBSTEPS));
-        let mut moved = (*x_hat, p.columns());
-        for step in 0..SUBSTEPS {
-            let begun = t + h * T::from_f64(f64::from(step));
+        let (mut moved, mut begun) = ((*x_hat, p.columns()), t);
+        for _ in 0..SUBSTEPS {
             moved = rk4(Held { driven: self, u }, begun, &moved, h);
+            begun += h;
         }
         (moved.0, self.with_noise(p.moved(moved.1), (dt, self.unit(x_hat)), r))
     }
@@ -184,7 +184,7 @@ where
     fn with_noise(&self, mut p: Factor<T, N>, (dt, unit): (T, T), r: T) -> Factor<T, N> {
         for j in 0..N {
             let (l, d) = self.noise(j, r);
-            if is_nothing(self.noise.d(j)) {
+            if self.noise.d(j).is_nothing() {
                 continue;
             }
             for m in 0..N {
@@ -194,7 +194,7 @@ where
                         return T::NEG_ZERO;
                     }
                     let unit = if from + 1 == N && a > 0 { unit } else { T::ONE };
-                    times(l[from], dt.powi(a) * T::from_f64(legendre(a, m)) * unit)
+                    times(l[from], dt.powi(a) * T::constant(of(LEGENDRE.get(a), m)) * unit)
                 };
                 let v = SVector::from_fn(|i, _| {
                     let mut sum = T::NEG_ZERO;
@@ -203,12 +203,43 @@ where
                     }
                     sum
                 });
-                let weight = d * (dt * T::from_f64(1.0 / (2.0 * m as f64 + 1.0)));
+                let weight = d * (dt * T::constant(of(Some(&ODD), m)));
                 p = p.plus_noise(weight, v);
             }
         }
         p
     }
+}
+
+/// The largest order.
+const MOST: usize = 6;
+/// 1/(2m + 1).
+const ODD: [Constant; MOST] = {
+    let (mut odd, mut m) = ([Constant::new(1.0); MOST], 1);
+    while m < MOST {
+        odd[m] = Constant::new(1.0 / (2.0 * m as f64 + 1.0));
+        m += 1;
+    }
+    odd
+};
+/// cₐₘ over dtᵃ.
+const LEGENDRE: [[Constant; MOST]; MOST] = {
+    let (mut c, mut a) = ([[Constant::new(0.0); MOST]; MOST], 0);
+    while a < MOST {
+        let mut m = 0;
+        while m < MOST {
+            c[a][m] = Constant::new(legendre(a, m));
+            m += 1;
+        }
+        a += 1;
+    }
+    c
+};
+
+/// An entry of a row, where there are both.
+#[inline(always)]
+fn of(row: Option<&[Constant; MOST]>, m: usize) -> Constant {
+    row.and_then(|row| row.get(m)).copied().unwrap_or(Constant::new(0.0))
 }
 
 /// a! (2m + 1)/((a − m)! (a + m + 1)!), 0 for m > a.
@@ -245,7 +276,7 @@ pub(super) fn of_gain<T: Scalar, const N: usize>(
     let mut allowed = true;
     for i in 0..N {
         for j in 0..i {
-            allowed &= first[i] == first[j] || is_nothing(q.l(i, j));
+            allowed &= first[i] == first[j] || q.l(i, j).is_nothing();
         }
         let theta = theta(i);
         require("theta", theta, theta >= T::ONE, "the gain must be at least 1")?;
@@ -254,7 +285,7 @@ pub(super) fn of_gain<T: Scalar, const N: usize>(
     let noise = Factor::from_fn(|i, j| {
         if i == j {
             q.d(j) * theta(j).powi(2 * power(j) + 1)
-        } else if is_nothing(q.l(i, j)) {
+        } else if q.l(i, j).is_nothing() {
             T::ZERO
         } else {
             q.l(i, j) * theta(i).powi(power(i) - power(j))
@@ -348,7 +379,7 @@ where
         model: Md,
     ) -> Result<Self, DesignError> {
         let order = T::from_f64(N as f64);
-        require("n", order, (1..=6).contains(&N), "the order must be 1 to 6")?;
+        require("n", order, (1..=MOST).contains(&N), "the order must be 1 to 6")?;
         positive("R", r)?;
         gain.fits(None, None)?;
         let theta = gain.fixed();
@@ -394,7 +425,7 @@ where
         let f: [SVector<T, N>; N] = core::array::from_fn(|k| p.solve(&jl[k])); // F, by its columns
         let mut m = SMatrix::<T, N, N>::from_fn(|i, j| f[j][i] * p.d(j) + p.d(i) * f[i][j]);
         for k in 0..N {
-            if is_nothing(self.driven.noise.d(k)) {
+            if self.driven.noise.d(k).is_nothing() {
                 continue;
             }
             let (column, d) = self.driven.noise(k, g);

@@ -3,6 +3,7 @@
 use super::config;
 use hgo_rs::Scalar;
 use hgo_rs::dual::Dual;
+use hgo_rs::scalar::Constant;
 use proptest::prelude::*;
 
 /// All functions of a number, in two variables, smooth where they are tried.
@@ -76,4 +77,31 @@ fn slopes_that_are_not_there_take_nothing_with_them() {
     let missing = Dual::<f64, 1>::along(f64::NAN, 0).innovation(Dual::from(1.0));
     assert_eq!((missing.value, missing.slopes), (0.0, [0.0]));
     assert!(x < Dual::from(1.0) && x == Dual::ZERO && Dual::<f64, 1>::default() == Dual::ZERO);
+}
+
+fn agrees<T: Scalar>(value: f64) {
+    let (by_table, by_rounding) = (T::constant(Constant::new(value)), T::from_f64(value));
+    assert!(by_table == by_rounding, "{value}");
+    assert_eq!(by_table.is_nothing(), value.abs() < 1e-40);
+    let dual = Dual::<T, 2>::constant(Constant::new(value));
+    assert!(dual.value == by_rounding && dual.is_nothing() == by_table.is_nothing());
+    assert!(dual.slopes.iter().all(|slope| slope.is_nothing()));
+}
+
+/// What a table holds is the nearest number of each precision, and 1/i is that of a division there.
+#[test]
+fn constants_are_rounded_as_numbers_are() {
+    for value in [0.0, -0.0, 1e-300, 5e-324, 1e-30, 0.1, -1.0 / 3.0, 1e30, f64::INFINITY] {
+        agrees::<f32>(value);
+        if value == 0.0 || value.abs() > 1e-200 {
+            let dual = Dual::<f64, 1>::constant(Constant::new(value));
+            assert!(dual.value.to_bits() == value.to_bits() && dual.is_nothing() == (value == 0.0));
+        }
+    }
+    assert!(f64::constant(Constant::new(5e-324)).is_nothing());
+    for (over, i) in Constant::reciprocals::<40>(3).into_iter().zip(3_u8..) {
+        assert!(
+            f64::constant(over) == 1.0 / f64::from(i) && f32::constant(over) == 1.0 / f32::from(i)
+        );
+    }
 }
