@@ -257,9 +257,10 @@ def chart(everything: Sequence[Measured], machine: Machine, file: Path) -> bool:
             _panel(figure.add_subplot(rows, columns, place), done, machine.cores)
         figure.suptitle(
             "Time per run and step, on a logarithmic axis: further left is faster\n"
-            f"{machine.processor}, {machine.cores} cores, {machine.instructions}"
+            f"{machine.processor}, {machine.cores} cores, {machine.instructions}; "
+            f"● 1 thread, ○ {machine.cores} threads"
         )
-        figure.savefig(file)
+        figure.savefig(file, bbox_inches="tight")
     return True
 
 
@@ -296,5 +297,4 @@ def _panel(ax: Axes, done: Measured, threads: int) -> None:
     ax.grid(axis="y", visible=False)
     ax.xaxis.set_major_formatter(lambda value, _: short(value))
     ax.xaxis.set_minor_formatter(lambda value, _: "")
-    every = f"; ○ {threads} threads" if done.workload.parallel and threads > 1 else ""
-    ax.set_title(f"{done.workload.key}   ● 1 thread{every}")
+    ax.set_title(done.workload.key)

@@ -10,8 +10,8 @@ FOLDER holds, from repositories of github.com,
     gnss_drive.csv            rtklibexplorer/GNSS_IMU
 
 All methods see y and u alone; the reference is for the table.  An error below the reference's own
-is no figure, and is shown as less than that.  Only the column "its best gain" knows the reference: what
-the observer of hgo.tune reaches at any other constant gain.
+is no figure, and is shown as less than that.  Only the column "its best gain" knows the reference:
+what the observer of hgo.tune reaches at any other constant gain.
 """
 
 from __future__ import annotations
