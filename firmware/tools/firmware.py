@@ -239,7 +239,7 @@ def miscounted(name: str, run: Run, executed: tuple[int, int] | None) -> Iterato
         yield f"{name}: counted {mean:g} (≤ {run.most}); its code executes {least} to {most}"
 
 
-# As compilers name it for Arm and for others: __aeabi_dadd, __aeabi_f2d, __aeabi_ui2d; __adddf3, __floatsidf.
+# As compilers name it: __aeabi_dadd, __aeabi_f2d, __aeabi_ui2d for Arm; __adddf3, __floatsidf else.
 DOUBLE = re.compile(r"__aeabi_(c?d\w+|\w+2d)|__[a-z]+df\d?|__\w+df[st][fi]\d?")
 
 
@@ -276,7 +276,7 @@ def limits(found: Sequence[Row], beside: Sequence[Run]) -> Iterator[str]:
         "C low-power": ("low-power", 5),
         "C adaptive": ("adaptive", 2),
     }
-    several = {"collection of 3", "modified", "high-gain EKF, adaptive"}  # which hold several copies
+    several = {"collection of 3", "modified", "high-gain EKF, adaptive"}  # each of many copies
     small = {row.observer for row in found} - several
     for row in found:
         if (row.scalar, row.cpu) != ("f32", "cortex-m4"):
