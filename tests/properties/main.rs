@@ -11,6 +11,7 @@ mod elementary;
 mod estimators;
 mod exact;
 mod factors;
+mod families;
 mod gains;
 mod laws;
 mod memories;
