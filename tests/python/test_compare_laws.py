@@ -193,7 +193,16 @@ def test_instructions_are_those_of_the_readme():
     text = (DOCS.parent / "README.md").read_text(encoding="utf-8")
     block = text.split("<!-- firmware -->")[1].split("<!-- end of firmware -->")[0]
     rows = [[cell.strip() for cell in line.split("|")[1:4]] for line in block.splitlines()]
-    counted = {(row[0], row[1]): row[2] for row in rows if len(row) == 3}
-    named = {"adaptive gain": "adaptive", "dead-zone gain": "dead-zone", STANDARD: "standard, zoh"}
+    counted = {(row[0], row[1]): row[2].split()[0] for row in rows if len(row) == 3 and row[2]}
+    named = {
+        "adaptive gain": "adaptive",
+        "dead-zone gain": "dead-zone",
+        STANDARD: "standard, zoh",
+        "prescribed-time gain": "prescribed time",
+        "dead zone": "dead zone of the innovation",
+        "piecewise-linear": "piecewise linear",
+        "extended Kalman filter": "high-gain EKF, sampled",
+        "adaptive high-gain EKF": "high-gain EKF, adaptive",
+    }
     for (name, n), count in M4F.items():
         assert counted[named.get(name, name), str(n)] == str(count), name

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import solve_continuous_lyapunov
 
 import hgo_rs
 from hgo_rs import _core, reference
@@ -75,6 +76,16 @@ def test_core_and_twin_agree(law: str, method: str, timing: str) -> None:
         else:
             assert np.array_equal(observer.memory, shown)
             observer.step(y[k], u[k], dt=t[k + 1] - t[k])
+
+
+@pytest.mark.parametrize("n", range(1, 7))
+def test_the_gain_of_the_lyapunov_equation_has_all_poles_at_minus_1(n: int) -> None:
+    """S + A'S + SA = C'C: S^-1 C' is what the standard law takes for n poles at -1."""
+    moved, c = np.eye(n, k=1) + 0.5 * np.eye(n), np.eye(n)[0]
+    s = solve_continuous_lyapunov(moved.T, np.outer(c, c))
+    poles: Any = [-1.0] * n
+    k = hgo_rs.StandardObserver(n, 9.0, poles=poles, method="euler").spec["k"]
+    assert np.linalg.solve(s, c) == pytest.approx(list(k), rel=1e-7)
 
 
 @pytest.mark.parametrize("timing", ["predictor", "current"])

@@ -26,6 +26,7 @@ from hgo_rs.observers import (
     HighGainEKF,
     HighGainObserver,
     HomogeneousGain,
+    InnovationGain,
     Observer,
     PiecewiseLinear,
     PrescribedTimeGain,
@@ -100,6 +101,20 @@ def _filters() -> list[Entrant]:
         q = variance * DT * asked.speed ** (2 * asked.n)
         return HighGainEKF(asked.n, R=variance, Q=q, model=asked.model)
 
+    def adaptive(asked: Asked) -> Observer:
+        window, variance = 5, asked.noise**2
+        threshold = 4.0 * variance * window * DT
+        gain = InnovationGain(
+            most=5.0,
+            rise=window * DT,
+            fall=asked.speed,
+            threshold=threshold,
+            slope=10.0 / threshold,
+            samples=window,
+        )
+        q = variance * DT * asked.speed ** (2 * asked.n)
+        return HighGainEKF(asked.n, R=variance, Q=q, gain=gain, model=asked.model)
+
     def savitzky_golay(asked: Asked) -> Observer:
         wanted = max(1.0 / (asked.speed * DT), asked.n)
         length = max(m for m in LENGTHS if m <= wanted)
@@ -110,6 +125,7 @@ def _filters() -> list[Entrant]:
 
     return [
         Entrant("extended Kalman filter", kalman, "high-gain-ekf"),
+        Entrant("adaptive high-gain EKF", adaptive, "high-gain-ekf"),
         Entrant("Savitzky-Golay", savitzky_golay, "window", models=False),
         Entrant("dirty derivative", dirty, "window", models=False, orders=(2,)),
     ]
@@ -139,15 +155,23 @@ def _gains() -> list[Entrant]:
     def add(name: str, gain: Callable[[Asked], Any], **more: Any) -> Entrant:
         return Entrant(name, lambda asked: _standard(asked, gain(asked), **more), STANDARD)
 
-    def levant(asked: Asked) -> Observer:
-        return _standard(asked, HomogeneousGain(asked.speed), k=levant_coefficients(asked.n))
+    def levant(method: str) -> Entrant:
+        def make(asked: Asked) -> Observer:
+            k = levant_coefficients(asked.n)
+            return _standard(asked, HomogeneousGain(asked.speed), k=k, method=method)
+
+        return Entrant(f"Levant's differentiator, {method}", make, STANDARD)
 
     def homogeneous(asked: Asked) -> Observer:
         return _standard(asked, HomogeneousGain(asked.speed, -0.5))
 
+    def inter_sample(asked: Asked) -> Observer:
+        return _standard(asked, asked.speed, method="inter-sample")
+
     return [
-        Entrant("Levant's differentiator", levant, STANDARD),
+        *map(levant, ("zoh", "proper", "implicit", "inter-sample")),
         Entrant("homogeneous gain, degree -1/2", homogeneous, STANDARD),
+        Entrant("inter-sample predictor", inter_sample, STANDARD),
         add("adaptive gain", lambda of: AdaptiveGain(of.speed, (6.0 * of.noise) ** 2, 0.183)),
         add("dead-zone gain", lambda of: DeadZoneGain(of.speed, (6.0 * of.noise) ** 2, 0.183)),
         add(

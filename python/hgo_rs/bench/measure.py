@@ -37,9 +37,16 @@ M4F = {
     ("peaking-free", 5): 150,
     ("adaptive gain", 2): 165,
     ("dead-zone gain", 2): 164,
+    ("prescribed-time gain", 2): 42,
+    ("dead zone", 2): 114,
+    ("piecewise-linear", 2): 48,
+    ("fal", 2): 193,
+    ("bi-homogeneous", 2): 356,
+    ("extended Kalman filter", 2): 1221,
+    ("adaptive high-gain EKF", 2): 3938,
 }
-"""Instructions of a step on the Cortex-M4F in single precision, as `make firmware` counts them:
-standard by its method zoh, low-power and peaking-free by Euler.
+"""Instructions of a step on the Cortex-M4F in single precision, as `make firmware` counts them: the
+standard law by its method zoh, filters from sample to sample, all others by Euler.
 """
 
 
