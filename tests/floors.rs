@@ -23,7 +23,6 @@ const SAME_FLOOR: &[(&str, &str, &str)] = &[
     ("wide", "scalar", "a wide number is two scalars"),
     ("gain", "shape", "a gain law may have a shape"),
     ("integrate", "model", "stochastic schemes take a plant's drift and diffusion"),
-    ("factor", "dual", "what is known to be 0 takes no operation"),
     ("observer", "integrate", "a Runge-Kutta observer takes an integrator"),
     ("injection", "observer", "a placed injection is a scheme"),
     ("injection", "motion", "between corrections the model moves"),
@@ -503,9 +502,10 @@ fn no_law_visits_its_memory_by_hand() {
     }
 }
 
-/// Public types that borrow what they hold, describe a law by functions, or are working memory, so that
-/// nothing could be read into them; whether they are written and logged all the same.
+/// Public types that borrow what they hold, describe a law by functions, are constants of the code or are
+/// working memory, so that nothing could be read into them; whether they are written and logged all the same.
 const BORROWING: &[(&str, bool)] = &[
+    ("Constant", false),
     ("Design", false),
     ("DesignError", true),
     ("Draw", true),
