@@ -7,7 +7,7 @@ use hgo_rs::gain::GainLaw;
 use hgo_rs::injection::{Implicit, Proper};
 use hgo_rs::inter_sample::InterSample;
 use hgo_rs::models::{Crackle, Lee, SanfelicePraly};
-use hgo_rs::nalgebra::{SMatrix, Vector1};
+use hgo_rs::nalgebra::{SMatrix, SVector, Vector1, Vector2};
 use hgo_rs::observers::{AdaptiveEkf, FilteredObserver, InnovationGain};
 use hgo_rs::prelude::*;
 use hgo_rs::shape::{BiHomogeneous, DeadZone, Fal, PiecewiseLinear, Stubborn};
@@ -140,6 +140,31 @@ shape! {
     /// Degrees -1/2 near 0 and 1/2 far away.
     BiHomogeneous2 = "bi-homogeneous": BiHomogeneous<T, 2> = |number|
         BiHomogeneous::new(number(-0.5), number(0.5), [number(1.0); 2], [number(0.5); 2]);
+}
+
+/// ẋ₁ = x₂ + x₂³/3, of slope 1 + x₂².
+#[derive(Clone, Copy)]
+pub struct Stiffening;
+
+impl<T: Scalar> Model<T, 2> for Stiffening {
+    fn f_hat(&self, _: T, x: &Vector2<T>, _: &SVector<T, 0>) -> Vector2<T> {
+        Vector2::new(x.y * x.y * x.y / T::from_f64(3.0), -x.x - x.y)
+    }
+    fn slopes(&self, x: &Vector2<T>) -> Vector2<T> {
+        Vector2::new(T::ONE, T::ONE + x.y * x.y)
+    }
+}
+
+case! {
+    /// A chain whose slope is the state's: the second gain is divided by it.
+    NonlinearChain2 = "nonlinear chain", 2;
+    observer: Standard<T, ConstantGain<T>, Stiffening, 2> = |number| {
+        let gain = ConstantGain::new(number(9.0))?;
+        let law = StandardObserver::new([2.0, 1.0].map(&number), gain, Stiffening)?;
+        Ok(Discretised { law, scheme: Euler })
+    };
+    plant: Crackle<T> = || crackle(Memory::zero());
+    schedule: |I| fixed(1e-3);
 }
 
 // --- Filters that see the model's slopes: plant (19) of Sanfelice and Praly ---------------------

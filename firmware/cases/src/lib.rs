@@ -255,7 +255,7 @@ macro_rules! each_case {
             Cascade5 ReducedChain5 Adaptive2 DeadZone2 Collection2 Modified2 SampledData2 ReducedOrder3
             Window2
             Proper3 Implicit3 InterSample3 FilteredLevant2 Switched2 PrescribedTime2 DeadZoneShape2
-            PiecewiseLinear2 Fal2 BiHomogeneous2 HighGainEkf2 SampledEkf2 AdaptiveEkf2
+            PiecewiseLinear2 Fal2 BiHomogeneous2 NonlinearChain2 HighGainEkf2 SampledEkf2 AdaptiveEkf2
         }
     };
 }
