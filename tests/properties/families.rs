@@ -156,3 +156,14 @@ proptest! {
         }
     }
 }
+
+/// The implicit step has a closed form for the degrees -1 and 0 without a uniform part.
+#[test]
+fn the_implicit_step_is_for_two_degrees() {
+    for (degree, mu, closed) in
+        [(-1.0, 0.0, true), (0.0, 0.0, true), (-0.5, 0.0, false), (-1.0, 0.1, false)]
+    {
+        let gain = HomogeneousGain::new(2.0, degree, mu, 3).unwrap();
+        assert_eq!(gain.closed().is_ok(), closed, "{degree}, {mu}");
+    }
+}

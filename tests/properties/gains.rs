@@ -58,6 +58,9 @@ proptest! {
     ) {
         let gain = AdaptiveGain::new(p1, p2, b).unwrap();
         prop_assert!(close(gain.rate::<5>(&1.0, e), p1 * e * e, 1e-9 * (1.0 + p2 / (e * e))));
+        let r: f64 = 1.7;
+        let right = p1 * ((e * e - p2) * r.powf(1.0 - 2.0 * b) + p2 * r.powi(-6)); // (6), n = 3
+        prop_assert!((gain.rate::<3>(&r, e) - right).abs() <= 1e-12 * p1 * (e * e + p2) * r);
         prop_assert!(gain.rate::<1>(&2.0, 0.0) < 0.0 && gain.rate::<12>(&2.0, 0.0) < 0.0);
         let dead_zone = DeadZoneGain::new(p1, p2, b).unwrap();
         prop_assert_eq!(dead_zone.rate::<2>(&2.0, 0.99 * p2.sqrt()), 0.0);
