@@ -469,7 +469,7 @@ class _Draw:
             ("observer.run('fast', y, u, memory0=start)", ["dt", "t_or_dt"]),
             ("observer.run(1e-6, y[:0], u, memory0=start)", ["y"]),
             ("observer.run(1e-6, 'y', u, memory0=start)", ["y"]),
-            ("observer.run(1e-6, y + np.inf, u, memory0=start)", ["y"]),
+            ("observer.run(1e-6, np.full_like(y, np.inf), u, memory0=start)", ["y"]),
             ("observer.run(-np.arange(len(y)), np.vstack([y, y]), u, memory0=start)",
              ["y", "t", "u"]),
             ("observer.run(np.zeros(2), np.zeros((2, observer.n_y)), np.zeros((2, observer.n_u)), "

@@ -659,3 +659,15 @@ def test_errors_of_a_plant():
         Plant(states=["a", "b"], drift=["b", "a"], diffusion=["1"])
     with pytest.raises(HgoError, match="output: unknown name c"):
         Plant(states=["a", "b"], drift=["b", "a"], output="c")
+
+
+@pytest.mark.parametrize("written", ["sign(-0.5*a)", "-0.5*a", "min(sign(-0.5*a), 1)"])
+def test_a_zero_keeps_its_sign_in_the_twin_too(written):
+    """The angle of a point on the negative axis is -pi below it, pi above it."""
+    model = Model(states=["a", "b"], phi=f"atan2({written}, -2.4)")
+    observer = hgo.StandardObserver(2, 3.0, model=model, method="euler", timing="predictor")
+    core = observer.run(0.1, np.zeros(2)).x_hat
+    law = twin.Observer(observer.spec)
+    found = law.run(np.array([0.0, 0.1]), np.zeros((2, 1)), None, np.zeros(2))["memory"]
+    assert core[1] == pytest.approx([0.0, -0.1 * np.pi], rel=1e-15)
+    assert np.array_equal(core, found)

@@ -19,7 +19,7 @@ def _power(x: Array, p: Array) -> Array:
 
 
 def _sign(x: Array) -> Array:
-    return np.sign(x) + 0.0  # sign(-0) = 0
+    return np.where(x == 0.0, x, np.sign(x))  # of a zero itself, as in the core
 
 
 _OPS: dict[str, Callable[..., Any]] = {

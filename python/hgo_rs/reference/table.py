@@ -17,7 +17,7 @@ KEYS = ("inputs", "calls", "constants", "ops", "outputs", "output_names")
 
 
 def _sign(a: Array) -> Array:
-    return np.where(a == 0.0, 0.0, np.sign(a))
+    return np.where(a == 0.0, a, np.sign(a))  # of a zero itself, as in the core
 
 
 def _pow(x: Array, p: Array) -> Array:
