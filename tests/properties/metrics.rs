@@ -200,3 +200,15 @@ fn a_diverging_run_stops() {
     let end = run.sampled(&observer, |u| *u, 0, Vector2::zeros(), start, &mut stop);
     assert_eq!((stop.0, end.diverged_at), (1, None));
 }
+
+/// Of the same values one by one, and of sums that were added up elsewhere.
+#[test]
+fn moments_are_made_of_their_sums() {
+    let values = [0.5, -2.0, 1.25, 0.0];
+    let mut one_by_one = Moments::<f64>::default();
+    values.iter().for_each(|value| one_by_one.push(*value));
+    let of_sums = Moments::from_sums(4, -0.25, 5.8125, 2.0);
+    assert_eq!(one_by_one, of_sums);
+    assert_eq!((of_sums.mean(), of_sums.max()), (-0.0625, 2.0));
+    assert!(close(of_sums.rms(), 1.453_125_f64.sqrt(), 1e-15));
+}
