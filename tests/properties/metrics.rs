@@ -206,7 +206,9 @@ fn a_diverging_run_stops() {
 fn moments_are_made_of_their_sums() {
     let values = [0.5, -2.0, 1.25, 0.0];
     let mut one_by_one = Moments::<f64>::default();
-    values.iter().for_each(|value| one_by_one.push(*value));
+    for value in values {
+        one_by_one.push(value);
+    }
     let of_sums = Moments::from_sums(4, -0.25, 5.8125, 2.0);
     assert_eq!(one_by_one, of_sums);
     assert_eq!((of_sums.mean(), of_sums.max()), (-0.0625, 2.0));
