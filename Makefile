@@ -163,7 +163,8 @@ $(MUTANTS):
 
 mutants: $(MUTANTS)
 	@mkdir -p out
-	PATH="$(abspath target/tools/bin):$$PATH" $(CARGO) mutants -j1 --output out $(FILES:%=--file=%) $(MUTANTS_ARGS)
+	CARGO_INCREMENTAL=1 PROPTEST_MAX_SHRINK_ITERS=0 PATH="$(abspath target/tools/bin):$$PATH" \
+		$(CARGO) mutants -j1 --output out $(FILES:%=--file=%) $(MUTANTS_ARGS)
 
 firmware:
 	@$(PYTHON) firmware/tools/firmware.py --out out $(if $(CHIPS),--chips $(CHIPS))

@@ -255,10 +255,11 @@ def chart(everything: Sequence[Measured], machine: Machine, file: Path) -> bool:
         figure.set_size_inches(5.2 * columns, (0.24 * most + 0.9) * rows + 0.9)
         for place, done in enumerate(shown, 1):
             _panel(figure.add_subplot(rows, columns, place), done, machine.cores)
+        threads = f", ○ {machine.cores} threads" if machine.cores > 1 else ""
         figure.suptitle(
             "Time per run and step, on a logarithmic axis: further left is faster\n"
             f"{machine.processor}, {machine.cores} cores, {machine.instructions}; "
-            f"● 1 thread, ○ {machine.cores} threads"
+            f"● 1 thread{threads}"
         )
         figure.savefig(file, bbox_inches="tight")
     return True

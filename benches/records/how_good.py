@@ -11,7 +11,7 @@ FOLDER holds, from repositories of github.com,
 
 All methods see y and u alone; the reference is for the table.  An error below the reference's own
 is no figure, and is shown as less than that.  Only the column "its best gain" knows the reference:
-what the observer of hgo.tune reaches at any other constant gain.
+what the observer of hgo.tune reaches at constant gains from a seventh to seven times its own.
 """
 
 from __future__ import annotations
@@ -133,20 +133,23 @@ def car(folder: Path) -> Iterator[Case]:
 
 
 def best_gain(tuned: hgo.Tuning, log: Any, v: Any, skip: float) -> float:
-    """The least error of v over all constant gains of the chosen observer of one output."""
+    """The least error of v over constant gains of the chosen observer of one output, from a
+    seventh of the chosen one to seven times.
+    """
     judged = log[0] - log[0][0] > skip
+    chosen = hgo.Config.of(tuned.observer)
 
     def error(log_ell: float) -> float:
         gain = {"law": "constant", "ell": float(np.exp(log_ell))}
         try:
-            observer = hgo.Config.of(tuned.observer).replace(gain=gain).observer()
+            observer = chosen.replace(gain=gain).observer()
             run = replace(tuned, observer=observer, noise=np.nan).run(log)  # no deviations
         except hgo.HgoError:  # a step at or above its limit
             return np.inf
         return float(np.sqrt(np.mean((np.asarray(run.x_hat)[:, 1] - v)[judged] ** 2)))
 
-    ells = np.log(tuned.observer.spec["gain"]["ell"]) + np.linspace(-2.0, 2.0, 81)
-    return min(map(error, ells))
+    around = np.linspace(-2.0, 2.0, 81)
+    return min(map(error, np.log(tuned.observer.spec["gain"]["ell"]) + around))
 
 
 def main(folder: Path) -> None:

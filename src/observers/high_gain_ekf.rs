@@ -28,8 +28,10 @@ use crate::observer::ContinuousLaw;
 use crate::scalar::{Constant, Scalar};
 use nalgebra::{SMatrix, SVector};
 
+/// The largest order.
+const MOST: usize = 6;
 /// Entries of the lists of a covariance, of which a law of order N takes the first N(N + 1)/2.
-pub const PACKED: usize = 21;
+pub const PACKED: usize = MOST * (MOST + 1) / 2;
 
 /// Steps of the model between two samples.
 const SUBSTEPS: u32 = 2;
@@ -211,8 +213,6 @@ where
     }
 }
 
-/// The largest order.
-const MOST: usize = 6;
 /// 1/(2m + 1).
 const ODD: [Constant; MOST] = {
     let (mut odd, mut m) = ([Constant::new(1.0); MOST], 1);

@@ -1,7 +1,7 @@
 //! Laws beyond the papers', on the papers' plants: shapes of the innovation, gains that move, schemes of their
 //! own, filters that see the model's slopes.
 
-use crate::papers::{NU1, Standard, at_rest, case, crackle, fixed, lee};
+use crate::papers::{Standard, at_rest, case, crackle, fixed, lee, linear};
 use crate::{Case, Instrument, Scenario, State};
 use hgo_rs::gain::GainLaw;
 use hgo_rs::injection::{Implicit, Proper};
@@ -176,10 +176,6 @@ fn diagonal<T: Scalar>(c: impl Fn(f64) -> T, first: f64) -> SMatrix<T, 2, 2> {
         (1, 1) => c(1.0),
         _ => c(0.0),
     })
-}
-
-fn linear<T: Scalar>(c: impl Fn(f64) -> T) -> Result<SanfelicePraly<T>, DesignError> {
-    SanfelicePraly::new(c(NU1), c(0.1))
 }
 
 case! {

@@ -267,14 +267,18 @@ case! {
 
 // --- Sanfelice and Praly: plant (19) at rest, normal noise -------------------------------------
 
-pub(crate) const NU1: f64 = 1.9;
+const NU1: f64 = 1.9;
+
+pub(crate) fn linear<T: Scalar>(c: impl Fn(f64) -> T) -> Result<SanfelicePraly<T>, DesignError> {
+    SanfelicePraly::new(c(NU1), c(0.1))
+}
 
 pub(crate) fn at_rest<T: Scalar, Z>(
     z0: Z,
 ) -> Result<Scenario<T, SanfelicePraly<T>, Z>, DesignError> {
     let c = T::from_f64;
     Ok(Scenario {
-        plant: SanfelicePraly::new(c(NU1), c(0.1))?,
+        plant: linear(c)?,
         scheme: PlantScheme::Held,
         draw: Draw::Normal { mean: c(-0.02), std: c(0.015) },
         x0: Vector2::new(c(-0.1 / NU1), T::ZERO),
@@ -293,7 +297,7 @@ fn adaptive<T: Scalar>(c: impl Fn(f64) -> T) -> Result<AdaptiveGain<T>, DesignEr
 type Collection<T> = RepelledCollection<T, SanfelicePraly<T>, 2, 3>;
 
 fn collection<T: Scalar>(c: impl Fn(f64) -> T) -> Result<Collection<T>, DesignError> {
-    let model = SanfelicePraly::new(c(NU1), c(0.1))?;
+    let model = linear(&c)?;
     RepelledCollection::new([2.0, 2.0].map(&c), [0.0558, 0.0317].map(&c), adaptive(c)?, model)
 }
 
@@ -301,7 +305,7 @@ case! {
     /// Adaptive gain: (5)-(7).
     Adaptive2 = "adaptive", 2;
     observer: Standard<T, AdaptiveGain<T>, SanfelicePraly<T>, 2> = |number| {
-        let model = SanfelicePraly::new(number(NU1), number(0.1))?;
+        let model = linear(&number)?;
         let law = StandardObserver::new([2.0, 2.0].map(&number), adaptive(number)?, model)?;
         Ok(Discretised { law, scheme: Euler })
     };
@@ -313,7 +317,7 @@ case! {
     /// Dead zone: (4).
     DeadZone2 = "dead-zone", 2;
     observer: Standard<T, DeadZoneGain<T>, SanfelicePraly<T>, 2> = |number| {
-        let model = SanfelicePraly::new(number(NU1), number(0.1))?;
+        let model = linear(&number)?;
         let gain = DeadZoneGain::new(number(10.0), number(0.0025), number(0.183))?;
         Ok(Discretised { law: StandardObserver::new([2.0, 2.0].map(&number), gain, model)?, scheme: Euler })
     };

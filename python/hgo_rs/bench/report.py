@@ -280,7 +280,7 @@ The laws with the least figure, and those within 3 % of it.
 "systems": on how many of them it could be tuned; means are over these. Operations are those of one
 step with a fixed period, in single precision, without a model where they are listed: what
 stands in the table that exports are written from. M4F: instructions of a step as `make firmware`
-counts them, where it does; low-power and peaking-free by Euler there.
+counts them, where it does: the standard law by zoh, filters from sample to sample, others by Euler.
 
 ## Systems
 
