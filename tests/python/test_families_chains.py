@@ -206,3 +206,31 @@ def test_coupled_blocks_meet_their_numbers() -> None:
     once = [2.0 * fine - coarse for coarse, fine in pairwise(ends)]
     limit = (4.0 * once[1] - once[0]) / 3.0
     assert limit == pytest.approx((0.874774252, -0.432450013, 0.208793842), rel=1e-7)
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+@pytest.mark.parametrize("timing", ["predictor", "current"])
+def test_a_step_is_judged_by_the_outputs_that_correct(timing: str, uneven: bool) -> None:
+    """A step of 0.1 s is too long for ell = 60 and not for ell = 2, whose sample may come alone."""
+    model = hgo_rs.Model(states=["p", "v", "q", "w"], orders=[2, 2], phi=["-p", "-q"])
+    fast, slow = (
+        hgo_rs.StandardObserver(2, ell, method="euler", timing=timing) for ell in (60.0, 2.0)
+    )
+    observer = hgo_rs.MultiOutputObserver([fast, slow], model=model)
+    t: Any = 0.001 * np.arange(20)
+    t[10:] += 0.1  # the step from sample 9 to sample 10
+    if not uneven:
+        t = 0.1
+    at = {"predictor": 9, "current": 10}[timing]
+    apart = np.full((20, 2), 0.01) if uneven else np.full((20, 2), np.nan)
+    for missing, refused in ((0, False), (1, True)):
+        y = apart.copy()
+        y[at] = 0.01
+        y[at, missing] = np.nan
+        if not refused:
+            assert np.isfinite(observer.run(t, y).x_hat).all()
+            continue
+        told = r"after sample 9 .*dt = 0.1.*must be < .*standard observer by euler"
+        with pytest.raises(HgoError, match=told):
+            observer.run(t, y)
+        assert observer.run(t, y, allow_unstable=True).missing[at]

@@ -6,7 +6,7 @@ stands) that `step` moves. `run` works on a memory of its own and leaves the obj
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
@@ -205,6 +205,8 @@ class Observer(OnlineObserver):
         where = f"after sample {k} (t = {time(k):g} s), " if np.ndim(clock) else ""
         steps: list[tuple[str, float, Mapping[str, Any]]]
         steps = [(where, longest, self.spec)] if longest > 0.0 else []
+        for k, longest, law in self._partly(track["y"], track["missing"], clock, end):
+            steps.append((f"after sample {k} (t = {time(k):g} s), ", longest, law))
         for at, law, outputs in self._waiting:
             # the first sample corrects over the time that its begin has waited
             waited, missing = float(begin[at]), np.isnan(track["y"][0, outputs]).all()
@@ -261,6 +263,27 @@ class Observer(OnlineObserver):
         if track["missing"].any():  # for the error to expect after the gaps
             result.__dict__["_run_of"] = (self, applied.copy())
         return result
+
+    def _partly(
+        self, y: Array, missing: Array, clock: float | Array, end: float | None
+    ) -> Iterator[tuple[int, float, Mapping[str, Any]]]:
+        """The longest step over which each chain corrects by samples that miss other outputs: the
+        sample at which it begins, its length [s], the chain's law.
+        """
+        partly = missing[:, None] & ~np.isnan(y)
+        if self.spec["kind"] != "chains" or not partly.any():
+            return
+        t = clock * np.arange(len(y)) if isinstance(clock, float) else clock
+        steps = np.full(len(y) - 1, clock) if isinstance(clock, float) else np.diff(t)
+        if self._core.is_current:  # a filter corrects at a step's end
+            corrected = partly[1:]
+        else:
+            steps = steps if end is None else np.append(steps, end - t[-1])
+            corrected = partly[: len(steps)]
+        for law, by in zip(self.spec["observers"], corrected.T, strict=True):
+            if by.any():
+                k = int(np.argmax(np.where(by, steps, 0.0)))
+                yield k, float(steps[k]), law
 
     @cached_property
     def _records(self) -> RecordEngine:
