@@ -108,29 +108,50 @@ impl<T: Number> Ascending<T> {
         slope
     }
 
-    /// A real root of a monic polynomial of odd degree, from a place near it by Newton's method.
-    fn real_root_near(&self, start: T) -> T {
+    /// A real root of a monic polynomial of odd degree: the one to which Newton's method leads from `start`
+    /// within 12 steps that stay between 0 and 2 `start`. A longer way would end at one root or another by
+    /// rounding alone; where there is none, the leftmost one that a grid of `unit`/4 shows.
+    fn real_root_near(&self, start: T, unit: T) -> T {
         let (slope, mut s) = (self.slope(), start);
-        let mut step = T::ONE;
-        for _ in 0..40 {
-            step = self.at(s) / slope.at(s);
-            s = s - step;
-            if step.abs() <= T::from_f64(T::SETTLED) * s.abs() {
+        let mut newton = |s: &mut T, most: f64| {
+            let step = self.at(*s) / slope.at(*s);
+            *s = *s - step;
+            step.abs() <= T::from_f64(most) * s.abs()
+        };
+        for _ in 0..12 {
+            let near = newton(&mut s, 1e-6);
+            let within = (s - start).abs() <= start.abs();
+            if !within {
                 break;
             }
+            if near {
+                let _ = (0..4).any(|_| newton(&mut s, T::SETTLED));
+                return s;
+            }
         }
-        let found = step.abs() <= T::from_f64(1e-6) * s.abs();
-        if found { s } else { self.real_root() }
+        let (mut low, bound) = (-self.bound(), self.bound());
+        for quarters in -64..=16 {
+            let place = T::from_f64(0.25 * f64::from(quarters)) * unit;
+            if self.at(place) >= T::ZERO {
+                return self.real_root(low, place);
+            }
+            low = place;
+        }
+        self.real_root(low, bound)
     }
 
-    /// A real root of a monic polynomial of odd degree, by bisection within Cauchy's bound.
-    fn real_root(&self) -> T {
+    /// Cauchy's: no root is larger.
+    fn bound(&self) -> T {
         let mut bound = T::ONE;
         for c in self.c.iter().take(self.degree) {
             let least = T::ONE + c.abs();
             bound = if least > bound { least } else { bound };
         }
-        let (mut low, mut high) = (-bound, bound);
+        bound
+    }
+
+    /// A real root between two places, of a polynomial that is negative at the first one alone, by bisection.
+    fn real_root(&self, mut low: T, mut high: T) -> T {
         let half = T::from_f64(0.5);
         for _ in 0..2200 {
             let middle = half * (low + high);
@@ -473,7 +494,7 @@ pub(crate) fn low_power_steps<T: Number, const N: usize>(
     for k in (1..N).rev() {
         c[k] = p.c[0];
         let odd = p.less(c[k], &moved[k]).without_zero();
-        a[k - 1] = -odd.real_root_near(-near[k - 1]);
+        a[k - 1] = -odd.real_root_near(-near[k - 1], T::ONE / dt);
         p = odd.without_linear(a[k - 1]);
     }
     for k in 1..N {
@@ -519,7 +540,7 @@ pub fn low_power_coefficients<T: Scalar, const N: usize>(
     let Some(whole) = Ascending::from_monic(polynomial) else {
         return Err(DesignError { parameter: "polynomial", value: degree as f64, allowed });
     };
-    let alpha_n = -whole.real_root();
+    let alpha_n = -whole.real_root(-whole.bound(), whole.bound());
     let (mut alpha, mut beta) = ([T::ZERO; N], [T::ZERO; N]);
     blocks_from(whole.without_linear(alpha_n), alpha_n, &mut alpha, &mut beta)?;
     Ok((alpha, beta))
@@ -615,7 +636,7 @@ fn inner_blocks_from<T: Scalar>(
     for (alpha, beta) in inner.iter_mut().zip(beta.iter_mut()).rev() {
         let c = p.c[0];
         let odd = p.without_zero();
-        *alpha = -odd.real_root();
+        *alpha = -odd.real_root(-odd.bound(), odd.bound());
         p = odd.without_linear(*alpha);
         if let Some(above) = above {
             *above /= c;

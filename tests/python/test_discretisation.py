@@ -90,6 +90,21 @@ def test_a_low_power_law_has_them_too(n, method, c):
     assert np.allclose(got, wanted, rtol=0.0, atol=1e-9 * np.abs(wanted).max())
 
 
+@pytest.mark.parametrize("c", [0.9, 1.3, 2.0, 5.0, 7.3, 20.0])
+@pytest.mark.parametrize("n", [6, 7, 10, 12])
+def test_of_several_sets_of_gains_that_place_them_core_and_reference_take_one(n, c):
+    """Over long steps several a and b place the same eigenvalues; rounding must not choose."""
+    dt = c / ELL
+    observer, _ = low_power(n, method="zoh", timing="predictor", allow_unstable=True)
+    twin, y, none = Reference(observer.spec), np.zeros(2), np.empty((2, 0))
+    rows = [twin.run([0.0, dt], y, none, unit)["memory"][1] for unit in np.eye(2 * n - 1)]
+    scale = dt ** np.r_[np.arange(n), np.arange(1, n)]
+    got, wanted = (
+        scale[:, None] * one / scale for one in (matrix(observer, dt), np.transpose(rows))
+    )
+    assert np.abs(got - wanted).max() < 1e-13 * np.abs(wanted).max()
+
+
 @pytest.mark.parametrize("timing", TIMINGS)
 def test_the_error_at_the_samples_is_that_of_the_matrix(timing):
     """Noise-free chain of integrators under a known input: (I - K C) Phi to the k-th power."""

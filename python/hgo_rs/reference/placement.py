@@ -207,40 +207,57 @@ def _low_power_steps(p: list[Any], near: list[Any], dt: float) -> tuple[Array, A
         c[k] = p[-1] / spread[-1]
         padded = [number(0)] * (len(p) - len(spread)) + spread
         left = [x - c[k] * y for x, y in zip(p, padded, strict=True)][:-1]
-        root = _real_root_near(left, -near[k - 1])
+        root = _real_root_near(left, -near[k - 1], number(1))
         a[k - 1] = -root
         p = _divided(left, root)
     b = [float(c[k] / c[k - 1]) for k in range(1, n)]
     return np.array([float(x) for x in a]), np.array(b)
 
 
-def _real_root_near(p: list[Any], start: Any) -> Any:
-    """A real root of a polynomial of odd degree: Newton's of ``start``, or one by bisection."""
+def _real_root_near(p: list[Any], start: Any, unit: Any) -> Any:
+    """A real root of a polynomial of odd degree: the one to which Newton's method leads from
+    ``start`` within 12 steps between 0 and 2 ``start``; where there is none, the leftmost one that
+    a grid of ``unit``/4 shows, by bisection.
+    """
     number = type(start)
-    tiny = number(4) * number(10) ** (-16 if number is float else 10 - DIGITS)
-    s, step = start, number(1)
-    for _ in range(40):
-        value = slope = number(0)
-        for c in p:
-            slope = slope * s + value
-            value = value * s + c
-        step = value / slope
+    settled = number(4) * number(10) ** (-16 if number is float else 10 - DIGITS)
+    s = start
+    for _ in range(12):
+        step = _newton(p, s)
         s -= step
-        if abs(step) <= tiny * abs(s):
+        if abs(s - start) > abs(start):
             break
-    if abs(step) <= number(1) / number(10**6) * abs(s):
-        return s
-    high = 1 + max(abs(c) for c in p[1:])  # Cauchy's bound
-    low = -high
+        if abs(step) <= abs(s) / 10**6:
+            for _ in range(10):
+                step = _newton(p, s)
+                s -= step
+                if abs(step) <= settled * abs(s):
+                    break
+            return s
+    bound = 1 + max(abs(c) for c in p[1:])  # Cauchy's
+    places = [-bound, *(unit * k / 4 for k in range(-64, 17)), bound]
+    above = (k for k, place in enumerate(places) if k and _value(p, place) >= 0)
+    right = next(above, len(places) - 1)
+    low, high = places[right - 1], places[right]
     for _ in range(2200):
         middle = (low + high) / 2
         if not low < middle < high:
             break
-        value = number(0)
-        for c in p:
-            value = value * middle + c
-        low, high = (middle, high) if value < 0 else (low, middle)
+        low, high = (middle, high) if _value(p, middle) < 0 else (low, middle)
     return (low + high) / 2
+
+
+def _value(p: list[Any], s: Any) -> Any:
+    value = 0 * s
+    for c in p:
+        value = value * s + c
+    return value
+
+
+def _newton(p: list[Any], s: Any) -> Any:
+    """Newton's step."""
+    degree = len(p) - 1
+    return _value(p, s) / _value([c * (degree - i) for i, c in enumerate(p[:-1])], s)
 
 
 def _divided(p: list[Any], root: Any) -> list[Any]:
