@@ -113,7 +113,7 @@ impl<T: Number> Ascending<T> {
     /// rounding alone; where there is none, the leftmost one that a grid of `unit`/4 shows.
     fn real_root_near(&self, start: T, unit: T) -> T {
         let (slope, mut s) = (self.slope(), start);
-        let mut newton = |s: &mut T, most: f64| {
+        let newton = |s: &mut T, most: f64| {
             let step = self.at(*s) / slope.at(*s);
             *s = *s - step;
             step.abs() <= T::from_f64(most) * s.abs()
