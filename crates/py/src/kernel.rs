@@ -91,7 +91,8 @@ impl Kernel for StudyKernel {
     }
 }
 
-/// A study as LLVM IR, for vectors of `lanes` runs, `copies` of them side by side (0: as many as suit it):
+/// A study as LLVM IR, for vectors of `lanes` runs, `copies` of them side by side (0: as suits it and registers
+/// of `lanes` numbers):
 /// a dict of `text`, `forms` (open windows, distances, name), `runs` that a call moves, and `operations`
 /// of a sample; None where functions of the user's are called.
 #[pyfunction]
@@ -104,7 +105,7 @@ pub fn study_source<'py>(
 ) -> Result<Option<Bound<'py, PyDict>>> {
     let value = read_dict(spec, "simulation")?;
     let study = Study::read(&Spec::new(&value, "simulation")?)?;
-    let copies = if copies == 0 { study.copies(lanes) } else { copies };
+    let (lanes, copies) = if copies == 0 { study.shape(lanes) } else { (lanes, copies) };
     let Some(source) = study.kernel(lanes, copies) else { return Ok(None) };
     let out = PyDict::new(py);
     out.set_item("text", source.text)?;
