@@ -316,9 +316,27 @@ def test_the_motion_that_is_left_open() -> None:
     assert own("-v*abs(v)").own_slope == pytest.approx(2.0, rel=1e-6)  # where |v| <= 1
     friction = hgo.Model(states=["q", "v"], unknown="d", phi="-20*tanh(v/0.1) - v - 3*d")
     assert friction.own_slope == pytest.approx(201.0, rel=1e-6)
+    # a model of the papers moves as the same equations do
+    states, crackle = ["x1", "x2", "x3", "x4", "x5"], "0.2*(x1*x1 - 1) - x2 - x3 - 4*x4 - x5"
+    pairs: tuple[tuple[Any, dict[str, Any]], ...] = (
+        (hgo.Lee(), {"phi": "-x1/(1 + x1*x1) - x2"}),
+        (hgo.SanfelicePraly(-3.0), {"f": ["-3*x1", "0"]}),
+        (hgo.VanDerPol(4.0), {"phi": "-x1 + 4*(1 - x1*x1)*x2"}),
+        (hgo.Crackle(), {"phi": f"saturate({crackle}, -3, 3)"}),
+    )
+    for built_in, equations in pairs:
+        order = built_in.order
+        same = hgo.Model(states=states[:order], **equations)
+        assert built_in.own_slope == pytest.approx(same.own_slope, rel=1e-6)
+        for gain in (0.5, 2.0, 5.0):
+            motions = {
+                hgo.StandardObserver(order, gain, model=model, method="zoh").spec["motion"]
+                for model in (built_in, same)
+            }
+            assert len(motions) == 1
     drive = hgo.Model(states=["q", "v"], inputs=["u"], unknown="d", phi="3*u - d")
     assert not drive.moves
-    assert hgo.VanDerPol().own_slope is None
+    assert hgo.Ship().own_slope is None
     assert of(hgo.VanDerPol()) == ("rk4", 2)
 
     rates = hgo.StandardObserver(2, 60.0, model=own("-sin(q)"), method="rk4").spec

@@ -418,7 +418,7 @@ fn manner(made: &mut Map, spec: &Spec<'_>, method: &str, known: Option<&Value>) 
     let method = spec.text_or("method", method)?;
     let by_motion = AnyMethod::find(&method).is_some_and(AnyMethod::moves_by_motion);
     if by_motion || spec.has("motion") {
-        let motion = spec.text_or("motion", usual_motion(known)?)?;
+        let motion = spec.text_or("motion", usual_motion(made, known)?)?;
         if motion != "held" {
             made.put("substeps", spec.get("substeps").cloned().unwrap_or(whole(SUBSTEPS.into())));
         } else if spec.has("motion") {
@@ -434,16 +434,25 @@ fn manner(made: &mut Map, spec: &Spec<'_>, method: &str, known: Option<&Value>) 
     Ok(())
 }
 
-/// The motion of a model where the file leaves it open. A table tells no bound of its slopes: one that moves
-/// is implicit where it turns out to be stiff.
-fn usual_motion(known: Option<&Value>) -> Result<&'static str> {
+/// The motion of a model where the file leaves it open: implicit where it may be steeper than the gain in the
+/// state that it moves. A table tells no bound of its slopes: one that moves is implicit where it turns out to be
+/// stiff.
+fn usual_motion(made: &Map, known: Option<&Value>) -> Result<&'static str> {
     let Some(model) = known else { return Ok("held") };
-    let kind = Spec::new(model, "model")?.text("kind")?;
-    Ok(match kind.as_str() {
-        "none" | "input" => "held",
-        "own" => "implicit",
-        _ => "rk4",
-    })
+    let model = Spec::new(model, "model")?;
+    let slope = match model.text("kind")?.as_str() {
+        "none" | "input" => return Ok("held"),
+        "own" => return Ok("implicit"),
+        "sanfelice-praly" => model.f64("nu1")?.abs(),
+        "van-der-pol" => model.f64_or("epsilon", 0.8)?.abs(),
+        _ => 1.0,
+    };
+    let mut least = 1.0;
+    if let Some((_, gain)) = made.0.iter().find(|(key, _)| key == "gain") {
+        let gain = Spec::new(gain, "gain")?;
+        least = if gain.text("law")? == "constant" { gain.f64("ell")? } else { 1.0 };
+    }
+    Ok(if slope <= least { "rk4" } else { "implicit" })
 }
 
 /// Numbers, and pairs of a real and an imaginary part.

@@ -93,6 +93,11 @@ class Lee(System):
     _kind = ("kind", "lee")
 
     @property
+    def own_slope(self) -> float:
+        """|d phi/dx2| = 1."""
+        return 1.0
+
+    @property
     def order(self) -> int:
         return 2
 
@@ -112,6 +117,11 @@ class SanfelicePraly(System):
     def __post_init__(self) -> None:
         check_number(self.nu1, "nu1")
         check_number(self.nu2, "nu2")
+
+    @property
+    def own_slope(self) -> float:
+        """|nu1|, of the known term of x1'."""
+        return abs(self.nu1)
 
     @property
     def order(self) -> int:
@@ -143,6 +153,11 @@ class VanDerPol(System):
         check_number(self.sigma, "sigma", least=0.0)
 
     @property
+    def own_slope(self) -> float:
+        """|epsilon|: |d phi/dx2| where |x1| <= 1."""
+        return abs(self.epsilon)
+
+    @property
     def order(self) -> int:
         return 2
 
@@ -166,6 +181,11 @@ class Crackle(System):
             least=0.5,
             remedy="|phi| reaches 0.5 along the system's own trajectory; take the paper's 3",
         )
+
+    @property
+    def own_slope(self) -> float:
+        """|d phi/dx5| = 1."""
+        return 1.0
 
     @property
     def order(self) -> int:
