@@ -118,7 +118,9 @@ def require(path: Path, wanted: list[str], known: list[str], remark: str = "") -
         if name not in known:
             near = nearest(name, known)
             hint = f"; nearest: {', '.join(near)}" if near else ""
-            shown = ", ".join(known[:20]) + (", ..." if len(known) > 20 else "")
+            shown = ", ".join(name or "''" for name in known[:20]) + (
+                ", ..." if len(known) > 20 else ""
+            )
             told = f"{path} has no column {name!r}{remark}{hint}. Columns: {shown}"
             raise ColumnError(told, known)
         if known.count(name) > 1:
