@@ -1,8 +1,8 @@
 """The installed wheel gives the bits of every other build: `python .ci/wheel.py [--write]`.
 
 Digests of estimates, of a log, of random numbers and of studies by the interpreter are compared
-with those in `.ci/wheel.txt`, which `--write` makes anew where bits change on purpose. The wheel and what it
-declares are all that is needed: it runs under an emulator too.
+with those in `.ci/wheel.txt`, which `--write` makes anew where bits change on purpose. The wheel
+and what it declares are all that is needed: it runs under an emulator too.
 """
 
 from __future__ import annotations

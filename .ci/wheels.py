@@ -25,6 +25,8 @@ DIST, KEPT = ROOT / "dist", ROOT / "target" / "wheels"
 DIGESTS = ROOT / ".ci" / "wheel.py"
 MOST = 6 * 10**6
 """Bytes of the largest wheel."""
+OLDER = ("numpy<2",)
+"""NumPy 2 calls what the C library of wine 8 does not have, and crashes on Debian's musl 1.2.3."""
 
 TARGETS = {
     "x86_64-unknown-linux-gnu": "manylinux2014",
@@ -140,8 +142,7 @@ def under_wine(wheel: Path) -> str:
     version = ".".join(platform.python_version_tuple()[:2])
     name = f"python{version.replace('.', '')}"
     home = KEPT / "windows"
-    older = ("numpy<2",)  # wine 8 has not all of the C library that NumPy 2 calls
-    site = installed(wheel, "windows-site", version, ["win_amd64"], older)
+    site = installed(wheel, "windows-site", version, ["win_amd64"], OLDER)
     if not (home / f"{name}.dll").exists():
         (home / "Lib").parent.mkdir(parents=True, exist_ok=True)
         fetch = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", home]
@@ -184,7 +185,7 @@ def on_musl(wheel: Path) -> str:
         raise Missing("no Python for musl: name one by HGO_MUSL_PYTHON, such as that of Alpine")
     told = run(python, "-c", "import sys; print('%d.%d' % sys.version_info[:2])").strip()
     tags = [f"musllinux_1_{minor}_x86_64" for minor in (1, 2)]
-    site = installed(wheel, "musl-site", told, tags)
+    site = installed(wheel, "musl-site", told, tags, OLDER)
     return run(python, DIGESTS, env={"PYTHONPATH": str(site)})
 
 
