@@ -125,6 +125,15 @@ def test_cells_between_commas_are_not_one_column(tmp_path):
         look(path)
 
 
+def test_arrays_without_a_signal(tmp_path):
+    savemat = pytest.importorskip("scipy.io").savemat
+    savemat(tmp_path / "log.mat", {"t": np.zeros((0, 0)), "note": "nothing"})
+    assert "0 rows, 0 columns" in str(look(tmp_path / "log.mat"))
+    savemat(tmp_path / "log.mat", {"t": T, "q": Q + 1j})
+    with pytest.raises(DataError, match="holds complex128, not numbers; write its real part"):
+        read_log(tmp_path / "log.mat", "t", "q")
+
+
 def test_the_command_that_is_told_runs(tmp_path):
     path = tmp_path / "log.csv"
     noisy = Q + 1e-3 * np.random.default_rng(1).standard_normal(len(Q))

@@ -351,7 +351,9 @@ def _time(columns: list[Column]) -> str | None:
         if found:
             return max(found, key=lambda column: column.rises).name
     rising = [c for c in numbers if c.rises and c.count > 1]
-    first = rising[0] if rising else Column("-")
+    if not rising:
+        return None
+    first = rising[0]
     index = first is columns[0] and not first.name and first.kind == "number"  # of a pandas table
     return first.name if index or units.get(first.name) else None
 
