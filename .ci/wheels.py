@@ -184,7 +184,7 @@ def on_musl(wheel: Path) -> str:
     if not python:
         raise Missing("no Python for musl: name one by HGO_MUSL_PYTHON, such as that of Alpine")
     told = run(python, "-c", "import sys; print('%d.%d' % sys.version_info[:2])").strip()
-    tags = [f"musllinux_1_{minor}_x86_64" for minor in (1, 2)]
+    tags = [f"musllinux_1_{minor}_{platform.machine()}" for minor in (1, 2)]
     site = installed(wheel, "musl-site", told, tags, OLDER)
     return run(python, DIGESTS, env={"PYTHONPATH": str(site)})
 
