@@ -12,12 +12,14 @@
 #   make docs        the Rust API reference -> target/doc
 #   make site        the documentation as a site -> out/site (KaTeX: libjs-katex, or KATEX=folder)
 #   make wheel       an abi3 wheel -> dist/
+#   make wheels      wheels for Linux (glibc and musl, x86-64 and aarch64) and Windows -> dist/, each tried
+#                    where it can run here (TARGETS=aarch64-unknown-linux-gnu for one of them)
 #   make clean       remove .venv, dist, out and build products
 #
 # PYTHON=... chooses the interpreter for .venv.  PYTEST_ARGS=... is handed to pytest.
 # make fuzz SECONDS=60 SEED=1 LONG=1: case i of a seed is always the same; LONG=50 for a night.
 
-.PHONY: site reproduce test test-rust test-python test-types pytest fuzz bench firmware mutants pages docs wheel clean help
+.PHONY: site reproduce test test-rust test-python test-types pytest fuzz bench firmware mutants pages docs wheel wheels clean help
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-print-directory
@@ -47,7 +49,7 @@ LIBM := --no-default-features --features libm
 say = @printf '\n\033[1m== %s\033[0m\n' "$(1)"
 
 help:
-	@sed -n '3,18s/^# \{0,1\}//p' Makefile
+	@sed -n '3,20s/^# \{0,1\}//p' Makefile
 
 # --- set-up: one stamp a stage, so that the second time takes no time ------------------------
 
@@ -174,6 +176,13 @@ docs:
 
 wheel: $(VENV)/stamp-venv $(MODULE)
 	$(BIN)/maturin build --release --out dist
+
+# By zig, and MinGW for Windows: .ci/wheels.py. Two minutes of a processor each.
+wheels: $(VENV)/stamp-venv $(MODULE)
+	$(BIN)/python -m pip install --quiet ziglang twine
+	env -u MAKEFLAGS -u MFLAGS $(BIN)/python .ci/wheels.py build $(TARGETS)
+	$(BIN)/twine check --strict dist/*.whl
+	$(BIN)/python .ci/wheels.py try
 
 clean:
 	rm -rf $(VENV) dist out build .mypy_cache .pytest_cache .ruff_cache .hypothesis

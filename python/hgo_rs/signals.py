@@ -128,10 +128,15 @@ def _index(held: Any, remedy: str = "give the times: (t, y)") -> np.ndarray:
     index = held.coords[held.dims[0]] if hasattr(held, "dims") else held.index
     if is_clock(index):
         return np.asarray(clock_of(index))
+    if hasattr(index, "to_timestamp"):  # periods of time, at their begin
+        return np.asarray(clock_of(index.to_timestamp()))
     values = np.asanyarray(index)
     counts = values.dtype.kind in "iu" and len(values) > 1 and bool(np.all(np.diff(values) == 1))
     if values.dtype.kind not in "iuf" or counts or getattr(index, "nlevels", 1) > 1:
         what = "counts its rows" if counts else f"holds {values.dtype}"
+        what = "has several levels" if getattr(index, "nlevels", 1) > 1 else what
+        if values.dtype.kind in "OUS" and "levels" not in what:
+            remedy = f"text becomes times by pandas.to_datetime; {remedy}"
         raise HgoError(f"the index {what}: must be the times of the samples; {remedy}")
     return _numbers(values, str(index.name or "times of the index"))
 

@@ -305,14 +305,18 @@ def clock_of(values: Any) -> npt.NDArray[np.float64]:
 def in_seconds(
     values: npt.NDArray[np.generic], told: str, length: Fraction | None = None
 ) -> npt.NDArray[np.float64]:
-    """Dates since the first, durations, or numbers of ticks of this length, in seconds."""
+    """Dates since the first, durations, or numbers of ticks of this length, in seconds.
+
+    Large numbers, as of Unix times in ms, count from the first: float64 seconds would lose digits.
+    """
     found = ticks(np.atleast_1d(values))
     if isinstance(found, str):
         raise HgoError(f"{told} {found}")
     length = found.length or length
     if length is None:
         raise HgoError(f"{told} holds durations without a unit; give them in seconds")
-    origin = found.first() * length if found.is_date else Fraction(0)
+    far = found.length is None and abs(found.first()) >= COUNTED  # as in a log
+    origin = found.first() * length if found.is_date or far else Fraction(0)
     return found.seconds(length, origin).reshape(np.shape(values))
 
 

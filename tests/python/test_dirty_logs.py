@@ -8,7 +8,7 @@ import io
 import numpy as np
 import pytest
 
-from hgo_rs.logs import DataError, read_chunks, read_log, streams, write_table
+from hgo_rs.logs import DataError, look, read_chunks, read_log, streams, write_table
 from hgo_rs.logs.formats import tables
 
 COUNT = 300
@@ -84,6 +84,25 @@ def refusal(tmp_path, data, *args, **options):
 )
 def test_heads(tmp_path, text, told):
     check(read(tmp_path, text), *filter(None, [told]))
+
+
+def test_a_last_column_without_cells(tmp_path):
+    """As LabVIEW's measurement files have it, with settings above that look like samples."""
+    head = ["Writer_Version\t2", "Reader_Version\t2", "Separator\tTab", "t\tq\tComment"]
+    text = lines(head, parted("\t"))
+    check(read(tmp_path, text), "'Comment' is left out: no line has a cell below it")
+    found = look(tmp_path / "log.csv")
+    assert (found.time, found.output, found.rows) == ("t", "q", COUNT)
+    assert "3 cells where 2" in refusal(tmp_path, text + "1.6\t0.1\tend\n")
+
+
+@pytest.mark.parametrize(
+    "above", [["Version;3,1"], ["Logger;X", "Rate;200", "Gain;1,5", "", "A;B;C"]]
+)
+def test_settings_above_the_names_are_no_samples(tmp_path, above):
+    (tmp_path / "log.csv").write_text(lines(above, "t;q", parted(";", ",")))
+    found = look(tmp_path / "log.csv")
+    assert (found.time, found.output, found.rows) == ("t", "q", COUNT)
 
 
 def test_a_row_of_units_says_the_unit_of_the_times(tmp_path):
@@ -202,6 +221,28 @@ def test_encodings(tmp_path, encoding, told):
     check(read(tmp_path, packed, **options))
 
 
+@pytest.mark.parametrize(
+    ("encoding", "time", "output"),
+    [
+        ("cp1250", "čas", "úhel"),
+        ("cp1251", "время", "угол"),
+        ("koi8-r", "время", "угол"),
+        ("mac-roman", "Zeit", "Höhe °"),
+        ("cp437", "Zeit", "Höhe °"),
+        ("shift_jis", "時間", "角度"),
+        ("gbk", "时间", "角度"),
+        ("euc-kr", "시간", "각도"),
+        ("big5", "時間", "高度"),
+    ],
+)
+def test_the_names_that_are_asked_for_tell_the_encoding(tmp_path, encoding, time, output):
+    data = lines(f"{time};{output}", parted(";")).encode(encoding)
+    log = read(tmp_path, data, time, output)
+    np.testing.assert_array_equal(log.y, Q)
+    assert any("in which it holds the names" in remark for remark in log.remarks)
+    assert "not UTF-8: read as " in refusal(tmp_path, data, time, output + "ß")
+
+
 def test_a_mark_of_utf_8_above_other_bytes(tmp_path):
     data = codecs.BOM_UTF8 + lines("t;Winkel [°]", parted(";")).encode("latin-1")
     check(read(tmp_path, data, output="Winkel [°]"), "not UTF-8: read as cp1252")
@@ -220,6 +261,14 @@ def test_bytes_that_are_no_log(tmp_path):
     cases = [
         (b"PK\x03\x04" + bytes(99), "is not text but a zip archive"),
         (b"PAR1" + bytes(99), "is not text but Parquet: call it .parquet"),
+        (b"<!DOCTYPE html>\n<table>", "holds HTML or XML: save it as CSV"),
+        (b'{"t": 0.0, "q": 1.0}\n', "holds JSON: write it as CSV"),
+        (b'[{"t": 0.0}]', "holds JSON"),
+        (
+            good + bytes(len(good)),
+            "line 302: holds bytes that are no text; remove the line, or cut",
+        ),
+        (good + b"1.500,-", "column 'q': '-' is not a number; the file is cut off there: remove"),
         (bytes(range(256)) * 99, "holds bytes that are no text"),
         (gzip.compress(good)[:-900], "the packed log is cut off"),
         (good + bytes(50), "line 302: holds bytes that are no text; remove the line, or cut"),
@@ -257,6 +306,18 @@ def test_words_for_missing_samples(tmp_path, word):
         ("1_000", "write it without underscores"),
         ("--", "write a number, or leave the cell of a missing sample empty"),
         ("#VALUE!", "write a number, or leave the cell of a missing sample empty"),
+        ("05-Mar-2024 09:07:03", "write 2024-03-05 21:07:03, or seconds"),
+        ("5. Okt. 2024", "write 2024-03-05 21:07:03, or seconds"),
+        ("Mar  5 09:07:03", "write 2024-03-05 21:07:03, or seconds"),
+        ("Tue, 05 Mar 2024 09:07:03 GMT", "write 2024-03-05 21:07:03, or seconds"),
+        ("20240305T090703.25Z", "write 2024-03-05 21:07:03, or seconds"),
+        ("12.5 mars", "write 12.5 and the unit mars into the header"),
+        ("'1.5'", "write the bare number, without signs around it"),
+        ("=1.5", "write the bare number, without signs around it"),
+        ("\u22121.5", "write its minus as -"),
+        ("1.#INF", "leave the cell of a missing sample empty"),
+        ("∞", "leave the cell of a missing sample empty"),
+        ("1.5 # kick", "remove the comment behind the number"),
         ("2024-03-05 09:07:03", "write all as 2024-03-05T09:07:03.25, or as seconds"),
     ],
 )
@@ -275,8 +336,20 @@ def test_dates_that_are_told_with_a_remedy(tmp_path):
 
 
 def test_lines_that_are_no_samples(tmp_path):
+    for name, told in (
+        ("log.csv.xz", "unknown format '.xz'; unpack it"),
+        ("log.xls", "unknown format '.xls'; save it as .xlsx or .csv"),
+        ("log.lvm", "unknown format '.lvm'; text may be called .txt"),
+    ):
+        assert told in refusal(tmp_path, lines("t,q", ROWS), name=name)
+    assert "remove the row, or give dt" in refusal(tmp_path, "t,q\n0,1\n,2\n1,3\n")
     again = lines("t,q", ROWS[:9], "t,q", ROWS)
     assert "line 11 repeats the header (t,q); cut the log there" in refusal(tmp_path, again)
+    commas = lines("t,q", [row.replace(".", ",") for row in ROWS])
+    told = (
+        "line 2: 4 cells where 2 cells are expected; where commas are decimal signs, part the cells"
+    )
+    assert told in refusal(tmp_path, commas)
     names = lines("t,q", "first,second", ROWS)
     assert "remove the line if it holds units or names" in refusal(tmp_path, names)
 

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from hgo_rs.logs import look, write_table
+from hgo_rs.logs import DataError, look, read_log, write_table
 
 T = np.arange(1000) / 100
 Q = np.round(np.sin(3.0 * T), 3)
@@ -88,6 +88,50 @@ def test_other_formats(tmp_path):
         found = look(tmp_path / name)
         assert found.command == f"hgo tune {tmp_path / name} --time t --output {output}"
         assert "rate 100 Hz, no jitter" in str(found)
+
+
+def test_an_index_of_pandas_is_the_time(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    pandas.DataFrame({"q": Q}, index=T).to_csv(tmp_path / "log.csv")
+    found = look(tmp_path / "log.csv")
+    assert found.command == f"hgo tune {tmp_path / 'log.csv'} --time '' --output q"
+    assert "rate 100 Hz, no jitter" in str(found)
+    pandas.DataFrame({"q": Q}).to_csv(tmp_path / "log.csv")  # rows that are counted
+    assert "--dt PERIOD --output q" in look(tmp_path / "log.csv").command
+
+
+def test_groups_of_an_hdf5_file(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        file["aside/q"] = Q[:9]
+        file["drive/force"] = 2.0 * Q
+        file["imu/time"], file["imu/q"] = T, np.c_[Q, 2.0 * Q]
+    found = look(path)
+    assert (found.time, found.output) == ("imu/time", "imu/q[0]")
+    assert column(found, "imu/q[1]").unit == ""
+    assert "rate 100 Hz, no jitter" in str(found)
+    log = read_log(path, "/imu/time", ["/imu/q[1]", "drive/force"])
+    np.testing.assert_array_equal(log.y, np.c_[2.0 * Q, 2.0 * Q])
+    with pytest.raises(DataError, match=r"no column '/imu/Q\[1\]'; nearest: imu/q\[1\]"):
+        read_log(path, "/imu/time", "/imu/Q[1]")
+
+
+def test_cells_between_commas_are_not_one_column(tmp_path):
+    path = tmp_path / "log.csv"
+    rows = [f"{t},{q}" for t, q in zip(T, Q, strict=True)]
+    path.write_text("\n".join(["t,q", *rows[:60], rows[60] + ",5", *rows[61:]]))
+    with pytest.raises(DataError, match="line 62: 3 cells where 2 cells are expected"):
+        look(path)
+
+
+def test_arrays_without_a_signal(tmp_path):
+    savemat = pytest.importorskip("scipy.io").savemat
+    savemat(tmp_path / "log.mat", {"t": np.zeros((0, 0)), "note": "nothing"})
+    assert "0 rows, 0 columns" in str(look(tmp_path / "log.mat"))
+    savemat(tmp_path / "log.mat", {"t": T, "q": Q + 1j})
+    with pytest.raises(DataError, match="holds complex128, not numbers; write its real part"):
+        read_log(tmp_path / "log.mat", "t", "q")
 
 
 def test_the_command_that_is_told_runs(tmp_path):

@@ -80,6 +80,28 @@ def test_pandas(zone):
     same(pandas.DataFrame({"time [ms]": 5 * np.arange(COUNT), 7: Y, "u": U}), 7, "u")
 
 
+def test_indices_of_pandas_that_are_no_dates():
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"q": Y, "tau": U})
+    stamps = 1_709_629_623_000 + 5 * np.arange(COUNT)
+    for index in (
+        pandas.period_range("2024-03-05", periods=COUNT, freq="5ms"),
+        pandas.Index(stamps, name="stamp_ms"),
+        pandas.Index(1e-3 * (stamps - stamps[0]), name="t"),
+    ):
+        found = LAW.run(frame.set_index(index), "q", "tau")
+        np.testing.assert_allclose(found.x_hat, LAW.run(T, Y, U).x_hat, rtol=0.0, atol=1e-12)
+    levels = pandas.MultiIndex.from_product([[0, 1], range(COUNT // 2)])
+    for index, told in (
+        (levels, "the index has several levels"),
+        (dates().astype(str), "text becomes times by pandas.to_datetime"),
+    ):
+        with pytest.raises(HgoError, match=told):
+            LAW.run(frame.set_index(index), "q", "tau")
+    with pytest.raises(HgoError, match=r"must be \(N,\).*; take one of its columns, of a frame by"):
+        StandardObserver(2, 20.0).run(frame.set_index(dates()))
+
+
 def test_what_pandas_holds_as_missing_is_missing():
     pandas = pytest.importorskip("pandas")
     y = pandas.array([None if k == 9 else k for k in range(COUNT)], dtype="Int64")

@@ -73,7 +73,8 @@ class Clock:
         found = self.ticks(table)
         self.learn(found, table)
         t = self.seconds(found)
-        refuse(table, self.path, ~np.isfinite(t), f"the time {self.time!r} is missing or infinite")
+        told = f"the time {self.time!r} is missing or infinite; remove the row, or give dt for time"
+        refuse(table, self.path, ~np.isfinite(t), told)
         starts = self._starts(t, table)
         if self.dt is not None:
             t = self._regular(t, starts, table)

@@ -37,9 +37,9 @@ def whole(path: Path, wanted: list[str]) -> Table:
     suffix = suffix_of(path)
     if kind := recording_kind(path):
         with recording(path, kind) as found:
-            require(path, wanted, list(found.clocks))
-            columns = found.load(list(dict.fromkeys(wanted)))
-            return Table(dict(columns), row, found.remarks)
+            places = _places(path, wanted, found)
+            columns = found.load(list(dict.fromkeys(places.values())))
+            return Table({name: columns[places[name]] for name in places}, row, found.remarks)
     if suffix == ".npz":
         return read_npz(path, wanted)
     if suffix == ".mat":
@@ -107,14 +107,22 @@ def recording(path: Path, kind: str) -> Iterator[Recording]:
         raise DataError(f"{path} is not a readable {kind.split(' ', 1)[1]}: {what}") from error
 
 
+def _places(path: Path, wanted: list[str], found: Recording) -> dict[str, str]:
+    """The columns that are meant: paths may begin with a slash, as HDF5 writes them."""
+    places = {n: n if n in found.clocks else n.removeprefix("/") for n in wanted}
+    require(
+        path, [n if places[n] not in found.clocks else places[n] for n in wanted], [*found.clocks]
+    )
+    return places
+
+
 def clocks_of(path: Path, columns: list[str]) -> list[str] | None:
     """The column of the times of each column; None where the file does not say it of all."""
     kind = recording_kind(path)
     if kind is None:
         return None
     with recording(path, kind) as found:
-        require(path, columns, list(found.clocks))
-        clocks = [found.clocks[column] for column in columns]
+        clocks = [found.clocks[place] for place in _places(path, columns, found).values()]
     told = [clock for clock in clocks if clock is not None]
     return told if len(told) == len(clocks) else None
 

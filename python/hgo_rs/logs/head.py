@@ -30,6 +30,9 @@ _UNIT = re.compile(
 )
 """What a row of units may hold in a cell."""
 
+_NOTES = ("", "comment", "comments", "note", "notes", "remark", "remarks")
+"""Names of a last column below which lines may have no cell, as in LabVIEW's measurement files."""
+
 
 @dataclass(frozen=True)
 class Line:
@@ -107,7 +110,9 @@ def head_of(path: Path, start: bytes, wanted: Sequence[str], whole: bool) -> Hea
     has_header = bool(names)
     if not names:
         names = [str(i) for i in range(width)]
-    names = names[:width] if len(names) == width + 1 and not names[-1] else names
+    if "".join(names[width:]):
+        remarks.append(f"{names[width]!r} is left out: no line has a cell below it")
+    names = names[:width]
     cells = [_first([row[i] for row in tables if len(row) > i]) for i in range(len(names))]
     begin, line = (body[0].begin, body[0].number) if body else (len(start), rows[-1].number + 1)
     return Head(
@@ -201,7 +206,7 @@ def _guessed(rows: list[Line]) -> _Found:
     delimiter = _delimiter(rows)
     tables = [row.cells(delimiter) for row in rows]
     width = _usual([len(cells) for cells in tables])
-    first = next((i for i, c in enumerate(tables) if len(c) == width and _is_sample(c)), None)
+    first = _first_sample([len(cells) == width and _is_sample(cells) for cells in tables])
     if first is None:
         return rows[0], delimiter, tables[0], 1
     header = first
@@ -214,9 +219,18 @@ def _guessed(rows: list[Line]) -> _Found:
     return rows[header], delimiter, tables[header], header + 1
 
 
+def _first_sample(found: list[bool]) -> int | None:
+    """Where samples begin: at the first of three on end, since a setting above the header may look
+    like one (`Rate;200`), else at the first.
+    """
+    places = [i for i, is_sample in enumerate(found) if is_sample]
+    runs = (i for i in places if found[i : i + 3] == [True] * 3)
+    return next(runs, places[0] if places else None)
+
+
 def _fits(cells: list[str], sample: list[str]) -> bool:
     """Whether a line has a cell for each of a sample, but for delimiters at the ends."""
-    longer = len(cells) == len(sample) + 1 and not cells[-1]
+    longer = len(cells) == len(sample) + 1 and cells[-1].casefold() in _NOTES
     shorter = len(cells) == len(sample) - 1 > 0 and not sample[-1]
     return len(cells) == len(sample) or longer or shorter
 
@@ -228,7 +242,9 @@ def _delimiter(rows: list[Line]) -> str | None:
         widths = [len(row.cells(delimiter)) for row in rows]
         width = _usual(widths)
         count = widths.count(width)
-        if count > most and (width > 1 or delimiter is None):
+        if width == 1 and (delimiter is not None or 2 * most > len(rows)):
+            continue  # one column, where others explain most lines
+        if count > most:
             best, most = delimiter, count
     return best
 
@@ -246,7 +262,7 @@ def _width(names: list[str], tables: list[list[str]]) -> tuple[int, bool]:
         return len(tables[0]), False
     if usual == len(names) + 1 and all(not c[-1] for c in tables if len(c) == usual):
         return len(names), True
-    if usual == len(names) - 1 and not names[-1]:
+    if usual == len(names) - 1 and names[-1].casefold() in _NOTES:
         return usual, False
     return len(names), False
 

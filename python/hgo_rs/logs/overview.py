@@ -241,9 +241,9 @@ def column_names(path: str | Path) -> list[str]:
     return [column.name for column in found.columns]
 
 
-def _columns(path: Path, found: Look) -> dict[str, str | None]:
+def _columns(path: Path, found: Look) -> dict[str, str]:
     """The columns, still empty; of a file that says it, the clock of each."""
-    clocks: dict[str, str | None] = {}
+    clocks: dict[str, str] = {}
     suffix = suffix_of(path)
     if suffix in TEXT:
         head = head_of_text(path)
@@ -255,8 +255,8 @@ def _columns(path: Path, found: Look) -> dict[str, str | None]:
                 found.remarks.append(f"column {name!r} begins with {cell!r}{remedy}")
     elif kind := recording_kind(path):
         with recording(path, kind) as opened:
-            clocks = dict(opened.clocks)
-        found.columns = [Column(name) for name in clocks]
+            found.columns = [Column(name) for name in opened.clocks]
+            clocks = {name: clock for name, clock in opened.clocks.items() if clock}
     else:
         try:
             list(tables(path, ["\0"], CHUNK))  # no column is called so: the refusal lists all
@@ -264,7 +264,8 @@ def _columns(path: Path, found: Look) -> dict[str, str | None]:
             found.columns = [Column(name) for name in error.known]
     names = [column.name for column in found.columns]
     if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
-        found.remarks.append(f"several columns are called {', '.join(twice)}: rename them")
+        shown = ", ".join(name or "''" for name in twice)
+        found.remarks.append(f"several columns are called {shown}: rename them")
         found.columns = [column for column in found.columns if column.name not in twice]
     if len(found.columns) > _MOST:
         found.remarks.append(f"the first {_MOST} of {len(found.columns)} columns")
@@ -284,18 +285,23 @@ def _bracketed(name: str) -> str:
     """The unit in a name: q [rad], or of times t_ms."""
     for opening, closing in ("[]", "()"):
         if name.rstrip().endswith(closing) and opening in name:
-            return name.rstrip()[name.index(opening) + 1 : -1]
+            unit = name.rstrip()[name.index(opening) + 1 : -1]
+            return "" if unit.isdecimal() else unit  # q[0] is a column of an array
     return (named_unit(name)[0] or "") if speaks_of_time(name) else ""
 
 
-def _suggest(path: Path, found: Look, clocks: dict[str, str | None]) -> None:
+def _suggest(path: Path, found: Look, clocks: dict[str, str]) -> None:
     """Times and a signal, how they go, and the command that takes them."""
     found.time = _time(found.columns)
     apart = {found.time, *(found.time or "").split("+"), *clocks.values()}
     signals = [c.name for c in found.columns if c.is_signal and c.name not in apart]
     if found.time is None and not clocks:  # a column that rises may be the times
         signals = [c.name for c in found.columns if c.name in signals and not c.rises] or signals
-    found.output = next((n for n in signals if not clocks or clocks.get(n)), None)
+    if clocks:
+        signals = [name for name in signals if name in clocks] or signals
+    elif found.time is not None:
+        signals = _beside(found, signals)
+    found.output = signals[0] if signals else None
     if found.output is None:
         found.timing.append("no column of numbers moves: there is nothing to estimate")
         return
@@ -318,6 +324,15 @@ def _suggest(path: Path, found: Look, clocks: dict[str, str | None]) -> None:
     found.command = shlex.join(words)
 
 
+def _beside(found: Look, signals: list[str]) -> list[str]:
+    """Those that may have these times: as long, and first those of the same group of a file."""
+    time = (found.time or "").split("+")[0]
+    lengths = {column.name: column.count for column in found.columns}
+    groups = {name: re.split(r"[./](?!.*[./])", name)[0] for name in lengths}
+    fitting = [name for name in signals if lengths[name] == lengths[time]] or signals
+    return sorted(fitting, key=lambda name: groups[name] != groups[time])
+
+
 def _time(columns: list[Column]) -> str | None:
     """The column of times, or the sum of two."""
     dates = [c for c in columns if c.kind == "date"]
@@ -335,8 +350,12 @@ def _time(columns: list[Column]) -> str | None:
     for found in (dates, clocks, named):
         if found:
             return max(found, key=lambda column: column.rises).name
-    rising = [c for c in columns if c.rises and c.count > 1 and c.kind in ("integer", "number")]
-    return rising[0].name if rising and units.get(rising[0].name) else None
+    rising = [c for c in numbers if c.rises and c.count > 1]
+    if not rising:
+        return None
+    first = rising[0]
+    index = first is columns[0] and not first.name and first.kind == "number"  # of a pandas table
+    return first.name if index or units.get(first.name) else None
 
 
 def _timing(path: Path, time: str | None, output: str) -> list[str]:

@@ -205,6 +205,14 @@ def read_chunks(
         raise DataError(f"{path}: column {name!r} holds no sample")
 
 
+_REMEDIES = {
+    **dict.fromkeys((".bz2", ".xz", ".zip", ".zst", ".7z", ".tar", ".tgz"), "unpack it"),
+    **dict.fromkeys((".xls", ".ods"), "save it as .xlsx or .csv"),
+    **dict.fromkeys((".json", ".jsonl"), "write it as CSV, for example by pandas"),
+}
+"""What to do about a file of another format."""
+
+
 def check_file(path: Path) -> None:
     """Refuse what is not there, is no file of known format, or might never end."""
     if path == STDIN:
@@ -223,7 +231,10 @@ def check_file(path: Path) -> None:
     suffix = suffix_of(path)
     if suffix not in READABLE or (path.suffix.lower() == ".gz" and suffix not in TEXT):
         suffix = "".join(path.suffixes[-2:] if path.suffix.lower() == ".gz" else [suffix])
-        raise DataError(f"{path}: unknown format {suffix!r}; known: {', '.join(READABLE)}")
+        remedy = _REMEDIES.get(suffix, "text may be called .txt")
+        raise DataError(
+            f"{path}: unknown format {suffix!r}; {remedy}. Known: {', '.join(READABLE)}"
+        )
     if not regular:
         raise DataError(
             f"{path} is a pipe or a device, which may have no end; write what it gives to a file, "

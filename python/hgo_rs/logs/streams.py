@@ -5,11 +5,12 @@ from __future__ import annotations
 import codecs
 import contextlib
 import gzip
+import re
 import shutil
 import sys
 import tempfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import IO, cast
 
@@ -39,6 +40,16 @@ _OTHER = {
     b"\x28\xb5\x2f\xfd": "packed by zstd: unpack it",
 }
 """What a file that is no text begins with."""
+_MARKUP = (
+    (rb"<(?:html|!doctype|\?xml|table)\b", "HTML or XML: save it as CSV"),
+    (rb"\{\s*\"|\[\s*[\[{]", "JSON: write it as CSV, for example by pandas.read_json(...).to_csv"),
+)
+"""How text begins that holds no lines of cells."""
+_OTHERS = (
+    *("cp1252", "cp1250", "cp1251", "koi8-r", "mac-roman", "cp850", "cp437"),
+    *("shift_jis", "gbk", "euc-kr", "big5", "euc-jp"),
+)
+"""Encodings beside Unicode's, in the order of trial."""
 _PACKED = b"\x1f\x8b"
 
 _spool: list[IO[bytes]] = []
@@ -69,11 +80,11 @@ class Stream:
         What was found out about the encoding.
     """
 
-    def __init__(self, path: Path, file: IO[bytes]) -> None:
+    def __init__(self, path: Path, file: IO[bytes], names: Sequence[str]) -> None:
         self._path, self._file = path, file
         start = file.read(START)
         self._refuse_other(start)
-        self.encoding, self.remarks, skipped = _encoding(start)
+        self.encoding, self.remarks, skipped = _encoding(start, names)
         self._start = start[skipped:]
         self._decoder: codecs.IncrementalDecoder | None = None
         if self.encoding != "utf-8":
@@ -102,12 +113,21 @@ class Stream:
         for magic, what in _OTHER.items():
             if start.startswith(magic):
                 raise DataError(f"{self._path} is not text but {what}")
+        for begin, what in _MARKUP:
+            if re.match(rb"\s*(?:%b)" % begin, start, re.IGNORECASE):
+                raise DataError(f"{self._path} holds {what}")
 
 
-def _encoding(start: bytes) -> tuple[str, tuple[str, ...], int]:
-    """How the text is written, a remark, and the length of its mark at the begin."""
+def _encoding(start: bytes, names: Sequence[str]) -> tuple[str, tuple[str, ...], int]:
+    """How the text is written, a remark, and the length of its mark at the begin.
+
+    Text that is not of Unicode is taken in the first encoding in which it holds the `names` that
+    are asked for.
+    """
     mark, named = next(((m, n) for m, n in _BOMS if start.startswith(m)), (b"", ""))
     body = start[len(mark) :]
+    if not mark:  # what a logger had reserved when its power went
+        body = body.rstrip(b"\0") or body
     nul = body.count(0)
     if named not in ("", "utf-8") and nul:
         return named, (f"read as {named[:6].upper()}",), len(mark)
@@ -123,6 +143,9 @@ def _encoding(start: bytes) -> tuple[str, tuple[str, ...], int]:
     try:
         codecs.getincrementaldecoder("utf-8")().decode(body)
     except UnicodeDecodeError:
+        if (other := _in_which(body, names)) not in (None, "cp1252"):
+            told = f"not UTF-8: read as {other}, in which it holds the names that are asked for"
+            return str(other), (told,), len(mark)
         told = "not UTF-8: read as cp1252, as Windows writes it; save as UTF-8 if names are wrong"
         try:
             body.decode("cp1252")
@@ -132,9 +155,21 @@ def _encoding(start: bytes) -> tuple[str, tuple[str, ...], int]:
     return "utf-8", (), len(mark)
 
 
+def _in_which(body: bytes, names: Sequence[str]) -> str | None:
+    """The first encoding of `_OTHERS` in which the text holds all names, some of them not ASCII."""
+    if not all(names) or all(name.isascii() for name in names):
+        return None
+    for encoding in _OTHERS:
+        with contextlib.suppress(UnicodeError):
+            text = codecs.getincrementaldecoder(encoding)().decode(body)
+            if all(name in text for name in names):
+                return encoding
+    return None
+
+
 @contextlib.contextmanager
-def opened(path: Path) -> Iterator[Stream]:
-    """A log that is open for reading, unpacked.
+def opened(path: Path, names: Sequence[str] = ()) -> Iterator[Stream]:
+    """A log that is open for reading, unpacked; `names`: columns that are asked for.
 
     Raises
     ------
@@ -153,7 +188,7 @@ def opened(path: Path) -> Iterator[Stream]:
             file = cast("IO[bytes]", stack.enter_context(gzip.GzipFile(fileobj=file)))
         try:
             try:
-                stream = Stream(path, file)
+                stream = Stream(path, file, names)
             except DataError as error:
                 told = f"{path} holds bytes that are no text; say its format by its suffix"
                 raise error if str(error) else DataError(told) from None

@@ -105,7 +105,8 @@ def values_of(table: Table, path: Path, name: str) -> np.ndarray:
     """A column as float64."""
     values = table.columns[name]
     if values.dtype.kind not in "fiub":
-        raise DataError(f"{path}: column {name!r} holds {values.dtype}, not numbers")
+        remedy = "; write its real part, or its magnitude" if values.dtype.kind == "c" else ""
+        raise DataError(f"{path}: column {name!r} holds {values.dtype}, not numbers{remedy}")
     out = np.ascontiguousarray(np.ma.getdata(values), dtype=np.float64)
     if np.ma.isMaskedArray(values):
         out = np.where(np.ma.getmaskarray(values), np.nan, out)
@@ -118,7 +119,9 @@ def require(path: Path, wanted: list[str], known: list[str], remark: str = "") -
         if name not in known:
             near = nearest(name, known)
             hint = f"; nearest: {', '.join(near)}" if near else ""
-            shown = ", ".join(known[:20]) + (", ..." if len(known) > 20 else "")
+            shown = ", ".join(name or "''" for name in known[:20]) + (
+                ", ..." if len(known) > 20 else ""
+            )
             told = f"{path} has no column {name!r}{remark}{hint}. Columns: {shown}"
             raise ColumnError(told, known)
         if known.count(name) > 1:

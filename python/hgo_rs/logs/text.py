@@ -30,15 +30,12 @@ def head_of_text(path: Path) -> Head:
 
 
 def read_text(path: Path, wanted: list[str], rows: int) -> Iterator[Table]:
-    with opened(path) as stream:
+    with opened(path, wanted) as stream:
         held, ended = _start(path, stream)
         head = head_of(path, held, wanted, ended)
-        require(
-            path,
-            wanted,
-            head.names,
-            "" if head.has_header else " (no header: columns are named from 0)",
-        )
+        bare = () if head.has_header else ("no header: columns are named from 0",)
+        why = "; ".join([*bare, *stream.remarks])
+        require(path, wanted, head.names, f" ({why})" if why else "")
         places = [head.names.index(name) for name in wanted]
         kinds = [_taken(head.kinds[place]) for place in places]
         reader = TextReader(
@@ -168,6 +165,7 @@ def _fault(
     """What is wrong with a line, and the remedy."""
     line, text = found["line"], found["text"].strip()
     where = f"{path}, line {line}"
+    cut = isinstance(end, bytes) and end.rstrip(b"\r").endswith(found["text"])
     if head.has_header and text == head.header:
         return _repeated(path, head, line)
     if b"\0" in text:
@@ -177,10 +175,11 @@ def _fault(
             return DataError(f"{where}: unexpected end of data, a quoted cell has no end; close it")
         return DataError(f"{where}: a quote ends inside a cell; write it twice")
     if "cells" in found:
-        cut = isinstance(end, bytes) and end.rstrip(b"\r").endswith(found["text"])
         told = f"{_cells(found['cells'])} where {_cells(len(head.names))} are expected"
-        remedy = "the file is cut off there: remove the line"
-        return DataError(f"{where}: {told}; {remedy if cut else 'complete or remove the line'}")
+        remedy = "; complete or remove the line"
+        if line == head.line and head.delimiter == "," and found["cells"] > len(head.names):
+            remedy = "; where commas are decimal signs, part the cells by semicolons"
+        return DataError(f"{where}: {told}{CUT if cut else remedy}")
     index, raw = found.get("zone") or found["cell"]
     name, cell = wanted[index], raw.decode(errors="replace")
     if "zone" in found:
@@ -189,12 +188,23 @@ def _fault(
     kind = _taken(head.kinds[head.names.index(name)])
     what = {"number": "a number", "moment": "a date", "daytime": "a time of day"}[kind]
     remedy = remedy_of(cell, kind, head.delimiter != ",")
-    if line == head.line and head.has_header and remedy == NO_NUMBER:
+    if cut and remedy == NO_NUMBER:
+        remedy = CUT
+    elif line == head.line and head.has_header and remedy == NO_NUMBER:
         remedy = "; remove the line if it holds units or names"
     return CellError(f"{where}, column {name!r}: {cell!r} is not {what}{remedy}", name)
 
 
 NO_NUMBER = "; write a number, or leave the cell of a missing sample empty"
+CUT = "; the file is cut off there: remove the line"
+_OTHER_DATES = "; write 2024-03-05 21:07:03, or seconds (pandas.to_datetime reads other dates)"
+_OTHER_DATE = re.compile(
+    r"(?:[a-z]{2,3},? +)?(?:\d\d?\.?[-/ ]*)?"
+    r"(?:jan|feb|m[aä]r|apr|ma[iy]|jun|jul|aug|sep|o[ck]t|nov|de[cz])[a-z]*\.?[-/ ]+\d.*"
+    r"|\d{8}T\d{4,6}.*",
+    re.IGNORECASE,
+)
+"""A date with the month as a word, or without signs between its parts."""
 _HEX = re.compile(r"[-+]?0[xX][0-9a-fA-F]+|(?=.*\d)(?=.*[a-dfA-DF])[0-9a-fA-F]+[hH]?")
 
 
@@ -202,8 +212,18 @@ def remedy_of(cell: str, kind: str, commas: bool) -> str:
     """What to do about a cell."""
     if kind != "number" or re.match(r"\d+[-/.:]\d+[-/.:]", cell):
         if re.search(r"[ap]\.?m\.?$", cell, re.I) or re.match(r"\d\d?/\d\d?/\d", cell):
-            return "; write 2024-03-05 21:07:03, or seconds (pandas.to_datetime reads other dates)"
+            return _OTHER_DATES
         return "; write all as 2024-03-05T09:07:03.25, or as seconds; leave a missing one empty"
+    if _OTHER_DATE.fullmatch(cell):
+        return _OTHER_DATES
+    if re.fullmatch(r"='?\"?.*|'.*'", cell):
+        return "; write the bare number, without signs around it"
+    if re.fullmatch(r"[\u2010-\u2015\u2212][\d.,].*", cell):
+        return "; write its minus as -"
+    if re.fullmatch(r"[-+]?(?:1\.#INF.*|∞)", cell, re.IGNORECASE):
+        return "; leave the cell of a missing sample empty"
+    if re.fullmatch(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?\s*(?:#|%\s|//).*", cell):
+        return "; remove the comment behind the number"
     if re.fullmatch(r"[-+]?0[bB][01]+|[-+]?0[oO][0-7]+", cell):
         return "; convert it to decimal, for example by int(cell, 0)"
     if _HEX.fullmatch(cell):

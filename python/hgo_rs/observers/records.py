@@ -40,7 +40,9 @@ def samples(y: npt.ArrayLike, n_y: int) -> Array:
         values = values[:, np.newaxis]
     if values.ndim != 2 or values.shape[1] != n_y or len(values) == 0:
         wanted = "(N,)" if n_y == 1 else f"(N, {n_y})"
-        raise HgoError(f"y of shape {values.shape}: must be {wanted} with N >= 1")
+        many = values.ndim == 2 and values.shape[1] > 1 and n_y == 1
+        remedy = "; take one of its columns, of a frame by its name" if many else ""
+        raise HgoError(f"y of shape {values.shape}: must be {wanted} with N >= 1{remedy}")
     return values
 
 

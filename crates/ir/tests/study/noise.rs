@@ -4,7 +4,7 @@ use crate::experiment::FEW_AND_MANY;
 use hgo_ir::study::{Study, StudyResult};
 use hgo_ir::{Spec, Value};
 use hgo_rs::noise::{Channel, Stream};
-use rand_distr::{Distribution, StudentT};
+use rand_distr::{Cauchy, Distribution, Gamma, SkewNormal, StudentT, Triangular, Weibull};
 
 const STEPS: usize = 200;
 const SEED: u64 = 5;
@@ -57,6 +57,24 @@ fn student_t_of_rand_distr() {
             assert_eq!(ours, read(&text(&ahead, runs), Study::read), "{runs} runs, hold {hold}");
         }
     }
+}
+
+/// However many numbers of the stream a draw takes.
+#[test]
+fn other_laws_of_rand_distr() {
+    fn same(law: impl Distribution<f64> + Clone + Send + Sync + 'static) {
+        let drawn = law.clone();
+        let ours =
+            read(&text("{ kind = 'none' }", 3), move |spec| Study::with_noise(spec, law.clone()));
+        let ahead =
+            recorded(3, |stream| drawn.clone().sample_iter(stream).take(STEPS + 1).collect());
+        assert_eq!(ours, read(&text(&ahead, 3), Study::read));
+    }
+    same(Cauchy::new(0.0, SCALE).unwrap());
+    same(Gamma::new(0.5, SCALE).unwrap());
+    same(SkewNormal::new(0.0, SCALE, 2.0).unwrap());
+    same(Triangular::new(-SCALE, 2.0 * SCALE, 0.0).unwrap());
+    same(Weibull::new(SCALE, 0.7).unwrap());
 }
 
 #[test]
