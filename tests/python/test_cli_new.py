@@ -129,7 +129,7 @@ def test_a_log_of_which_too_little_is_known(axis, capsys):
     np.savez("short.npz", q=[0.0, 0.1, 0.3])
     assert run("new", "short.npz", "--dt", "0.1") == 0
     text = Path("short.toml").read_text()
-    assert "gain = 2.0" in text and "since none was found" in text
+    assert "gain = 2.0" in text and "since tuning found none" in text
     np.savez("still.npz", q=np.ones(9))
     assert run("new", "still.npz") == 2
     assert "no column of numbers moves" in capsys.readouterr().err
