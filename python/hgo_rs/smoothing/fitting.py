@@ -134,17 +134,16 @@ def fit(
     log : Log, frame, (t, y) or (t, y, u)
         As in `smooth`.
     parameters : names, optional
-        What is to be found. Default: all parameters.
+        Parameters to estimate. Default: all.
     R, Q : optional
-        As in `smooth`; those left out are found beside the parameters.
+        As in `smooth`; by default estimated with the parameters.
     progress : callable, optional
         Called with the number of filters run so far.
 
     Raises
     ------
     HgoError
-        What `smooth` refuses; a name that is no parameter; a parameter of which the record does
-        not tell.
+        Errors of `smooth`; an unknown parameter; a parameter that the record does not determine.
 
     Warns
     -----
