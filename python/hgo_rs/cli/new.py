@@ -78,15 +78,13 @@ def new_command(
     out = out if out is not None else Path(f"{stem_of(log)}.toml")
     check_places({"--out": out}, {"the log itself": log})
     if out.exists():
-        raise HgoError(f"{out} is there already; name another file with --out, or remove it")
+        raise HgoError(f"{out} exists already; name another file with --out, or remove it")
     found = look(log)
     arguments = {key: one_or_all(given) for key, given in columns.items() if given}
     arguments |= {} if dt is None else {"dt": dt}
     if "output" not in arguments:
         if found.output is None:
-            raise HgoError(
-                f"{log}: no column of numbers moves, so that there is nothing to estimate"
-            )
+            raise HgoError(f"{log}: no column of numbers changes, so there is nothing to estimate")
         arguments["output"] = found.output
     if "time" not in arguments and dt is None:
         arguments |= {} if found.time is None else {"time": found.time}

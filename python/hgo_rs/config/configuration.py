@@ -395,7 +395,7 @@ class Config:
         home = next((name for name, table in homes.items() if path[-1] in table), None)
         near = nearest(path[-1], known, cutoff=0.6)
         if home:
-            remedy = f"it stands in {home}"
+            remedy = f"it belongs to {home}"
         elif near:
             remedy = f"nearest: {', '.join(near)}"
         else:

@@ -160,7 +160,11 @@ def shape_spec(shape: Any, law: Law, n: int, method: str) -> dict[str, Any]:
         check(law.kind == "standard", "shape", shape, f"left out of the {law.title}", remedy)
         remedy = "the rows of this shape differ, so that no eigenvalues can be placed"
         check(
-            method not in CORRECTING, "method", method, "a method of rates, such as 'rk4'", remedy
+            method not in CORRECTING,
+            "method",
+            method,
+            "one that places none, such as 'rk4'",
+            remedy,
         )
     name = {Fal: "alpha", BiHomogeneous: "kappa"}.get(type(shape))
     if name is not None:
@@ -239,7 +243,7 @@ def gain(
 def model(model: System | None, n: int, law: Law | None = None) -> dict[str, Any]:
     known = Unknown() if model is None else model
     if law is not None and law.form == "unknown":
-        remedy = f"the {law.title} knows none; choose StandardObserver"
+        remedy = f"the {law.title} takes no model; choose StandardObserver"
         check(isinstance(known, Unknown), "model", model, "left out", remedy)
     check(
         isinstance(known, System), "model", model, "a Model or another System", "see hgo_rs.models"

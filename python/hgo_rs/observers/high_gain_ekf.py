@@ -95,8 +95,8 @@ class HighGainEKF(Observer):
         shape: None = None,
     ) -> None:
         law = LAWS[KIND]
-        remedy = "gate= of run() passes over outliers; or take a law of constant gains"
-        check(shape is None, "shape", shape, "left out: P holds for all of the innovation", remedy)
+        remedy = "gate= of run() leaves out outliers; or take a law with constant gains"
+        check(shape is None, "shape", shape, "left out: P assumes the whole innovation", remedy)
         n = arguments.order(n, least=min(law.orders), most=max(law.orders))
         remedy = "give theta, or gain"
         check(gain is None or theta is None, "theta", theta, "given without gain", remedy)
@@ -113,14 +113,16 @@ class HighGainEKF(Observer):
         check_choice("method", method, methods)
         check_choice("timing", timing, TIMINGS)
         if method == SAMPLED:
-            remedy = "a sample is used at its own time; or choose a method of rates"
+            remedy = (
+                "a sample is used at its own time; or choose a method in continuous time: 'rk4'"
+            )
             check(timing == "current", "timing", timing, "'current'", remedy)
             fits, remedy = gain_law["law"] in ("constant", WINDOW), "choose method='rk4'"
             allowed = "constant, or an InnovationGain, under method 'sampled'"
             check(fits, "gain", gain_law["law"], allowed, remedy)
         else:
-            remedy = "its window is of samples: choose method='sampled'"
-            allowed = "another law under a method of rates"
+            remedy = "its window holds samples: choose method='sampled'"
+            allowed = "another law under a method in continuous time"
             check(gain_law["law"] != WINDOW, "gain", gain_law["law"], allowed, remedy)
         variance = check_number(_one(R), "R", above=0.0)
         q = _triangle(Q, "Q", n)

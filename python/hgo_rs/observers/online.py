@@ -405,8 +405,8 @@ class OnlineObserver(_core.Online):
         check(finite, "memory", memory, "finite", "leave out NaN and infinity, or call reset()")
         for at, _, _ in self._waiting:
             elapsed = float(values[at])
-            allowed = ">= 0, the time that the next correction is for [s]"
-            remedy = "keep what memory shows, or 0 at a start; an input is told to predict(u, dt)"
+            allowed = ">= 0, the interval that the next correction covers [s]"
+            remedy = "keep the value of memory, or 0 at a start; give an input to predict(u, dt)"
             check(elapsed >= 0.0, f"memory[{at}]", elapsed, allowed, remedy)
         return values
 
@@ -472,8 +472,8 @@ class OnlineObserver(_core.Online):
         if helps and not model.not_finite(values | dict(zip(model.states, start, strict=True))):
             remedy += f", for example x_hat0 = [{_row(start)}]"
         return (
-            f"{head}: {equations} is {how} {shown}; {remedy}, or bound in the equation what it has "
-            "no value for, as max(v, 1e-3) does for a state v"
+            f"{head}: {equations} is {how} {shown}; {remedy}, or bound the argument in the "
+            "equation, for example max(v, 1e-3) for a state v"
         )
 
     def _check_clock(self, clock: float | Array) -> None:

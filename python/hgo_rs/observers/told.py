@@ -75,7 +75,7 @@ def as_html(observer: Any) -> str:
     rows += [(key, spec[key]) for key in _kept(spec, model)]
     names = Labels.of(spec, observer.n).columns(observer.n)
     stands = zip(names, observer.x_hat.tolist(), strict=True)
-    rows.append(("stands at", ", ".join(f"{name} = {number(value)}" for name, value in stands)))
+    rows.append(("estimate", ", ".join(f"{name} = {number(value)}" for name, value in stands)))
     return table(type(observer).__name__, rows)
 
 

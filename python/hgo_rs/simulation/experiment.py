@@ -454,8 +454,8 @@ def _check_fit(plant: System, observer: Observer) -> int:
     check(isinstance(observer, Observer), "observer", observer, "an Observer", "see hgo_rs")
     ship = isinstance(plant, Ship)
     n_y = 3 if ship else int(plant.spec.get("n_y", 1))
-    remedy = "it is what an observer knows of a plant"
-    check(plant.order is not None or ship, "plant", plant, "a system that moves by itself", remedy)
+    remedy = "this one is a model of observers only"
+    check(plant.order is not None or ship, "plant", plant, "a system with equations", remedy)
     kind, reduced = observer.spec["kind"], "reduced-order"
     # the first entries of an estimate are compared with the plant's states, as many as both have
     fits = (kind == reduced) == ship or _is_own(plant)

@@ -308,8 +308,8 @@ def _covariance(
     if not size[0] > _TOLD * size[-1]:
         weak = np.abs(basis @ ways[:, 0])[: len(names)]
         name = names[int(np.argmax(weak))]
-        told = "told of by the record, apart from the other parameters"
-        raise HgoError(explain("parameters", name, told, "leave it out, or move the system more"))
+        told = "determined by the record, separately from the other parameters"
+        raise HgoError(explain("parameters", name, told, "leave it out, or excite the system more"))
     inverse = np.linalg.inv(hessian)
     scores = []
     for move in basis.T:

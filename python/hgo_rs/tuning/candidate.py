@@ -109,7 +109,7 @@ class Candidate:
         noise, reference = self.noise, self.reference
         for turn in filter(None, self.any.wrap):
             allowed = f"> {6.0 * noise:.6g}, six standard deviations of the noise"
-            remedy = "noise of half a turn is not told from motion; check the unit of both"
+            remedy = "noise of half a turn cannot be separated from motion; check the units"
             check(not turn <= 6.0 * noise, "wrap", turn, allowed, remedy)
         if record is not None:
             record.moves(self.n)

@@ -160,11 +160,13 @@ def compared(
     spread = float(reference.spread[index])
     first, second = (math.hypot(math.sqrt(float(np.mean(s))), spread) for s in squares)
     less = 100.0 * (1.0 - first / second)
-    told = f"The {moving[0]}, whose gain moves with the model's slopes, errs "
-    told += f"{abs(less):.2g} % {'less' if less > 0.0 else 'more'} over the log than the best "
+    told = f"The {moving[0]}, whose gain follows the model's Jacobian, has "
+    told += (
+        f"{abs(less):.2g} % {'less' if less > 0.0 else 'more'} error over the log than the best "
+    )
     told += f"constant gain ({constant[0]})"
     if less <= 0.0:
-        return False, f"{told}: the constant gain is taken."
+        return False, f"{told}: the constant gain is chosen."
     horizon = 1.0 / min(moving[2], constant[2], reference.ell)
     each = stretches(squares[0] - squares[1], horizon / record.dt)
     if len(each) < FEWEST:
