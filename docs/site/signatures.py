@@ -1,4 +1,4 @@
-"""Parameters that a docstring describes together, one by one: so each is shown with its own type."""
+"""Parameters that a docstring describes together, one by one: each is shown with its own type."""
 
 from __future__ import annotations
 

@@ -88,7 +88,8 @@ def cost(observer: Observer, fixed: bool) -> str:
         (folder / "main.c").write_text(PROGRAM)
         sizes = []
         for calls in ([], ["-DCALLS", f"-DARGUMENTS={arguments}"]):
-            parts = [folder / "main.c", folder / "src" / "hgo_axis.c", "-lm", "-o", folder / "elf"]
+            code = [str(folder / "main.c"), str(folder / "src" / "hgo_axis.c")]
+            parts = [*code, "-lm", "-o", str(folder / "elf")]
             execute(["avr-gcc", *CHIP, "-std=gnu11", *calls, "-Wl,--gc-sections", *parts])
             words = execute(["avr-size", folder / "elf"]).splitlines()[1].split()
             sizes.append(int(words[0]) + int(words[1]))
@@ -105,7 +106,7 @@ def execute(command: Sequence[str | Path]) -> str:
 
 def counted(program: Path) -> int:
     """The cycles that the program prints."""
-    command = ["stdbuf", "-oL", "-eL", "simavr", "-m", "atmega328p", "-f", "16000000", program]
+    command = ["stdbuf", "-oL", "-eL", "simavr", "-m", "atmega328p", "-f", "16000000", str(program)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
     ) as process:

@@ -185,9 +185,7 @@ def _fault(
     index, raw = found.get("zone") or found["cell"]
     name, cell = wanted[index], raw.decode(errors="replace")
     if "zone" in found:
-        told = (
-            "has a time zone and earlier dates have none, or the other way; write all in one form"
-        )
+        told = "differs from earlier dates: only one has a time zone; write all in one form"
         return CellError(f"{where}, column {name!r}: {cell!r} {told}", name)
     kind = _taken(head.kinds[head.names.index(name)])
     what = {"number": "a number", "moment": "a date", "daytime": "a time of day"}[kind]
