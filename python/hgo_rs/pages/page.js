@@ -807,7 +807,7 @@ function about(system) {
   if (!system.criterion) return system.text;
   const chosen = `gain ${shown(tuned.ell)} /s by ${system.criterion} of ${tuned.states[system.state - 1]}`;
   return [system.text, system.chosen, chosen,
-    system.judged_by && `judged by ${system.judged_by}`, ...system.warnings].filter(Boolean).join(" · ");
+    system.judged_by && `compared with the smoothed state by ${system.judged_by}`, ...system.warnings].filter(Boolean).join(" · ");
 }
 
 async function open() {
