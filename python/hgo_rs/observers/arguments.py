@@ -73,7 +73,7 @@ def motion(
     """
     if method not in EXACT:
         for name, value in (("motion", motion), ("substeps", substeps)):
-            remedy = f"method {method!r} moves the model itself; or choose method 'zoh'"
+            remedy = f"method {method!r} integrates the model itself; or choose method 'zoh'"
             check(value is None, name, value, "left out", remedy)
         return {}
     chosen = usual_motion(model, gain) if motion is None else motion
@@ -98,8 +98,8 @@ def warn_of_jumps(motion: str, model: System | None, stacklevel: int) -> None:
     """Warn of a motion under which an estimate chatters where the model jumps."""
     if motion != "implicit" and model is not None and model.own_slope == math.inf:
         warnings.warn(
-            f"motion = {motion!r}: the model jumps in the state that it moves, as friction with "
-            'sign(v) does, so that its estimate chatters there; take motion="implicit", the '
+            f"motion = {motion!r}: an equation of the model may jump in its own state, as friction "
+            'with sign(v) does, and the estimate chatters there; take motion="implicit", the '
             "default, or a smooth term, such as tanh(v/v0)",
             MotionWarning,
             stacklevel=stacklevel + 1,

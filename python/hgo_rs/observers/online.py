@@ -510,7 +510,7 @@ def _lift(spec: dict[str, Any]) -> float:
 
 
 def initial_gain(value: Any) -> float:
-    return check_number(value, "r0", least=1.0, remedy="law (6) lives on r >= 1; start at 1")
+    return check_number(value, "r0", least=1.0, remedy="law (6) needs r >= 1; start at 1")
 
 
 def _row(values: Array) -> str:

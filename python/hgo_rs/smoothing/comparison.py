@@ -96,7 +96,7 @@ class Comparison:
         """Draw the errors as bars, a panel a state. Needs the extra `plot`."""
         from hgo_rs.plots import error_figure
 
-        title = f"RMS error, judged by {self.judged_by}"
+        title = f"RMS error, compared with {self.judged_by}"
         columns = dict(zip(self.states, self.error.T, strict=True))
         return error_figure(self.methods, columns, title=title, figure=figure)
 
@@ -105,7 +105,7 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         """The table, as text has it."""
-        head = f"RMS error after {self.skip:.4g} s, judged by {self.judged_by}"
+        head = f"RMS error after {self.skip:.4g} s, compared with {self.judged_by}"
         rows = [
             (name, *map(number, errors), rule)
             for name, rule, errors in zip(
@@ -117,7 +117,10 @@ class Comparison:
     def __str__(self) -> str:
         wide = max(len(name) for name in (*self.methods, "method"))
         head = f"{'method':{wide}s} " + " ".join(f"{name:>10s}" for name in self.states)
-        lines = [f"RMS error after {self.skip:.4g} s, judged by {self.judged_by}", f"{head}  tuned"]
+        lines = [
+            f"RMS error after {self.skip:.4g} s, compared with {self.judged_by}",
+            f"{head}  tuned",
+        ]
         for name, rule, errors in zip(self.methods, self.rules, self.error, strict=True):
             numbers = " ".join(f"{'-' if e != e else format(e, '.4g'):>10s}" for e in errors)
             lines.append(f"{name:{wide}s} {numbers}  {rule}")

@@ -81,7 +81,7 @@ def noises(
             break
         found, m = fewer, 2 * m
     if m > 1:
-        note(f"the noise of y lasts for some {m} samples, which count as one")
+        note(f"the noise of y is correlated over some {m} samples, which count as one")
     return m * found[0], found[1]
 
 

@@ -120,8 +120,8 @@ def of_samples(
     if not _BETTER * left_out(other) < left_out(own):
         return own
     told = (
-        f"samples that are left out are met to {left_out(other):.3g} by a chain of order {chain.n} "
-        f"without the model, to {left_out(own):.3g} by the model: the chain is taken"
+        f"cross-validation error {left_out(other):.3g} for a chain of order {chain.n} without the "
+        f"model, {left_out(own):.3g} for the model: the chain is used"
     )
     return other.of_states(motion.names, told)
 

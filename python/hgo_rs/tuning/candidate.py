@@ -373,7 +373,7 @@ class Candidate:
 
     def least_error(self) -> float:
         """The gain of the least error: measured where a record tells of it, else R n + Q m."""
-        remedy = "no noise is left to weigh against; give a noise level and model_error, or cutoff="
+        remedy = "there is no noise to compare with; give a noise level and model_error, or cutoff="
         rms = float(np.nanmin(self.curve.innovation)) if self.silent else math.nan
         check(rms != rms, "least RMS innovation", rms, "above the rounding of y", remedy)
         if self.reference is not None:

@@ -168,7 +168,7 @@ def tune(
         check(dt is not None, "dt", dt, "given with a noise level", "give the sampling period")
         step = check_period(dt)
         needed = "given with a noise level, for the least error"
-        remedy = "say how much the model lacks, or give a log, cutoff= or settling="
+        remedy = "give model_error, or a log, cutoff= or settling="
         check(targets or model_error is not None, "model_error", None, needed, remedy)
         lack = math.nan if model_error is None else model_error
         if model_error is not None:

@@ -76,7 +76,7 @@ class Filter(Candidate):
         self.near, self.misfit = 0, math.nan
 
     def reach(self, name: str, wanted: float) -> float:
-        remedy = "choose a law of constant gain, or leave it out: a log judges by the least error"
+        remedy = "choose a law of constant gain, or leave it out: a log is tuned by the least error"
         raise HgoError(explain(name, wanted, "left out of a gain that moves", remedy))
 
     def least_error(self) -> float:
@@ -174,7 +174,7 @@ def compared(
         return False, f"{told}: the constant gain is taken."
     told += f", in {int(np.sum(each < 0.0))} of {len(each)} stretches"
     if not surely_less(each):
-        return False, f"{told}, which may be chance: the constant gain is taken."
+        return False, f"{told}, which may be chance: the constant gain is chosen."
     if not first < _WORTH * second:
-        return False, f"{told}: not enough to justify a covariance, the constant gain is taken."
-    return True, f"{told}, which is significant: it is taken."
+        return False, f"{told}: not enough to justify a covariance: the constant gain is chosen."
+    return True, f"{told}, which is significant: it is chosen."
