@@ -148,9 +148,12 @@ fuzz: $(VENV)/stamp-dev
 	$(call say,fuzz: seed $(SEED)$(,) $(SECONDS) s)
 	$(BIN)/python tests/fuzz --seconds $(SECONDS) --seed $(SEED) --long $(LONG)
 
-# With the figures of `make reproduce`, where it has run. Search needs a server:
+# The gallery has the figures of the last `make reproduce`. Search needs a server:
 # python3 -m http.server -d out/site
-site: $(VENV)/stamp-docs
+out/results.json: | $(VENV)/stamp-build
+	@$(MAKE) reproduce
+
+site: $(VENV)/stamp-docs out/results.json
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict
 	@echo "out/site/index.html"
 

@@ -226,8 +226,8 @@ impl<T: Scalar, O: Observer<T>> Estimator<T, O> {
 }
 
 impl<T: Scalar, O: Causal<T>> Estimator<T, O> {
-    /// Take the sample y of now; the estimate is then x̂(k|k). Its gain is for the time that has passed
-    /// since the last sample used; for none, as at the start, nothing changes.
+    /// Use the present sample y; the estimate is then x̂(k|k). The correction covers the time since the
+    /// last sample used; over an interval of length 0, as at the start, nothing changes.
     #[inline]
     pub fn correct(&mut self, y: &O::Measurement) -> Status {
         let status = self.moving.corrected(&self.observer, y);
@@ -235,8 +235,8 @@ impl<T: Scalar, O: Causal<T>> Estimator<T, O> {
         status
     }
 
-    /// Move over the period of length `dt` in s that begins, under the input u that is applied from now
-    /// on. Counted is what went wrong: a sample's own status is that of [`Estimator::correct`].
+    /// Predict over the coming period of length `dt` [s] under the input u applied in it. Only failures
+    /// are counted; the status of a sample is counted by [`Estimator::correct`].
     #[inline]
     pub fn predict(&mut self, u: &O::Input, dt: T) -> Status {
         let status = self.moving.moved(&self.observer, &absent(), u, dt);

@@ -48,47 +48,46 @@ class Performance:
 HEAD = """\
 # Performance
 
-The package beside what else one would take for the same work, and the instructions of a step. This
-page, its [chart](performance.png) and its [data](performance.json) are made by `benches/compare`.
+Times of the package and of other implementations of the same work, and the instructions of a step.
+`benches/compare` writes this page, its [chart](performance.png) and its [data](performance.json).
 
 ![Time per run and step of every workload and implementation](performance.png)
 
 ## How to read it
 
-Times are per run and step: that of a call, divided by the runs and by the steps of each; for a
-record, per sample. A call is the whole of what a user waits for once all is compiled or loaded:
-arguments, the study, the result's arrays. Samples of all implementations are taken in turn; how
-they are timed stands with the machine. On one thread two columns compare: *of C, rounded* is an
-implementation's time over that of *C, rounded* for the same instruction set; *ours is faster by* is
-its time over ours: below 1, it is the faster one.
+Times are per run and step: the time of a call, divided by the runs and by the steps of each; for a
+record, per sample. A call includes arguments, the study and the arrays of the result, but no
+compilation and no loading. The implementations are timed in turn; the section Measured names the
+machine and the method. On one thread two columns compare: *of C, rounded* is the time of an
+implementation over that of *C, rounded* for the same instruction set; *ours is faster by* is its
+time over ours: below 1, it is the faster one.
 
-Every implementation draws the same random numbers and starts from the same states, and its results
-are compared with those of the package's NumPy reference before it is timed and again at the size
-that is timed. (*Numba, plain* draws Numba's own; its means agree within standard errors.) All that
-are named *ours* must have the same bits, but for an own model whose equations are rounded in
-another order, as in `katayama-ship`.
+Every implementation draws the same random numbers and starts from the same states. Its results are
+compared with those of the package's NumPy reference before the timing and again at the timed size.
+(*Numba, plain* draws Numba's own numbers; its means agree within standard errors.) All rows named
+*ours* must have the same bits, except an own model whose equations are rounded in another order, as
+in `katayama-ship`.
 
-| implementation | what it is |
+| implementation | description |
 | --- | --- |
 | ours | `simulate`, `run` or `step` of the package with its own systems |
-| ours, own model | the same equations as a user writes them: `hgo.Plant`, `hgo.Model` |
-| ours, interpreter; ours, llvm | held to one engine; *ours* takes the one that it finds fit |
-| ..., AVX2 | held to that instruction set, C compiled for it |
-| C | the limit: one kernel for one experiment; *rounded*: see below |
-| C, exported | the source that `export` writes: the package's sums, and its bits |
+| ours, own model | the same equations written by a user: `hgo.Plant`, `hgo.Model` |
+| ours, interpreter; ours, llvm | restricted to one engine; *ours* chooses the engine by itself |
+| ..., AVX2 | restricted to that instruction set; C compiled for it |
+| C | a kernel for one experiment, as the limit; *rounded*: see below |
+| C, exported | the source that `export` writes, with the operations and bits of the package |
 | Numba | one compiled loop a run, `fastmath`, no allocation, `prange` over the runs |
 | JAX | `lax.scan` over the steps, `vmap` over the runs, `jit`, double precision |
 | NumPy | the reference `hgo_rs.reference`: arrays over the runs, a Python loop over the steps |
 
-A C kernel has its experiment's constants compiled in and is written in vectors as wide as the
-registers of the instruction set, several blocks of runs interleaved so that no chain of operations
-is waited for, as many as are fastest here; compiled with `-O3` for the processor. It says what the
-work costs this processor. What a run starts from is read from arrays, in C as in all others, and
-differs from run to run: a compiler that knows that all start alike moves once for many runs what no
-run's noise reaches. (*One start* is such a study; the kernels do not know it.) In *C* the compiler
-makes a·b + c one operation with one rounding wherever the processor can, so that another processor
-gives other bits. *C, rounded* is the same kernel with every operation rounded, as the package
-computes: the limit of what gives the same bits everywhere.
+A C kernel has the constants of its experiment compiled in and uses vectors as wide as the registers
+of the instruction set. It interleaves several blocks of runs, as many as are fastest here, to hide
+the latency of dependent operations, and is compiled with `-O3` for the processor. It shows what the
+work costs on this processor. The starts of the runs are read from arrays and differ, in C as in all
+others, so that no compiler can compute equal runs once. (In *one start* all runs start alike; the
+kernels make no use of it.) In *C* the compiler fuses a·b + c to one operation with one rounding
+where the processor can, so another processor gives other bits. *C, rounded* is the same kernel with
+every operation rounded, as in the package: the limit for equal bits on all processors.
 
 """
 
@@ -101,10 +100,10 @@ python benches/compare --workload all build                # with a cold build, 
 python benches/compare --page docs/performance.md --from out/performance.json
 ```
 
-`--workload` and `--implementation` take a part; `--instructions avx2` holds ours, C, Numba and JAX
-to an instruction set. The extra `bench` installs what is compared with, and what is missing is
-named under each table; the C compiler is `cc`, or `CC`. Times hold for the machine named, and for
-what else it does; instructions do not depend on either.
+`--workload` and `--implementation` select some; `--instructions avx2` restricts ours, C, Numba and
+JAX to an instruction set. The extra `bench` installs the other implementations; missing ones are
+named under each table. The C compiler is `cc`, or `CC`. Times depend on the machine and on its
+load; instructions do not.
 
 """
 
@@ -112,9 +111,9 @@ INSTRUCTIONS = """\
 ## Instructions a step
 
 One step of each observer in double precision under each scheme: the mean over a thousand steps,
-counted by callgrind in plain x86-64 code of the release profile, the call included. The steps
-hardly branch, so that most take the same number every time. A test counts again and compares, where
-the compiler is the one named here; `python benches/compare --page docs/performance.md` counts again
+counted by callgrind in plain x86-64 code of the release profile, including the call. The steps
+hardly branch, so most take the same number every time. A test counts again and compares if the
+compiler is the one named here; `python benches/compare --page docs/performance.md` counts again
 and writes the table.
 
 """

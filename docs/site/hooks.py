@@ -20,9 +20,9 @@ from mkdocs.structure.files import File, Files
 
 import hgo_rs
 from hgo_rs.errors import HgoError
-from hgo_rs.scenarios import load
+from hgo_rs.scenarios import PAPERS, load
 
-ROOT = Path(__file__).parents[2]
+OUT = Path(__file__).parents[2] / "out"
 KATEX = Path("/usr/share/javascript/katex")
 OUTSIDE = re.compile(r"\[([^\]]*)\]\(\.\./([^)]*)\)")
 GROUPS = {
@@ -42,8 +42,9 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """A link out of docs/ becomes the file's place among the sources; a page that has a notebook
     links to it behind its title.
     """
-    markdown = OUTSIDE.sub(r"\1 (`\2` of the sources)", markdown)
     name = Path(page.file.src_uri).stem
+    if not page.file.src_uri.startswith("site/"):
+        markdown = OUTSIDE.sub(r"\1 (`\2` of the sources)", markdown)
     if page.file.src_uri == f"{name}.md" and notebooks.has_code(markdown):
         title, _, rest = markdown.partition("\n")
         link = f"[This page as a notebook](site/notebooks/{name}.ipynb){{ download }}"
@@ -100,7 +101,8 @@ def _api() -> str:
 
 def _showcase() -> tuple[str, str]:
     """The live page, and the page that holds it."""
-    head = "# Live: the papers' observers on the papers' systems\n\n"
+    wide = "---\nhide: [navigation, toc]\n---\n\n"  # the page has controls beside its plots
+    head = f"{wide}# Live: the papers' observers on the papers' systems\n\n"
     from hgo_rs.pages.showcase import showcase
 
     try:
@@ -108,31 +110,28 @@ def _showcase() -> tuple[str, str]:
     except HgoError as error:
         return "", f"{head}This build of the pages has none: {error}\n"
     text = "Move the gain, change structure and method: the same core runs in the browser."
-    style = "width: 100%; height: 80rem; border: 0"
+    style = "width: 100%; height: 92vh; border: 0"
     frame = f'<iframe src="live.html" title="Observers, live" style="{style}"></iframe>'
     return page, f"{head}{text} [In a window of its own](live.html).\n\n{frame}\n"
 
 
 def _figures() -> list[tuple[str, Path]]:
     """Figures that `make reproduce` wrote."""
-    places = ((f"{scenario.id}.png", scenario) for scenario in load().values())
-    return [
-        (f"site/figures/{name}", ROOT / "out" / name)
-        for name, _ in places
-        if (ROOT / "out" / name).is_file()
-    ]
+    names = [f"{scenario.id}.png" for scenario in load().values()]
+    return [(f"site/figures/{n}", OUT / n) for n in names if (OUT / n).is_file()]
 
 
 def _gallery() -> str:
-    """A figure of each scenario that has one."""
-    lines = ["# Gallery\n"]
-    made = {Path(name).stem for name, _ in _figures()}
+    """The scenarios' figures, paper by paper."""
+    lines = ["# Gallery\n", "The figures of the [scenarios](../scenarios.md).\n"]
+    made = {place.stem for _, place in _figures()}
     if not made:
-        lines.append(
-            "This build of the pages has no figures: `make reproduce` comes before `make site`.\n"
-        )
-    for scenario in load().values():
-        if scenario.id in made:
-            lines.append(f"## {scenario.title}\n\n`hgo run {scenario.id}`\n")
-            lines.append(f"![{scenario.title}](figures/{scenario.id}.png){{ loading=lazy }}\n")
+        told = "`make reproduce` draws them, and `make site` runs it first"
+        lines.append(f"This build of the pages has no figures: {told}.\n")
+    for paper in PAPERS.values():
+        drawn = [one for one in load().values() if one.paper == paper.id and one.id in made]
+        lines += [f"## {paper.authors}\n\n{paper.title}\n"] if drawn else []
+        for one in drawn:
+            lines.append(f"### {one.title[0].upper()}{one.title[1:]}\n\n`hgo run {one.id}`\n")
+            lines.append(f"![{one.title}](figures/{one.id}.png){{ loading=lazy }}\n")
     return "\n".join(lines)

@@ -43,14 +43,14 @@ INTRODUCTION = """\
  *     int32_t status =
  *         hgo_standard2_f32_init(&observer, sizeof observer, HGO_VERSION, &config, &error);
  *
- * What is known of the system, d^n y/dt^n = phi, the caller computes from the estimate and from
- * the inputs, and hands over as a number; 0 makes a differentiator. There are two ways to use a
- * state, and one state keeps to one of them.
+ * The model, d^n y/dt^n = phi, is evaluated by the caller from the estimate and the inputs and is
+ * passed as a number; 0 makes a differentiator. There are two ways to use a state; use one of them
+ * for each state.
  *
- * A control loop needs the estimate of now. At every sample, for example in a timer's interrupt,
+ * A control loop needs the present estimate. At every sample, for example in a timer interrupt,
  *
- *     hgo_standard2_f32_correct(&observer, y);              the sample of now is used
- *     hgo_standard2_f32_estimate(&observer, x_hat, 2);      x_hat is that of now
+ *     hgo_standard2_f32_correct(&observer, y);              the present sample is used
+ *     hgo_standard2_f32_estimate(&observer, x_hat, 2);      the present estimate
  *     u = control(x_hat);                                   compute the input and apply it
  *     phi = model(x_hat, u);                                under the input that is applied now
  *     hgo_standard2_f32_predict(&observer, phi, 0.001f);    over the period that begins

@@ -41,7 +41,7 @@ def printable(text: str) -> str:
 
 
 class HgoError(ValueError):
-    """Any input that hgo_rs refuses. Its text is printable, whatever names stand in it."""
+    """Base of all errors about input. The message contains printable characters only."""
 
     def __str__(self) -> str:
         return printable(super().__str__())

@@ -61,7 +61,7 @@ class Described:
 
     @property
     def spec(self) -> dict[str, Any]:
-        """Plain data, read-only: what it is, and its fields."""
+        """The object as plain data, read-only."""
         plainly = {"float": float, "int": int, "bool": bool}
         key, kind = self._kind
         own: Any = fields(self)  # type: ignore[arg-type]

@@ -176,5 +176,5 @@ def _numbers(values: np.ndarray, name: str) -> np.ndarray:
     if unit is None and not why and unix_unit(first) not in (None, "s"):
         why = f"{first:.0f} is a Unix time in {unix_unit(first)}"
     if why:
-        raise HgoError(f"the unit of the times {name!r} cannot be told: {why}; give them in s")
+        raise HgoError(f"the unit of the times {name!r} is unknown: {why}; give them in s")
     return in_seconds(values, f"the times {name!r}", UNITS[unit or "s"])

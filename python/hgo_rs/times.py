@@ -105,9 +105,9 @@ def named_unit(name: str) -> tuple[str | None, str]:
     letters = name.replace("µ", "μ")
     words = _before_since(re.findall(r"[^\W\d_]+", letters.casefold()))
     if words and all(word in _COUNTERS for word in words):
-        return None, "the name speaks of counted samples"
+        return None, "the name is that of a count of samples"
     if re.search(r"\d[mun\u03bc]?s(?![a-z\u03bc])", letters.casefold()):
-        return None, "the name speaks of a number of units"
+        return None, "the name contains a multiple of a unit"
     units = _units(words)
     bracket = re.search(r"[\[(/]\s*([hd])\s*[\])]?\s*$", letters.casefold())
     if bracket or words in (["h"], ["d"]):
@@ -117,7 +117,7 @@ def named_unit(name: str) -> tuple[str | None, str]:
         words = _before_since(camel)
         units = _units(words)
     if len(units) > 1:
-        return None, f"the name speaks of {' and '.join(sorted(units))}"
+        return None, f"the name contains {' and '.join(sorted(units))}"
     if units:
         return units.pop(), ""
     if words and _OTHER.fullmatch(words[-1]):

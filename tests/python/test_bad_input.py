@@ -354,7 +354,7 @@ CASES = {
     "no plant": (
         lambda: simulate(Unknown(), standard(), x0=[1, 0]),
         "plant = Unknown()",
-        "moves by itself",
+        "a system with equations",
     ),
     "no observer": (lambda: simulate(Lee(), "hgo", x0=[1, 0]), "observer = 'hgo'", "an Observer"),
     "plant of other outputs": (

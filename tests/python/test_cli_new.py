@@ -61,7 +61,7 @@ def test_a_log_alone_gives_a_file_that_estimates(axis, capsys):
     error = hgo.estimate("axis.csv", found).x_hat[late, 1] - v[late]
     assert np.sqrt(np.mean(error**2)) < 0.1 * np.std(np.diff(v)) / 4e-3  # of a unit gain's lag
     assert run("new", "axis.csv") == 2
-    assert "axis.toml is there already" in capsys.readouterr().err
+    assert "axis.toml exists already" in capsys.readouterr().err
 
 
 def uncommented(text):
@@ -129,10 +129,10 @@ def test_a_log_of_which_too_little_is_known(axis, capsys):
     np.savez("short.npz", q=[0.0, 0.1, 0.3])
     assert run("new", "short.npz", "--dt", "0.1") == 0
     text = Path("short.toml").read_text()
-    assert "gain = 2.0" in text and "since none was found" in text
+    assert "gain = 2.0" in text and "since tuning found none" in text
     np.savez("still.npz", q=np.ones(9))
     assert run("new", "still.npz") == 2
-    assert "no column of numbers moves" in capsys.readouterr().err
+    assert "no column of numbers changes" in capsys.readouterr().err
 
 
 # --- completion --------------------------------------------------------------------------------

@@ -166,7 +166,7 @@ def test_the_wrap_of_a_file_is_kept(tmp_path, monkeypatch, capsys):
         return np.array([[float(cell or "nan") for cell in row.split(",")] for row in rows[1:]])
 
     wrapped, whole = table_of("axis.toml"), table_of("plain.toml")
-    assert "goes on over turns of 360" in capsys.readouterr().out
+    assert "unwrapped, with the turn of 360" in capsys.readouterr().out
     np.testing.assert_allclose(wrapped[:, 3:], whole[:, 3:], rtol=1e-6, atol=1e-9)
     errors = {}
     for name in ("axis", "plain"):

@@ -219,7 +219,7 @@ HEAD = 'format = 1\nobserver = "standard"\n'
             HEAD + "order = 1\ngain = 1\n[log]\nclip = 't'",
             "line 6: log.clip is not a known key; it",
         ),
-        (HEAD + "time = 't'", "line 3: time is not a known key; it stands in [log]"),
+        (HEAD + "time = 't'", "line 3: time is not a known key; it belongs to [log]"),
         (
             HEAD + "order = 1\ngain = 1\n[[log]]\ntime = 't'",
             "line 5: log is a list of something else; write a table",

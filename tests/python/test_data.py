@@ -133,7 +133,7 @@ def test_dt_in_place_of_and_beside_a_time_column(tmp_path):
     path = write(tmp_path, "t,q\n0.001,1\n0.098,2\n0.202,3\n0.300,4\n")
     np.testing.assert_array_equal(read_log(path, None, "q", dt=0.1).t, 0.1 * np.arange(4))
     np.testing.assert_array_equal(read_log(path, "t", "q", dt=0.1).t, 0.001 + 0.1 * np.arange(4))
-    assert "leave dt out to honour uneven steps" in refusal(path, "t", "q", dt=0.2)
+    assert "leave dt out to use the recorded times" in refusal(path, "t", "q", dt=0.2)
     for dt in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(DataError, match="dt"):
             read_log(path, "t", "q", dt=dt)
@@ -535,7 +535,7 @@ def test_times_that_are_no_numbers_or_too_large(tmp_path):
     log = read_log(
         arrays(tmp_path, t=np.unique(coarse), q=np.ones(len(np.unique(coarse)))), "t", "q"
     )
-    assert "resolve 0.000977 s only" in log.describe()
+    assert "a resolution of only 0.000977 s" in log.describe()
 
 
 # --- units that cannot be ----------------------------------------------------------------------
@@ -564,7 +564,7 @@ def test_names_that_say_their_unit(tmp_path, name, per_s):
 def test_names_that_leave_the_unit_open_are_asked(tmp_path, name):
     path = write(tmp_path, f"{name};q\n0;1\n5;2\n15;3\n")
     said = refusal(path, name, "q")
-    assert f"the unit of the time {name!r} cannot be told" in said and "say unit = " in said
+    assert f"the unit of the time {name!r} is unknown" in said and "give unit = " in said
     assert read_log(path, name, "q", unit="ms").t[1] == 0.005
 
 
@@ -613,7 +613,7 @@ def test_a_unit_beside_dates_is_said_to_be_idle(tmp_path):
 def test_dt_beside_times_of_a_guessed_unit(tmp_path):
     path = arrays(tmp_path, t=np.arange(50) * 5, q=np.ones(50))
     said = refusal(path, "t", "q", dt=0.005)
-    assert "leave dt out to honour uneven steps, or say a unit other than s" in said
+    assert "leave dt out to use the recorded times, or give a unit other than s" in said
     np.testing.assert_array_equal(
         read_log(path, "t", "q", dt=0.005, unit="ms").t, 0.005 * np.arange(50)
     )

@@ -153,7 +153,7 @@ def test_dates_are_numpys(tmp_path, text):
 def test_times_of_day_go_on_over_midnight(tmp_path):
     rows = stamped(lambda d: d.strftime("%H:%M:%S.%f"), datetime.datetime(2024, 3, 5, 23, 59, 59))
     text = lines("t,q", rows)
-    check(read(tmp_path, text), "times 't' go on over midnight (line 202)")
+    check(read(tmp_path, text), "times 't' continue over midnight (line 202)")
     for rows in (1, 7, 199, 200, 201):
         parts = list(read_chunks(tmp_path / "log.csv", "t", "q", rows=rows))
         np.testing.assert_allclose(np.concatenate([part.t for part in parts]), T, atol=1e-12)
@@ -171,9 +171,7 @@ def test_times_in_two_columns(tmp_path):
     late = datetime.datetime(2024, 3, 5, 23, 59, 59)
     rows = stamped(lambda d: d.strftime("%Y-%m-%d,%H:%M:%S.%f"), late)
     check(read(tmp_path, lines("date,time,q", rows), "date+time"), "2024-03-05T23:59:59")
-    assert "unit of 'a' cannot be told" in refusal(
-        tmp_path, lines("a,b,q", "1,2,3", "2,3,4"), "a+b"
-    )
+    assert "unit of 'a' is unknown" in refusal(tmp_path, lines("a,b,q", "1,2,3", "2,3,4"), "a+b")
     text = lines("secs,nsecs,q", "0,0,1", "1.5,0,2")
     assert "'secs' must hold whole numbers" in refusal(tmp_path, text, "secs+nsecs")
     assert "no column 'secs'; nearest: nsecs, sec" in refusal(
@@ -185,14 +183,17 @@ def test_times_in_two_columns(tmp_path):
 def test_coarse_times_beside_a_period(tmp_path, rows):
     coarse = np.floor(10.0 * T) / 10.0
     text = lines("t,q", [f"{t:.1f},{q:.6f}" for t, q in zip(coarse, Q, strict=True)])
-    check(read(tmp_path, text, dt=0.005), "times 't' resolve 0.1 s only: samples lie dt apart")
+    check(
+        read(tmp_path, text, dt=0.005),
+        "times 't' have a resolution of only 0.1 s; samples are dt apart",
+    )
     parts = list(read_chunks(tmp_path / "log.csv", "t", "q", dt=0.005, rows=rows))
     np.testing.assert_allclose(np.concatenate([part.t for part in parts]), T, atol=1e-12)
-    told = "the times resolve 0.1 s only: say dt, the sampling period, on average 0.005 s"
+    told = "a resolution of only 0.1 s; give dt, the sampling period, on average 0.005 s"
     assert told in refusal(tmp_path, text)
     assert "is not sample" in refusal(tmp_path, text, dt=0.006)
     still = lines("t,q", [f"7,{q}" for q in Q])
-    assert "stands still; leave it out, dt is enough" in refusal(tmp_path, still, dt=0.005)
+    assert "is constant; leave it out, dt is enough" in refusal(tmp_path, still, dt=0.005)
 
 
 # --- bytes -----------------------------------------------------------------------------------
@@ -330,7 +331,7 @@ def test_dates_that_are_told_with_a_remedy(tmp_path):
     us = stamped(lambda d: d.strftime("%m/%d/%Y %I:%M:%S %p"))
     assert "pandas.to_datetime reads other dates" in refusal(tmp_path, lines("t,q", us))
     mixed = stamped(str)[:9] + stamped(lambda d: f"{d}Z")[9:]
-    told = "line 11, column 't': '2024-03-05 09:07:03.045000Z' differs from the dates before it"
+    told = "line 11, column 't': '2024-03-05 09:07:03.045000Z' differs from earlier dates"
     assert told in refusal(tmp_path, lines("t,q", mixed))
     assert "'2024-02-30' is not a date" in refusal(tmp_path, "t,q\n2024-02-01,1\n2024-02-30,2\n")
 

@@ -229,7 +229,7 @@ def test_it_is_kept(tmp_path: Any) -> None:
             "samples = 7: must be 5 or 10",
         ),
         (lambda: hgo_rs.StandardObserver(2, TUNED), "this one is for HighGainEKF"),
-        (lambda: adaptive(method="rk4"), "its window is of samples"),
+        (lambda: adaptive(method="rk4"), "its window holds samples"),
         (lambda: hgo_rs.HighGainEKF(5, TUNED, R=1.0, Q=1.0), "takes n = 1 to 4, and 5 or 10"),
         (
             lambda: hgo_rs.MultiOutputObserver(

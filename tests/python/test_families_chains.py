@@ -144,7 +144,7 @@ def test_a_box_keeps_the_slope() -> None:
 @pytest.mark.parametrize(
     ("f", "told"),
     [
-        (["b", "-a"], "with the slope 1, as the chain .* has it already"),
+        (["b", "-a"], "with the slope 1, which the chain .* has already"),
         (["b*u", "-a"], "depends on u: must depend on states and parameters only"),
         (["b*sin(t)", "-a"], "depends on t: must depend on states and parameters only"),
         (["c + b**3", "0", "-a"], "depends on c, so that the model is not triangular"),

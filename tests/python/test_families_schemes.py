@@ -500,7 +500,7 @@ def test_a_model_moves_by_its_motion_and_is_known() -> None:
         ),
         (
             lambda: hgo_rs.StandardObserver(2, 1.0, method="implicit", motion="rk4"),
-            "moves the model itself",
+            "integrates the model itself",
         ),
     ],
 )

@@ -385,7 +385,7 @@ def test_what_a_model_lacks_is_measured(kind: str, timing: str) -> None:
 
 def test_a_lag_has_no_deviation() -> None:
     law = cascade(3)
-    with pytest.raises(hgo_rs.HgoError, match="lag behind a state that wanders"):
+    with pytest.raises(hgo_rs.HgoError, match="lag behind a random walk"):
         model_gain(law.spec, T)
 
 

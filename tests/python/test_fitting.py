@@ -86,7 +86,7 @@ def test_what_the_record_does_not_tell_of_is_named():
     model = Model(
         states=["q", "v"], parameters={"a": 12.0, "b": 13.0}, phi="-(a + b)*sin(q) - 0.1*v"
     )
-    with pytest.raises(HgoError, match="told of by the record"):
+    with pytest.raises(HgoError, match="determined by the record"):
         fit(model, (0.01, swing(0, 600)))
 
 

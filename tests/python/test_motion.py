@@ -309,7 +309,9 @@ def test_the_motion_that_is_left_open() -> None:
     assert of(friction, gain=300.0) == ("rk4", 2)
     assert of(friction.with_parameters(v0=1.0)) == ("rk4", 2)
     assert of(own("u - sign(v)")) == of(own("u - atan2(v, q)")) == ("implicit", 2)
-    with pytest.warns(MotionWarning, match="motion = 'rk4': the model jumps") as caught:
+    with pytest.warns(
+        MotionWarning, match="motion = 'rk4': an equation of the model may jump"
+    ) as caught:
         assert of(own("u - sign(v)"), motion="rk4", substeps=5) == ("rk4", 5)
     assert all(one.filename == __file__ for one in caught)
     assert own("u - sign(v)").own_slope == np.inf

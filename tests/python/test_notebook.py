@@ -225,7 +225,7 @@ def test_an_observer_and_its_result_name_the_states() -> None:
         "method='zoh', motion='rk4', timing='current')"
     )
     shown = rows(observer)
-    assert shown["gain"] == ["20 1/s"] and shown["stands at"] == ["q = 0, w = 0"]
+    assert shown["gain"] == ["20 1/s"] and shown["estimate"] == ["q = 0, w = 0"]
     assert shown["model"][0].startswith("$") and r"\dot{w}" in shown["model"][0]
     y = np.sin(T)
     y[100:110] = np.nan

@@ -201,11 +201,11 @@ def test_times_of_corrections_are_checked_of_each_output(law: str) -> None:
 def test_what_several_outputs_and_filters_do_not_take_is_told_in_a_line() -> None:
     both = two_outputs("chains")
     for figure in (both.bandwidth, both.noise_gain, both.peaking, both.settling):
-        with pytest.raises(hgo.HgoError, match="'chains': must be a law of one output; ask"):
+        with pytest.raises(hgo.HgoError, match="'chains': must be a law of one output; call"):
             figure()
     with pytest.raises(hgo.HgoError, match=r"wrap = 6.28: must be left out; give it where"):
         hgo.MultiOutputObserver([], model=CHAINS, wrap=6.28)  # type: ignore[arg-type]
-    with pytest.raises(hgo.HgoError, match=r"shape = .*must be left out: P holds"):
+    with pytest.raises(hgo.HgoError, match=r"shape = .*must be left out: P assumes"):
         hgo.HighGainEKF(2, R=1.0, Q=1.0, shape=hgo.Stubborn(5.0, 20.0))  # type: ignore[arg-type]
 
 

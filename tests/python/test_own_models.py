@@ -588,7 +588,7 @@ WRONG = {
     "infinite": ({"phi": math.inf}, "phi: the number inf is not finite"),
     "triangular": (
         {"phi": None, "f": ["v", "q"]},
-        r"f\[0\]: v has v with the slope 1, as the chain .* has it already",
+        r"f\[0\]: v contains v with the slope 1, which the chain .* has already",
     ),
     "length": ({"phi": None, "f": ["q"]}, "f has 1 expressions: must have 2"),
     "no list": ({"phi": None, "f": "q"}, "must be 2 expressions; give a list"),

@@ -91,7 +91,7 @@ def test_a_page_is_one_file_with_the_log_within(tuned: hgo.Tuning, tmp_path: Pat
 
 def test_a_log_too_large_is_decimated_and_told(tuned: hgo.Tuning) -> None:
     text, told = pages.page(tuned, "log", most=600)
-    assert told.startswith("decimated: one sample of every 3 of 1500, inputs as the means")
+    assert told.startswith("decimated: 1 of 3 samples is kept, of 1500, inputs as the means")
     data = held(text)
     _, y, u = record()
     assert data["decimated"] == told and data["log"]["samples"] == 500
@@ -132,12 +132,12 @@ def test_a_choice_that_cannot_be_drawn_is_told(tuned: hgo.Tuning, tmp_path: Path
         tried=(("filter", 1.0, 0.1), *tuned.tried),
     )
     next_best = tuned.tried[0][0]
-    with pytest.warns(TuningWarning, match="filter was chosen, which a page cannot draw") as told:
+    with pytest.warns(TuningWarning, match="it cannot draw the chosen structure, filter") as told:
         chosen.page(tmp_path / "tune.html")
     assert told[0].filename == __file__
     data = held((tmp_path / "tune.html").read_text())
     assert data["chosen"] == next_best in [of["name"] for of in data["structures"]]
-    assert "filter was chosen" in data["text"]
+    assert "the chosen structure, filter" in data["text"]
     assert any("move with the slopes of the model" in left for left in data["left"])
 
 
@@ -236,7 +236,7 @@ def test_a_browser_has_pythons_bits_as_the_slider_moves(tuned: hgo.Tuning, tmp_p
         assert spent < 0.05  # 20 pictures a second
         assert opened.requests == [] and opened.errors == []
         opened.open(path, before="delete window.WebAssembly;")
-        assert "runs no WebAssembly" in opened.value("document.getElementById('notice').innerText")
+        assert "needs WebAssembly" in opened.value("document.getElementById('notice').innerText")
         assert f"{tuned.ell}"[:8] in opened.value("document.getElementById('notice').innerText")
 
 

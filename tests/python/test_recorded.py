@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import time
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,11 @@ def recorded(monkeypatch: pytest.MonkeyPatch) -> Any:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_recorded_run_is_what_its_commands_say(page: Path, recorded: Any, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
+    began = time.perf_counter()
     for block in recorded.BLOCK.finditer(page.read_text(encoding="utf-8")):
         made = recorded.again(block[1], tmp_path)
         assert recorded.alike(block[1], made), made
+    assert time.perf_counter() - began < 60.0  # the first minute is one
 
 
 def test_runs_that_say_something_else_are_told_apart(recorded: Any) -> None:

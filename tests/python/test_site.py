@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import importlib
 import os
 import re
 import subprocess
@@ -75,9 +76,20 @@ def test_nothing_that_a_page_takes_is_missing_or_of_another_host(site: Path) -> 
         assert (site / "site/katex" / font).is_file(), font
 
 
+def test_the_gallery_has_what_was_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
+    hooks = importlib.import_module("hooks")
+    monkeypatch.setattr(hooks, "OUT", tmp_path)
+    assert "`make reproduce` draws them" in hooks._gallery() and "![" not in hooks._gallery()
+    (tmp_path / "lee-fig1.png").touch()
+    shown = hooks._gallery()
+    assert "(figures/lee-fig1.png)" in shown and "## Joonho Lee" in shown and "fig2" not in shown
+
+
 @pytest.mark.skipif(browser.PROGRAM is None, reason="no Chromium")
 def test_katex_reads_every_formula_and_no_request_leaves(site: Path, tmp_path: Path) -> None:
-    found = [match[0] for text in pages(site).values() for match in FORMULA.finditer(text)]
+    whole = pages(site)
+    found = [match[0] for text in whole.values() for match in FORMULA.finditer(text)]
     assert len(found) > 700
     wrong = '<span class="arithmatex">\\(\\nothing{\\)</span>'
     every = site / "every.html"
@@ -88,8 +100,10 @@ def test_katex_reads_every_formula_and_no_request_leaves(site: Path, tmp_path: P
         page.open(every)
         assert page.value("document.querySelectorAll('.katex').length") == len(found)
         assert page.value("document.querySelectorAll('.katex-error').length") == 1  # the wrong one
-        for name in ("index.html", "gain-laws.html", "site/api.html"):
+        shown = "[...document.images].every(one => one.loading === 'lazy' || one.naturalWidth > 0)"
+        for name in whole:
             page.open(site / name)
-            assert page.value("document.querySelectorAll('.katex-error').length") == 0
+            assert page.value("document.querySelectorAll('.katex-error').length") == 0, name
+            assert page.value(shown), name
         assert page.requests == []
         assert [error for error in page.errors if "search" not in error] == []

@@ -187,7 +187,7 @@ def test_noise_that_lasts_is_not_taken_for_motion():
     error, of_one_step = (
         np.sqrt(np.mean((found.x[200:-200, 1] - v[200:-200]) ** 2)) for found in (run, taken)
     )
-    assert any("lasts" in text for text in run.remarks)
+    assert any("is correlated" in text for text in run.remarks)
     assert error < 4e-3 and of_one_step > 20.0 * error
     assert error < 2.0 * np.sqrt(np.mean(run.deviation[:, 1] ** 2))
 
@@ -202,7 +202,7 @@ def test_a_model_that_errs_gives_way_to_samples_that_tell_more():
     free, bound = smooth(half, (t, y)), smooth(half, (t, y), structure="model")
     error, of_model = (rms((x - v)[20:-20]) for x in (free.state("v"), bound.state("v")))
     assert error < 0.5 * of_model
-    assert free.states == ("q", "v") and "the chain is taken" in free.remarks[-1]
+    assert free.states == ("q", "v") and "the chain is used" in free.remarks[-1]
     assert left_out(free) < left_out(bound)
     # left out in truth: the sample is missing
     hole = y.copy()

@@ -785,7 +785,7 @@ BAD = {
             **lee() | {"plant": VanDerPol(), "plant_method": "rk4"},
         }
     },
-    "in a folder that is there": {"save": "/nowhere/at/all/study.parquet"},
+    "in an existing folder": {"save": "/nowhere/at/all/study.parquet"},
     "save = 3: must be a path": {"save": 3},
 }
 

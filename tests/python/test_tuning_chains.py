@@ -77,7 +77,7 @@ def test_two_outputs_are_near_the_best_gains_together() -> None:
     np.testing.assert_array_equal(
         again, result.observer.run(t, y, u, x_hat0=[y[0, 0], 0.0, y[0, 1], 0.0]).x_hat
     )
-    assert "whose gains move with the model's slopes, errs" in told
+    assert "whose gains follow the model's Jacobian, has" in told
     pytest.importorskip("matplotlib")
     (ax,) = result.plot().axes
     assert [bar.get_width() for bar in ax.patches] == [cost for _, _, cost in result.tried]

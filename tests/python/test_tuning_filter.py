@@ -54,7 +54,7 @@ def test_a_gain_that_moves_is_chosen_where_slopes_turn() -> None:
     assert result.model_error == pytest.approx(LACK, rel=0.5)
     assert result.whiteness > 1e-3
     told = result.report()
-    assert "errs" in told and "which is significant: it is taken." in told
+    assert "% less error" in told and "which is significant: it is chosen." in told
     band = result.run((DT, y)).deviation[100:, 1]
     assert np.sqrt(np.mean(band**2)) == pytest.approx(found, rel=0.2)
     pytest.importorskip("matplotlib")

@@ -367,7 +367,7 @@ def test_samples_too_far_apart_are_told():
     with pytest.warns(TurnWarning, match=r"samples \d+ and \d+ lie .* of a turn"):
         chain("standard", wrap=TURN).run(DT, np.mod(fast * 3.0, TURN))
     noise = np.random.default_rng(1).normal(0.0, TURN, 500)
-    with pytest.warns(TurnWarning, match="whether motion or noise"):
+    with pytest.warns(TurnWarning, match="by motion or by noise"):
         chain("standard", wrap=TURN).run(DT, noise)
 
 

@@ -44,10 +44,8 @@ impl Vectors {
     /// # Errors
     /// A set that is not known, or that this processor has not.
     pub fn asked() -> Result<Option<Self>> {
-        let refuse = |given: &str, allowed: &str| {
-            let message =
-                format!("{FORCE} = {given:?} is not allowed: {allowed}, or leave it unset");
-            Err(refused(message))
+        let refuse = |given: &str, why: &str, remedy: &str| {
+            Err(refused(format!("{FORCE} = {given:?} is not allowed: {why}; {remedy}")))
         };
         let asked = match std::env::var(FORCE).as_deref() {
             Err(_) => Some(Self::widest()),
@@ -55,12 +53,17 @@ impl Vectors {
             Ok("baseline") => Some(Self::Baseline),
             Ok("avx2") => Some(Self::Avx2),
             Ok("avx512") => Some(Self::Avx512),
-            Ok(other) => return refuse(other, "choose plain, baseline, avx2 or avx512"),
+            Ok(other) => {
+                let known = "it must be plain, baseline, avx2 or avx512";
+                return refuse(other, known, "choose one of them, or unset it");
+            }
         };
         if let Some(vectors) = asked
             && !vectors.are_available()
         {
-            return refuse(&format!("{vectors:?}").to_lowercase(), "this processor has it not");
+            let given = format!("{vectors:?}").to_lowercase();
+            let lacking = format!("this processor has no {given}");
+            return refuse(&given, &lacking, "choose a smaller one, or unset it");
         }
         Ok(asked)
     }

@@ -11,14 +11,14 @@
  *     int32_t status =
  *         hgo_standard2_f32_init(&observer, sizeof observer, HGO_VERSION, &config, &error);
  *
- * What is known of the system, d^n y/dt^n = phi, the caller computes from the estimate and from
- * the inputs, and hands over as a number; 0 makes a differentiator. There are two ways to use a
- * state, and one state keeps to one of them.
+ * The model, d^n y/dt^n = phi, is evaluated by the caller from the estimate and the inputs and is
+ * passed as a number; 0 makes a differentiator. There are two ways to use a state; use one of them
+ * for each state.
  *
- * A control loop needs the estimate of now. At every sample, for example in a timer's interrupt,
+ * A control loop needs the present estimate. At every sample, for example in a timer interrupt,
  *
- *     hgo_standard2_f32_correct(&observer, y);              the sample of now is used
- *     hgo_standard2_f32_estimate(&observer, x_hat, 2);      x_hat is that of now
+ *     hgo_standard2_f32_correct(&observer, y);              the present sample is used
+ *     hgo_standard2_f32_estimate(&observer, x_hat, 2);      the present estimate
  *     u = control(x_hat);                                   compute the input and apply it
  *     phi = model(x_hat, u);                                under the input that is applied now
  *     hgo_standard2_f32_predict(&observer, phi, 0.001f);    over the period that begins
@@ -256,17 +256,17 @@ HGO_ASSERT(sizeof(hgo_peaking_free_config_f64) == 120);
  * _step_limit: Write the stability limit of step [s], above which dt_max must not be, for the law
  *     of a configuration; its dt_max is not read. `error` may be NULL.
  * _predict_limit: The same for correct and predict, whose limit is another one: mostly about half.
- * _step: Take the sample y of now (NaN: it is missing) and advance by dt [s], the time until the
- *     next sample: the papers' recursion, one call a sample. phi: what is known of the n-th
+ * _step: Use the present sample y (NaN: it is missing) and advance by dt [s], the time until the
+ *     next sample: the papers' recursion, one call for each sample. phi: the model's n-th
  *     derivative of y over that time, computed from the estimate before this step and from the
- *     inputs; 0 if nothing is. The estimate is then that of the next sample's time.
- * _correct: Take the sample y of now (NaN: it is missing, and nothing changes). The estimate is
- *     then that of now, this sample used. The correction is for the last period that predict moved
- *     over; where there was none, as at the start, it changes nothing.
- * _predict: Move over the period of dt [s] that begins, without a sample: HGO_PREDICTED. phi: what
- *     is known of the n-th derivative of y over it, computed from the estimate of now and from the
- *     inputs that are applied from now on; 0 if nothing is. After a period above dt_max the next
- *     sample is not used, and correct says so.
+ *     inputs; 0 without a model. The estimate is then the prediction for the next sample.
+ * _correct: Use the present sample y (NaN: it is missing, and nothing changes). The estimate is
+ *     then that of its time. The correction covers the period of the last predict; without one, as
+ *     at the start, it changes nothing.
+ * _predict: Predict over the coming period of dt [s], without a sample: HGO_PREDICTED. phi: the
+ *     model's n-th derivative of y over it, computed from the present estimate and from the inputs
+ *     applied in it; 0 without a model. After a period above dt_max the next sample is not used,
+ *     and correct returns HGO_STEP_TOO_LONG.
  * _estimate: Copy the first n numbers of the memory: x_hat_1 ... x_hat_n, which estimate y and its
  *     derivatives now (after correct), or at the next sample (after step and predict). A larger n,
  *     up to the length of the memory, gives what the law remembers beside: eta_1 ... eta_(n-1) or

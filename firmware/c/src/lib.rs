@@ -421,10 +421,10 @@ macro_rules! observers {
                 super::code(unsafe { super::limit::<$t, Law>(config, dt_max, error, computed) })
             }
 
-            /// Take the sample y of now (NaN: it is missing) and advance by dt [s], the time until the
-            /// next sample: the papers' recursion, one call a sample. phi: what is known of the n-th
+            /// Use the present sample y (NaN: it is missing) and advance by dt [s], the time until the
+            /// next sample: the papers' recursion, one call for each sample. phi: the model's n-th
             /// derivative of y over that time, computed from the estimate before this step and from
-            /// the inputs; 0 if nothing is. The estimate is then that of the next sample's time.
+            /// the inputs; 0 without a model. The estimate is then the prediction for the next sample.
             #[unsafe(export_name = concat!("hgo_", stringify!($name), "_step"))]
             unsafe extern "C" fn step(state: *mut State, y: $t, phi: $t, dt: $t) -> i32 {
                 // SAFETY: the C caller vouches for the pointer.
@@ -437,9 +437,9 @@ macro_rules! observers {
                 }
             }
 
-            /// Take the sample y of now (NaN: it is missing, and nothing changes). The estimate is
-            /// then that of now, this sample used. The correction is for the last period that predict
-            /// moved over; where there was none, as at the start, it changes nothing.
+            /// Use the present sample y (NaN: it is missing, and nothing changes). The estimate is
+            /// then that of its time. The correction covers the period of the last predict; without
+            /// one, as at the start, it changes nothing.
             #[unsafe(export_name = concat!("hgo_", stringify!($name), "_correct"))]
             unsafe extern "C" fn correct(state: *mut State, y: $t) -> i32 {
                 // SAFETY: the C caller vouches for the pointer.
@@ -449,10 +449,10 @@ macro_rules! observers {
                 }
             }
 
-            /// Move over the period of dt [s] that begins, without a sample: HGO_PREDICTED. phi: what
-            /// is known of the n-th derivative of y over it, computed from the estimate of now and
-            /// from the inputs that are applied from now on; 0 if nothing is. After a period above
-            /// dt_max the next sample is not used, and correct says so.
+            /// Predict over the coming period of dt [s], without a sample: HGO_PREDICTED. phi: the
+            /// model's n-th derivative of y over it, computed from the present estimate and from the
+            /// inputs applied in it; 0 without a model. After a period above dt_max the next sample is
+            /// not used, and correct returns HGO_STEP_TOO_LONG.
             #[unsafe(export_name = concat!("hgo_", stringify!($name), "_predict"))]
             unsafe extern "C" fn predict(state: *mut State, phi: $t, dt: $t) -> i32 {
                 // SAFETY: the C caller vouches for the pointer.

@@ -69,11 +69,11 @@ class Entrant:
 
 
 LEFT_OUT = {
-    "collection": "its copies have gains of their own: no speed to set",
-    "modified": "its copies have gains of their own: no speed to set",
+    "collection": "each copy has its own gain: there is no common speed",
+    "modified": "each copy has its own gain: there is no common speed",
     "sampled-data": "needs a model in discrete time with gains of its own",
     "reduced-order": "needs all positions of a system and a strict-feedback model",
-    "stochastic approximation": "a schedule of falling steps: its speed is no constant",
+    "stochastic approximation": "a schedule of decreasing steps: its speed is not constant",
 }
 """Laws that have no place on this bench, and why."""
 

@@ -194,8 +194,8 @@ def _tuned(entrant: Entrant, asked: Asked) -> tuple[float, float, float]:
     fits = [looked(float(speed))[0] <= SETTLING for speed in grid]
     if not any(fits):
         raise HgoError(
-            f"no speed from {_SPEEDS[0]:g} to {_SPEEDS[1]:g} /s forgets a step of {_STEP:g} in "
-            f"{SETTLING:g} s"
+            f"no speed from {_SPEEDS[0]:g} to {_SPEEDS[1]:g} /s settles within {SETTLING:g} s "
+            f"after a step of {_STEP:g}"
         )
     k = fits.index(True)
     high = float(grid[k])

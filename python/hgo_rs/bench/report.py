@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 FIGURES: Mapping[str, str] = {
     "peak": "largest error after a step of y",
-    "noise": "what white noise adds to the error",
+    "noise": "error due to white noise",
     **CONDITIONS,
     "cost": "operations of a step",
 }
@@ -152,7 +152,7 @@ class Report:
             settling=SETTLING,
             dt=DT,
             seconds=COUNT * DT,
-            figures=markdown(["figure", "what it is"], parts),
+            figures=markdown(["column", "meaning"], parts),
             systems=markdown(["system", "group"], [list(pair) for pair in places]),
             winners=self.winners_table(),
             table=self.table(),
@@ -254,22 +254,22 @@ def _number(value: float) -> str:
 
 _PAGE = """# Which observer when
 
-`hgo compare-laws` · every law of this package on one bench · written by that command
+`hgo compare-laws` · every law of this package on the same systems · written by that command
 
 ![Ratios of errors to the standard law's]({figure})
 
-All laws estimate the last state from the same records of {seconds:g} s, sampled every {dt:g} s. One
-rule tunes each: the least speed at which a step of y is forgotten in {settling:g} s, the error of
-the last state within 2 % of its peak. The noise costs the standard law as much as its bias does, so
-that neither decides alone. Every number is a ratio to the [standard observer](standard.md) with its
-default poles, a geometric mean over systems: below 1 errs less. "lost" is a thousand times its
-error or more.
+All laws estimate the last state from the same records of {seconds:g} s, sampled every {dt:g} s.
+Each law has the least speed at which the response to a step of y settles in {settling:g} s: the
+error of the last state is then within 2 % of its peak. The noise level is such that noise and bias
+of the standard law are of equal size. Every number is an error divided by that of the
+[standard observer](standard.md) with its default poles, as a geometric mean over systems: below 1
+the error is smaller. "lost" is a ratio of a thousand or more.
 
 {figures}
 
 ## Which law wins where
 
-The laws with the least figure, and those within 3 % of it.
+The laws with the least value, and those within 3 % of it.
 
 {winners}
 
@@ -277,15 +277,15 @@ The laws with the least figure, and those within 3 % of it.
 
 {table}
 
-"systems": on how many of them it could be tuned; means are over these. Operations are those of one
-step with a fixed period, in single precision, without a model where they are listed: what
-stands in the table that exports are written from. M4F: instructions of a step as `make firmware`
-counts them, where it does: the standard law by zoh, filters from sample to sample, others by Euler.
+"systems" is the number of systems on which the law could be tuned; means are over these.
+Operations are those of one step with a fixed period, in single precision and without a model, from
+the table of operations that exports use. M4F: instructions of a step, from `make firmware`: the
+standard law by zoh, filters from sample to sample, others by Euler.
 
 ## Systems
 
-Of a chain nothing is known: its last derivative is what the observer lacks. Of a system the
-observers know a model whose right side is 20 % too strong; filters that take no model know nothing.
+For a chain the observers have no model: the last derivative is unknown. For a system they have a
+model whose right-hand side is 20 % too large; filters that take no model have none.
 
 {systems}
 
@@ -296,10 +296,10 @@ observers know a model whose right side is 20 % too strong; filters that take no
 ## Limits
 
 - The last state is the hardest one. Other states differ less between laws.
-- One speed for all is a choice: [`tune`](tuning.md) finds the best speed of a record, and
-  [`compare`](comparing.md) shows observers on it.
-- Thresholds of shapes, of switched and of adaptive gains come from the noise, as
-  `hgo_rs.bench.entrants` says. Other thresholds give other numbers. Cell by cell: [{data}]({data}).
+- All laws have the same speed here. For a record [`tune`](tuning.md) finds the best speed, and
+  [`compare`](comparing.md) compares observers on it.
+- Thresholds of shapes, of switched and of adaptive gains are set from the noise in
+  `hgo_rs.bench.entrants`. Other thresholds give other numbers. Data of each cell: [{data}]({data}).
 - The speed of a homogeneous gain depends on the size of the error. The step here is 0.1, and the
   signals are of size 1.
 """

@@ -28,13 +28,13 @@ _BAND = (8.0, 12.0)  # Hz
 _LACK = 1.2
 
 CONDITIONS: Mapping[str, str] = {
-    "bias": "no noise: what lag, and what the model lacks, cost",
+    "bias": "error without noise: lag and model error",
     "white": "white noise",
     "quantised": "rounding to steps, of the same RMS",
     "band": f"noise from {_BAND[0]:g} to {_BAND[1]:g} Hz, of the same RMS",
     "outliers": f"white noise, and {_SPIKES:.0%} of the samples off by {_HIGH:g} times as much",
-    "gap": f"white noise, gaps of {_GAP} samples; judged there and for as long after them",
-    "jitter": f"white noise, times off by up to {_JITTER:.0%} of the period, and known",
+    "gap": f"white noise, gaps of {_GAP} samples; evaluated in the gaps and as long after them",
+    "jitter": f"white noise, known times that deviate by up to {_JITTER:.0%} of the period",
 }
 """What a record is like, by name."""
 

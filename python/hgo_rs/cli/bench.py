@@ -23,14 +23,14 @@ _BEGIN, _END = "<!-- laws -->", "<!-- end of laws -->"
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
-    help=f"Folder for {NAME}.md, .png, .csv and .json; else the tables are shown only.",
+    help=f"Folder for {NAME}.md, .png, .csv and .json; without it the tables are only printed.",
 )
 @click.option(
     "--page",
     "pages",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     multiple=True,
-    help=f"A page whose short table, from {_BEGIN} to {_END}, is written anew; again for several.",
+    help=f"Page whose short table, from {_BEGIN} to {_END}, is replaced; again for several.",
 )
 def compare_laws_command(out: Path | None, pages: tuple[Path, ...]) -> int:
     """Compare all observers of this package on the same systems.
@@ -39,7 +39,7 @@ def compare_laws_command(out: Path | None, pages: tuple[Path, ...]) -> int:
     quantised and band-limited noise, outliers, gaps and jitter. All laws are tuned to the same
     settling time. It takes a minute or two.
 
-    \\b
+    \b
     Example: the page, the figure and the data of the documentation
       hgo compare-laws --out docs --page README.md --page docs/index.md
     """

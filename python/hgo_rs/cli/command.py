@@ -55,9 +55,9 @@ def main(args: Sequence[str] | None = None) -> None:
 
 
 _ARGUMENTS = {
-    "log": "a recorded log, such as axis.csv (`hgo look LOG` tells what one holds)",
+    "log": "a recorded log, such as axis.csv (`hgo look LOG` shows what it holds)",
     "config": "an observer.toml (`hgo new LOG` writes one)",
-    "id": "a scenario (`hgo list` tells all)",
+    "id": "a scenario (`hgo list` lists all)",
     "shell": "one of bash, zsh, fish",
 }
 """What stands for each argument."""
@@ -99,8 +99,8 @@ class _Commands(click.Group):
 )
 @click.version_option(package_name="hgo_rs", prog_name="hgo")
 def command() -> None:
-    """High-gain observers: states from a recorded log, up to code for a chip; and the experiments
-    of five papers and a textbook.
+    """High-gain observers: estimate states from recorded logs, tune and compare observers, export
+    them as source code, and run the experiments of five papers and a textbook.
     """
 
 

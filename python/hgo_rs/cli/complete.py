@@ -20,7 +20,7 @@ SHELLS = ("bash", "zsh", "fish")
 """Shells that can be told what to offer."""
 
 
-@click.command("completion", short_help="Completion of words for bash, zsh and fish.")
+@click.command("completion", short_help="Print the completion script for bash, zsh or fish.")
 @click.argument("shell", type=click.Choice(SHELLS))
 def completion_command(shell: str) -> int:
     """Print the script by which SHELL completes commands, options, choices and columns of a log.

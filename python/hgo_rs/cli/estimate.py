@@ -17,7 +17,7 @@ from hgo_rs.cli.complete import any_column
 from hgo_rs.cli.names import chain, symbol
 from hgo_rs.cli.options import Named, Numbers
 from hgo_rs.cli.places import can_draw, check_places, tell_written, written
-from hgo_rs.cli.recorded import described, forgotten_output
+from hgo_rs.cli.recorded import forgotten_output
 from hgo_rs.cli.terminal import say, unknown
 from hgo_rs.config import FORMAT, OBSERVERS, Config, load
 from hgo_rs.design.discrete import DEFAULT_METHOD, DEFAULT_TIMING
@@ -30,6 +30,7 @@ from hgo_rs.logs.write import check_writable_format
 from hgo_rs.observers import Gap, HighGainEKF, HighGainObserver, Observer, RunResult
 from hgo_rs.observers.labels import Labels
 from hgo_rs.observers.records import STARTS
+from hgo_rs.observers.told import in_words
 from hgo_rs.observers.turns import Jumps, nearest, told_turn
 from hgo_rs.times import RESETS, UNITS
 
@@ -72,10 +73,12 @@ from hgo_rs.times import RESETS, UNITS
 @click.option(
     "--motion",
     shell_complete=complete.motions,
-    help="How the model moves over a period under zoh and bilinear: held, rk4 or implicit; by "
-    "default as the model needs it.",
+    help="Integration of the model over a period under zoh and bilinear: held, rk4 or implicit; "
+    "default chosen by the model.",
 )
-@click.option("--substeps", type=int, help="Steps a period of motion rk4 and implicit; default 2.")
+@click.option(
+    "--substeps", type=int, help="Substeps of a period, for motion rk4 and implicit; default 2."
+)
 @click.option(
     "--timing",
     shell_complete=complete.timings,
@@ -99,8 +102,8 @@ from hgo_rs.times import RESETS, UNITS
     multiple=True,
     help="COL=TURN: undo the turns of a column as it is read.",
 )
-@click.option("--scale", type=Named(), multiple=True, help="COL=FACTOR of an output or input.")
-@click.option("--offset", type=Named(), multiple=True, help="COL=NUMBER, added behind --scale.")
+@click.option("--scale", type=Named(), multiple=True, help="COL=FACTOR: multiply a column.")
+@click.option("--offset", type=Named(), multiple=True, help="COL=NUMBER: add it after --scale.")
 @click.option("--saturation", type=Numbers(), help="Bounds on the states 2 to n (peaking-free).")
 @click.option("--allow-unstable", is_flag=True, help="Go beyond the step limit of the method.")
 @click.option(
@@ -220,7 +223,7 @@ def _estimate(
         if save_config is not None:
             files["--save-config"].write(told.to_toml().encode())
     say(f"{printable(str(log))}: {summary.describe()}")
-    say(f"run by {described(law)}; begun {_begun(law, told)}")
+    say(f"run by {in_words(law)}; begun {_begun(law, told)}")
     gaps.tell()
     tell_written(results, draw)
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import click
 
-from hgo_rs.cli.recorded import described
 from hgo_rs.cli.terminal import complain, say
 from hgo_rs.config import load
 from hgo_rs.errors import printable
 from hgo_rs.exports import FMI, LANGUAGES, PERIODS, export
+from hgo_rs.observers.told import in_words
 
 
 @click.command("export", short_help="Write an observer as C, Rust, Arduino library or FMU.")
@@ -26,34 +26,34 @@ from hgo_rs.exports import FMI, LANGUAGES, PERIODS, export
     "--out",
     type=click.Path(path_type=Path),
     required=True,
-    help="Folder to write to; of an FMU also the file, NAME.fmu.",
+    help="Folder to write to; for an FMU also the file, NAME.fmu.",
 )
-@click.option("--name", help="Name of files and functions; by default the file's.")
+@click.option("--name", help="Name of files and functions; by default that of CONFIG.")
 @click.option(
     "--precision",
     type=click.Choice(["double", "single"]),
     help="Default: double; single for Arduino.",
 )
-@click.option("--dt", type=float, help="Sampling period [s]; by default the file's.")
+@click.option("--dt", type=float, help="Sampling period, s; by default that of [log].")
 @click.option(
     "--periods",
     type=int,
     default=PERIODS,
     show_default=True,
-    help="For how many sampling periods gains are held, where they are.",
+    help="Rows of the table of gains, for laws that need one: 1, 2, ... sampling periods.",
 )
-@click.option("--fmi-version", type=click.Choice(FMI), help="Of an FMU; default 2.0.")
+@click.option("--fmi-version", type=click.Choice(FMI), help="FMI version of an FMU; default 2.0.")
 @click.option(
     "--unit",
     "units",
     multiple=True,
     metavar="NAME=UNIT",
-    help="Unit of a variable of an FMU, such as w=rad/s; may be repeated.",
+    help="Unit of a variable of an FMU, such as w=rad/s; again for several.",
 )
 @click.option(
     "--fixed-dt",
     type=float,
-    help="Length of every period [s]: gains are constants, and the functions take no dt.",
+    help="Fixed sampling period, s: gains are constants, and the functions take no dt.",
 )
 def export_command(
     config: Path,
@@ -95,7 +95,7 @@ def export_command(
         )
     for warning in warned:
         complain(str(warning.message))
-    say(f"{config}: {described(observer)}")
+    say(f"{config}: {in_words(observer)}")
     folder = out.parent if files == [out] else out
     names = ", ".join(str(file.relative_to(folder)) for file in files)
     say(f"written to {printable(str(folder))}: {names}")

@@ -42,8 +42,12 @@ _LISTED = 8
 @click.command("new", short_help="Write a commented observer.toml from a log.")
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--time", **any_column, help="Time column; default: as `hgo look` finds it.")
-@click.option("--unit", type=click.Choice(list(UNITS)), multiple=True, help="Its unit.")
-@click.option("--output", **any_column, help="Measured output; default: the first that moves.")
+@click.option(
+    "--unit", type=click.Choice(list(UNITS)), multiple=True, help="Unit of the time column."
+)
+@click.option(
+    "--output", **any_column, help="Measured output; default: the first column that moves."
+)
 @click.option("--input", **any_column, help="Known input; again for several.")
 @click.option("--dt", type=float, help="Sampling period, s: for a log without a time column.")
 @click.option(
@@ -74,15 +78,13 @@ def new_command(
     out = out if out is not None else Path(f"{stem_of(log)}.toml")
     check_places({"--out": out}, {"the log itself": log})
     if out.exists():
-        raise HgoError(f"{out} is there already; name another file with --out, or remove it")
+        raise HgoError(f"{out} exists already; name another file with --out, or remove it")
     found = look(log)
     arguments = {key: one_or_all(given) for key, given in columns.items() if given}
     arguments |= {} if dt is None else {"dt": dt}
     if "output" not in arguments:
         if found.output is None:
-            raise HgoError(
-                f"{log}: no column of numbers moves, so that there is nothing to estimate"
-            )
+            raise HgoError(f"{log}: no column of numbers changes, so there is nothing to estimate")
         arguments["output"] = found.output
     if "time" not in arguments and dt is None:
         arguments |= {} if found.time is None else {"time": found.time}
@@ -126,7 +128,7 @@ def _gains(log: Log, n: int) -> list[_Gain]:
             found.append(_Gain(float(f"{tuned.ell:.4g}"), told, turn))
         except HgoError as error:
             step = float(np.median(np.diff(log.t)))
-            told = f"{_SLOW} over the median step, since none was found: {error}"
+            told = f"{_SLOW} over the median step, since tuning found none: {error}"
             found.append(_Gain(float(f"{_SLOW / step:.4g}"), told, turn))
     return found
 
@@ -160,10 +162,10 @@ class _Draft:
         command = shlex.join(["hgo", "estimate", str(self.log), "--config", str(self.out)])
         return "\n".join(
             [
-                f"# An observer for {_comment(self.log)}, and how the log is read. It is run by",
+                f"# An observer for {_comment(self.log)}, and how the log is read. To run it:",
                 f"#   {_comment(command)}",
-                "# A line that begins with # is a choice that is left open, with its default or an",
-                "# example. `hgo list keys` tells all keys.",
+                "# A line that begins with # is an open choice, with its default or an example.",
+                "# `hgo list keys` lists all keys.",
                 f"format = {FORMAT}",
             ]
         )
@@ -182,12 +184,12 @@ class _Draft:
         )
         poles = ", ".join(["-1.0"] * self.order)
         return [
-            'observer = "standard"  # the law; `hgo list observers` tells all',
+            'observer = "standard"  # the law; `hgo list observers` lists all',
             *([] if model else [order]),
             f"gain = {toml(gain.ell)}  # 1/s: a larger one is faster and passes more noise;",
             f"#   {_comment(gain.told)}",
             f"# poles = [{poles}]  # of the error at gain 1; they grow with the gain",
-            f'# method = "{DEFAULT_METHOD}"  # `hgo list methods` tells all',
+            f'# method = "{DEFAULT_METHOD}"  # `hgo list methods` lists all',
             f'# timing = "{DEFAULT_TIMING}"  # "predictor": an estimate uses earlier samples only',
             self._wrap(gain.turn, self._outputs[i]),
         ]
@@ -218,16 +220,16 @@ class _Draft:
             rows.append(f"parameters = {damped}")
             side = toml(f"-{free('d', taken)}*{states[0][-1]}")
             rows.append(f"phi = {side}  # {_last(self._outputs[0], self.order)}")
-        told = "# What is known of the system: equations in the names below."
+        told = "# The model: equations in the names below."
         if several or inputs:
             return "\n".join([told, "[model]", *rows])
-        told = "# What is known of the system, nothing as it stands. With equations, for example:"
+        told = "# No model as it stands. With equations, for example:"
         return "\n".join([told, "# [model]", *(f"# {row}" for row in rows)])
 
     def _start(self) -> str:
         return "\n".join(
             [
-                "# Where a run begins: at the first sample; or at 0, by",
+                "# A run begins at the first sample. To begin at 0:",
                 "# [start]",
                 '# from = "zero"',
             ]
@@ -247,13 +249,13 @@ class _Draft:
                 told = ", ".join(filter(None, (spread, unit, missing)))
             rows.append(f"{key} = {toml(value)}" + (f"  # {_comment(told)}" if told else ""))
         if self.assumed and "unit" not in self.arguments:
-            rows.append('# unit = "s"  # of the time; its name does not say it')
+            rows.append('# unit = "s"  # of the time column, whose name does not contain it')
         if "input" not in self.arguments:
             rows.append('# input = "..."  # a known input, which [model] then needs')
         output = self._outputs[0]
         if re.fullmatch(r"[\w-]+", output, re.ASCII):
             rows.append(
-                f"# scale = {{ {output} = 0.001 }}  # another unit; `unwrap`, `offset` alike"
+                f"# scale = {{ {output} = 0.001 }}  # another unit; also `unwrap`, `offset`"
             )
         used = {*self._outputs, *self._inputs, *str(self.arguments.get("time", "")).split("+")}
         used.add(str(self.arguments.get("time")))

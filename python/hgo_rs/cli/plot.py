@@ -10,12 +10,13 @@ import numpy as np
 
 from hgo_rs import plots
 from hgo_rs.cli.places import can_draw, check_places, tell_written, written
-from hgo_rs.cli.recorded import Asked, described, of_log, one_or_all
+from hgo_rs.cli.recorded import Asked, of_log, one_or_all
 from hgo_rs.cli.terminal import say
 from hgo_rs.errors import HgoError, check, printable
 from hgo_rs.logs import Log, estimate, look, read_log
 from hgo_rs.logs.streams import stem_of
 from hgo_rs.logs.table import names_of
+from hgo_rs.observers.told import in_words
 
 _MOST = 8
 """Columns that are drawn where none is named."""
@@ -60,7 +61,7 @@ def plot_command(
         if config is not None:
             assert asked.told is not None
             result = estimate(recorded, asked.told)
-            say(f"run by {described(asked.told.observer())}")
+            say(f"run by {in_words(asked.told.observer())}")
             drawn = result.rows(rows).plot()
         else:
             drawn = _drawn(recorded.rows(rows))

@@ -36,7 +36,9 @@ _OPTIONS = (
         "needed.",
     ),
     click.option("--time", **any_column, help="Time column."),
-    click.option("--unit", type=click.Choice(list(UNITS)), multiple=True, help="Its unit."),
+    click.option(
+        "--unit", type=click.Choice(list(UNITS)), multiple=True, help="Unit of the time column."
+    ),
     click.option("--output", **any_column, help="Measured output; again for several."),
     click.option("--input", **any_column, help="Known input; again for several."),
     click.option("--dt", type=float, help="Sampling period, s: for a log without a time column."),
@@ -114,7 +116,7 @@ class Asked:
         recorded = read_log(self.path, **arguments)
         say(f"{printable(str(self.path))}: {recorded.describe()}")
         for name, turn in self.turns.items():
-            say(f"{name!r} goes on over turns of {turn:g}, the wrap of {self.config}")
+            say(f"{name!r} is unwrapped, with the turn of {turn:g} of {self.config}")
         return recorded
 
     def column(self, name: str) -> Array:
@@ -153,24 +155,6 @@ def forgotten_output(log: Path, config: Path | None) -> str:
         return f"{told}; none of them moves"
     words = [] if found.time is None else ["--time", found.time]
     return f"{told}; for example {shlex.join([*words, '--output', found.output])}"
-
-
-def described(law: Observer) -> str:
-    """An observer as it was chosen: kind and order, gain, method, motion and timing."""
-    parts = law.spec.get("observers", [law.spec])
-    told = []
-    for part in parts:
-        gain = part.get("gain")
-        ell = gain.get("ell") if isinstance(gain, dict) else None
-        words = [part["kind"]]
-        words += [f"order {part['n']}"] if "n" in part else []
-        words += [f"gain {ell:g} 1/s"] if ell is not None else []
-        words += [f"method {part['method']}"] if "method" in part else []
-        moves = law.model is not None and "motion" in part
-        words += [f"motion {part['motion']}"] if moves else []
-        words += [f"wrap {part['wrap']}"] if "wrap" in part else []
-        told.append(", ".join(words))
-    return f"{'; '.join(told)}; timing {law.timing}"
 
 
 def one_or_all(given: tuple[str, ...]) -> Any:

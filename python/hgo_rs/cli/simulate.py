@@ -11,13 +11,13 @@ from hgo_rs import plots
 from hgo_rs.cli.complete import of
 from hgo_rs.cli.options import Numbers
 from hgo_rs.cli.places import can_draw, check_places, tell_written, written
-from hgo_rs.cli.recorded import described
 from hgo_rs.cli.terminal import say
 from hgo_rs.config import load
 from hgo_rs.errors import HgoError
 from hgo_rs.logs import TableWriter
 from hgo_rs.logs.write import check_writable_format
 from hgo_rs.models import InputGain, Model, System, Unknown
+from hgo_rs.observers.told import in_words
 from hgo_rs.simulation import NormalNoise, SimulationResult, simulate
 from hgo_rs.simulation.experiment import PLANT_METHODS
 
@@ -32,7 +32,8 @@ from hgo_rs.simulation.experiment import PLANT_METHODS
     "inputs",
     multiple=True,
     metavar="NAME=EXPR",
-    help='Input, of time: "u=sin(3*t)"; or of estimates: "u=-2*q_hat". Again for several.',
+    help='Input as a function of time, "u=sin(3*t)", or of estimates, "u=-2*q_hat"; again for '
+    "several.",
 )
 @click.option("--noise", type=float, help="Standard deviation of the measurement noise.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the noise.")
@@ -67,10 +68,11 @@ def simulate_command(
     out: Path | None,
     figure: Path | None,
 ) -> int:
-    """Simulate the system of [model] in CONFIG, an observer.toml, and its observer on the samples.
+    """Simulate the system of [model] in CONFIG, an observer.toml, and its observer on samples of
+    the output.
 
-    The observer begins at the file's start, or at 0. Its errors are printed. Samples, true states
-    and estimates are written to one file, which `hgo estimate` reads too.
+    The observer begins at the [start] of the file, or at 0. Its errors are printed. Samples, true
+    states and estimates are written to one file, which `hgo estimate` reads too.
 
     \b
     Example: a driven pendulum with a noisy encoder
@@ -115,7 +117,7 @@ def simulate_command(
             plots.save(found.plot(), figure, files["--figure"])
     assert found.time is not None
     say(f"{len(found.time)} samples, a period of {dt:g} s, seed {seed}")
-    say(f"run by {described(observer)}")
+    say(f"run by {in_words(observer)}")
     _tell(found)
     tell_written(results, draw)
     return 0

@@ -11,11 +11,12 @@ import click
 
 from hgo_rs import pages, plots
 from hgo_rs.cli.places import can_draw, tell_written, written
-from hgo_rs.cli.recorded import Asked, described, of_log
+from hgo_rs.cli.recorded import Asked, of_log
 from hgo_rs.cli.terminal import say
 from hgo_rs.logs import Log
 from hgo_rs.logs.streams import stem_of
 from hgo_rs.models import System
+from hgo_rs.observers.told import in_words
 from hgo_rs.tuning import Tuning, TuningWarning, tune
 
 
@@ -98,7 +99,7 @@ def tune_command(
         if page is not None:
             files["--page"].write(text.encode())
     say(result.report())
-    say(f"\nchosen: {described(result.observer)}")
+    say(f"\nchosen: {in_words(result.observer)}")
     if said:
         say(f"the page: {said}")
     tell_written(results, draw)

@@ -9,12 +9,13 @@ import click
 
 from hgo_rs import plots
 from hgo_rs.cli.places import can_draw, tell_written, written
-from hgo_rs.cli.recorded import Asked, counted, described, of_log
+from hgo_rs.cli.recorded import Asked, counted, of_log
 from hgo_rs.cli.terminal import say
 from hgo_rs.config import load
 from hgo_rs.errors import HgoError, check
 from hgo_rs.logs.streams import stem_of
 from hgo_rs.models import Model
+from hgo_rs.observers.told import in_words
 from hgo_rs.smoothing import compare, fit, smooth
 
 _PATH = click.Path(path_type=Path)
@@ -145,7 +146,7 @@ def compare_command(
             if draw and figure is not None:
                 plots.save(found.plot(), figure, files["--figure"])
     for name, observer in given.items():
-        say(f"{name}: {described(observer)}; begun at the first sample")
+        say(f"{name}: {in_words(observer)}; begun at the first sample")
     say(str(found))
     tell_written(results)
     return 0

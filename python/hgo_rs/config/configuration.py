@@ -40,13 +40,13 @@ _KEYS = {"n": "order", "ell": "gain", "x_hat0": "x_hat", "r0": "r", "memory0": "
 
 @dataclass(frozen=True)
 class Config:
-    """What an observer is, and how a log is read for it.
+    """An observer and the columns of its log: the contents of an `observer.toml`.
 
     Attributes
     ----------
     data : dict
-        What the file says: plain numbers, texts, lists and dicts, read-only (`replace` gives
-        another configuration). See the page of configurations.
+        The contents: plain numbers, texts, lists and dicts, read-only (`replace` gives another
+        configuration). See the page on configuration.
     source : str
         The file, for errors; "" if there is none.
 
@@ -118,7 +118,8 @@ class Config:
         return tomlkit.dumps(document)
 
     def save(self, path: str | Path) -> None:
-        """Write an `observer.toml`, whole or not at all: a failed write leaves the earlier file."""
+        """Write an `observer.toml`, completely or not at all: a failed write leaves the earlier
+        file."""
         path = check_path(path)
         try:
             write_text(path, self.to_toml())
@@ -129,7 +130,8 @@ class Config:
 
     @classmethod
     def of(cls, observer: Observer, **log: Any) -> Config:
-        """The configuration of an observer, started where it stands; `log` is the table `[log]`."""
+        """The configuration of an observer, with its present memory as start; `log` is the table
+        `[log]`."""
         spec = observer.spec
         data = {"format": FORMAT, **observer_table(spec)}
         if observer.allow_unstable:
@@ -149,7 +151,7 @@ class Config:
         return cls(plain(data))
 
     def observer(self) -> Observer:
-        """A new observer as this configuration says, at its start."""
+        """A new observer of this configuration, at its start."""
         law, accepted = maker(self.data["observer"])
         given = {
             {"order": "n"}.get(key, key): value
@@ -180,8 +182,8 @@ class Config:
 
     @property
     def start(self) -> str | None:
-        """Where a run over a log begins: "first-sample", or "zero" where `observer` stands; None:
-        at the first sample if the observer's output is its first state.
+        """Start of a run over a log: "first-sample"; "zero" for the memory of `observer`; None for
+        the first sample if the observer's output is its first state.
         """
         start = self.data.get("start", {})
         stands = not {"x_hat", "memory"}.isdisjoint(start)
@@ -208,8 +210,8 @@ class Config:
     def replace(self, log: Mapping[str, Any] | None = None, **changes: Any) -> Config:
         """This configuration with other values; `log` changes keys of the table `[log]`.
 
-        What another value leaves without a meaning goes: `epsilon` beside a new `gain`, `motion`
-        under a method that moves the model itself.
+        Keys that a new value makes meaningless are removed: `epsilon` beside a new `gain`, `motion`
+        under a method that integrates the model itself.
         """
         data = dict(self.data)
         if changes.get("method", EXACT[0]) not in EXACT:
@@ -393,7 +395,7 @@ class Config:
         home = next((name for name, table in homes.items() if path[-1] in table), None)
         near = nearest(path[-1], known, cutoff=0.6)
         if home:
-            remedy = f"it stands in {home}"
+            remedy = f"it belongs to {home}"
         elif near:
             remedy = f"nearest: {', '.join(near)}"
         else:

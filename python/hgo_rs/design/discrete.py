@@ -157,7 +157,7 @@ def continuous(observer: Mapping[str, Any], *, gain: float | None = None) -> Con
     Raises DesignError for a law whose samples act at once ("reduced-chain").
     """
     law = linear(observer, gain=gain)
-    remedy = "give dt: its sample acts at once, and noise reaches its estimates at any frequency"
+    remedy = "give dt: the response to white noise is unbounded in continuous time"
     check(not acts_at_once(unit(observer)), "dt", None, "given for this law", remedy, DesignError)
     return law
 
@@ -167,7 +167,7 @@ def linear(observer: Mapping[str, Any], *, gain: float | None = None) -> Continu
     what a sample moves, for its scales and its ``following``.
     """
     several = observer.get("kind") == "chains"
-    remedy = "ask the observer of each output by itself, as it was made for MultiOutputObserver"
+    remedy = "call it for the observer of each output, as passed to MultiOutputObserver"
     check(not several, "kind", "chains", "a law of one output", remedy, DesignError)
     kind = choice(observer, "kind", tuple(LAWS))
     if not LAWS[kind].continuous:

@@ -138,7 +138,7 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
 def _continuous(observer: Mapping[str, Any]) -> StepLimit:
     rule, now, law = method(observer), timing(observer), LAWS[observer["kind"]]
     remedy = f"choose another: this one is not defined for the {law.title}"
-    check(defines(law, rule), "method", rule, "a method of rates", remedy, DesignError)
+    check(defines(law, rule), "method", rule, "a method of this law", remedy, DesignError)
     of = unit(observer, steepest=True)
     parts = {"linear": _critical(of, rule, now)}
     if "saturation" in observer and "alpha" in observer:

@@ -174,7 +174,7 @@ def _covariance_of_model(
     size = None if isinstance(system, Continuous) else len(system.a)
     lift = following(observer, size)  # z = L x without errors
     kind, allowed = observer["kind"], "a law that follows the chain's own motion"
-    remedy = "its estimates lag behind a state that wanders, without bound; take another law"
+    remedy = "its lag behind a random walk is unbounded; take another law"
     follows = bool(np.allclose(lift[:n], np.eye(n), atol=1e-6))
     _checks.demand(follows, "kind", kind, allowed, remedy)
     if isinstance(system, Continuous):

@@ -42,7 +42,7 @@ def export(
 ) -> list[Path]:
     """Write an observer as a self-contained program; return the files.
 
-    Its step gives the bits of `step` in Python. It begins at the observer's memory of now.
+    Its step gives the bits of `step` in Python. It begins at the observer's present memory.
 
     Parameters
     ----------
@@ -53,25 +53,25 @@ def export(
         unit for co-simulation, which Simulink, Modelica tools and others take: the C, FMI's
         functions around it, and the binary of this computer if it has a C compiler.
     out : path
-        Folder to write to; made where it is missing. Files of the same names are replaced. An FMU
-        is the file NAME.fmu in it, or `out` itself where that ends in .fmu.
+        Folder to write to, created if missing. Files of the same names are replaced. An FMU is the
+        file NAME.fmu in it, or `out` itself where that ends in .fmu.
     name : str
-        What functions and files are called: a lower-case identifier. In an Arduino library `hgo_`
-        stands before it.
+        Name of functions and files: a lower-case identifier. An Arduino library adds the prefix
+        `hgo_`.
     precision : "double" or "single", optional
         Default: double; single for Arduino, whose boards of AVR have no other.
     dt : float, optional
-        Sampling period [s]. A low-power or peaking-free law under zoh or bilinear needs it: its
-        source holds the gains of corrections that are for 1, 2, ... periods, and takes no sample
-        after another time. Other laws: for the comments, the test vector and the sketch alone,
-        which by default has 10 ms, or half of the step limit.
+        Sampling period [s]. A low-power or peaking-free law under zoh, bilinear or implicit-map
+        needs it: its code has a table of gains for intervals of 1, 2, ... periods and uses no
+        sample after another interval. For other laws only comments, test vector and sketch use it;
+        default 10 ms, or half of the step limit.
     periods : int
-        For how many of them at most: 1 to 256.
+        Number of rows of that table: 1 to 256.
     log : (t, y, u), optional
-        What the test vector is computed from: (N,), (N, n_y), (N, n_u). Default: 101 samples made
-        up, with a gap and steps of several lengths.
+        Record of the test vector: (N,), (N, n_y), (N, n_u). Default: 101 synthetic samples with a
+        gap and steps of several lengths.
     version : "2.0" or "3.0", optional
-        Of FMI, for an FMU. Default: 2.0.
+        FMI version of an FMU. Default: 2.0.
     units : dict, optional
         Name of a state, input, parameter or sample (`y`, or `y1`, `y2`, ...) -> its unit, such as
         "rad/s" or "N*m", for an FMU.

@@ -31,7 +31,7 @@ _LAWS = {
     "reduced-order": "z(k+1) = (I - T H) z(k) + T (H Psi(k) + f2(y(k), Psi(k), u(k))),\n"
     "H = diag(h)/epsilon",
     "window": "x(k) = x_p + W d,  x_p = exp(A T) x(k-1),  d = (y - x_p1, d_0, d_1, ...),\n"
-    "d_j: what the sample j periods ago is off the polynomial of x(k)",
+    "d_j: deviation of the sample j periods ago from the polynomial of x(k)",
 }
 """Laws in one or two lines."""
 

@@ -145,7 +145,7 @@ def held_gains(
     if dt is None:
         raise HgoError(
             "dt is missing: an export of a low-power or peaking-free law under zoh or bilinear "
-            "holds its gains for times of 1, 2, ... sampling periods; give dt=, the period [s] "
+            "has a table of gains for 1, 2, ... sampling periods; give dt=, the period [s] "
             '(hgo export: --dt, or dt in [log] of the file), or choose method="rk4"'
         )
     periods = Periods(precision, float(precision.real(dt)), most)

@@ -183,24 +183,24 @@ class Program:
             return f"Take {taken} at time t [s]; advance by {self._length}{self._told_times('dt')}."
         if verb == "correct":
             told = (
-                f"Take {sample} of now: the estimate is then that of now. The correction is for "
-                f"the time since the last sample used{self._told_times('it')}."
+                f"Use the present {sample}: the estimate is then that of its time. The correction "
+                f"covers the time since the last sample used{self._told_times('it')}."
             )
             if self.periods is not None:
-                told += " If it is not, the next correction is for the time from now on."
-            return told + " The first sample only begins." * self.closes
-        under = f", under {control}, which is applied from now on" if control else ""
+                told += " If it is not, the next correction covers the time from this call on."
+            return told + " The first sample only starts the law." * self.closes
+        under = f", under {control} applied in it" if control else ""
         if verb == "predict":
             begins = f", from time t [s]{under}" if at else under
-            then = " The estimate moves when a sample closes the period." if self.closes else ""
+            then = " The estimate moves when a sample ends the period." if self.closes else ""
             of = "length dt [s]" if self.fixed is None else self._length
-            return f"Move over the period of {of} that begins now{begins}.{then}"
+            return f"Predict over the coming period of {of}{begins}.{then}"
         length = ["dt [s]"] * (self.fixed is None)
         belong = [*self.words.controls, *length, "t [s], the time of its beginning,"]
         return (
-            f"One call a sample: predict over the period that has just ended, then correct by "
-            f"{sample} of now. {_and(belong)} to the period that has ended; the first call only "
-            "corrects and does not use them."
+            f"One call for each sample: predict over the period that has just ended, then correct "
+            f"by the present {sample}. {_and(belong)} to the period that has ended; the first call "
+            "only corrects and does not use them."
         )
 
     @property

@@ -138,8 +138,8 @@ class Clock:
             self.unit, why = times.named_unit(label)
             if why:
                 raise DataError(
-                    f"{self.path}: the unit of the time {self.time!r} cannot be told: {why}; say "
-                    f"unit = one of {', '.join(UNITS)}, or give dt in place of the time"
+                    f"{self.path}: the unit of the time {self.time!r} is unknown: {why}; give "
+                    f"unit = one of {', '.join(UNITS)}, or dt in place of the time"
                 )
             if self.unit not in (None, "s"):
                 self.remarks += (f"times {self.time!r} are in {self.unit}, as the name says",)
@@ -244,8 +244,8 @@ class Clock:
             usual = float(np.median(within))
             if self.dt is None and self._grain > 1e-2 * usual:
                 self.remarks += (
-                    f"times {self.time!r} resolve {self._grain:.3g} s only, beside a median step "
-                    f"of {usual:.3g} s; dt in their place makes them exact",
+                    f"times {self.time!r} have a resolution of only {self._grain:.3g} s at a "
+                    f"median step of {usual:.3g} s; give dt in their place for exact times",
                 )
             self._grain = 0.0
         waiting = np.r_[self._steps, within]
@@ -261,7 +261,7 @@ class Clock:
         k = int(np.argmax(steps))
         if steps[k] >= times.LONGEST:
             self._check_median(float(np.median(within)))
-            other = f", or say a unit other than {self.unit}" if self.unit else ""
+            other = f", or give a unit other than {self.unit}" if self.unit else ""
             raise DataError(
                 f"{self.path}, {table.where(k)}: the time {self.time!r} leaps by "
                 f"{span(steps[k])}, as if the clock were set; cut the log there{other}"
@@ -297,7 +297,7 @@ class Clock:
             return
         if self._repeats and math.isinf(self._grid):
             raise DataError(
-                f"{self.path}: the time {self.time!r} stands still; leave it out, dt is enough"
+                f"{self.path}: the time {self.time!r} is constant; leave it out, dt is enough"
             )
         if len(self._steps) >= (WINDOW // 10 if self._windows else 1):
             self._check_median(float(np.median(self._steps)))
@@ -318,7 +318,10 @@ class Clock:
         coarse = self._repeats and self._grid > 1.5 * self.dt
         within = self._grid if coarse else 0.5 * self.dt
         if coarse and math.isfinite(within):
-            told = f"times {self.time!r} resolve {within:.3g} s only: samples lie dt apart"
+            told = (
+                f"times {self.time!r} have a resolution of only {within:.3g} s; samples are dt "
+                "apart"
+            )
             self.remarks += (told,) if told not in self.remarks else ()
         out = np.empty_like(t)
         edges = [*starts, len(t)] if 0 in starts else [0, *starts, len(t)]
@@ -332,8 +335,8 @@ class Clock:
                 raise DataError(
                     f"{self.path}, {table.where(k)}: time {t[k]:g} s is not sample "
                     f"{self._sample + k - a} of a record with dt = {self.dt:g} s ({out[k]:g} s); "
-                    "leave dt out to honour uneven steps"
-                    + (f", or say a unit other than {self.unit}" if self.assumed else "")
+                    "leave dt out to use the recorded times"
+                    + (f", or give a unit other than {self.unit}" if self.assumed else "")
                 )
             self._sample += b - a
         return out
@@ -346,8 +349,8 @@ def _repeated(t: np.ndarray) -> str:
     if len(moves) > 1 and np.all(steps >= 0.0) and len(moves) < 0.9 * len(steps):
         usual = (t[moves[-1]] - t[moves[0]]) / (moves[-1] - moves[0])
         return (
-            f"the times resolve {steps[moves].min():.3g} s only: say dt, the sampling period, on "
-            f"average {usual:.4g} s"
+            f"the times have a resolution of only {steps[moves].min():.3g} s; give dt, the "
+            f"sampling period, on average {usual:.4g} s"
         )
     return "time must increase: remove repeated rows, or write times with all their digits"
 

@@ -33,7 +33,7 @@ class Converted:
         self._offset = _numbers("offset", offset, known)
         for name, value in self._scale.items():
             if value == 0.0:
-                raise DataError(f"scale of {name!r} = 0: must not be 0; nothing is left of it")
+                raise DataError(f"scale of {name!r} = 0: must not be 0; give a factor")
         self._last: dict[str, float] = {}
 
     def __call__(self, name: str, values: np.ndarray, starts: Sequence[int] = ()) -> np.ndarray:

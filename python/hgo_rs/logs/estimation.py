@@ -27,14 +27,14 @@ def estimate(log: str | Path | Log, config: str | Path | Config) -> RunResult:
     Parameters
     ----------
     log
-        A file, read as the configuration's `[log]` says; or what `hgo_rs.logs.read_log` gave.
+        A file, read with `[log]` of the configuration; or a log of `hgo_rs.logs.read_log`.
     config
-        An `observer.toml`, or what `hgo_rs.load` gave.
+        An `observer.toml`, or a configuration of `hgo_rs.load`.
 
     Returns
     -------
     RunResult
-        The estimates; `gaps` and `gap_error` say where samples are missing and what that costs.
+        The estimates; `gaps` lists the gaps and `gap_error` the errors after them.
 
     Raises
     ------

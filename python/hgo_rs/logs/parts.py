@@ -48,7 +48,7 @@ def _sum(path: Path, table: Table, parts: list[str]) -> np.ndarray:
     for name, column in zip(parts, whole, strict=True):
         if column.dtype.kind not in "iu" or np.ma.is_masked(column):
             told = "must hold whole numbers to be a part of the time"
-            raise DataError(f"{path}: column {name!r} {told}; fill in what is missing")
+            raise DataError(f"{path}: column {name!r} {told}; fill in missing cells")
     total = np.asarray(whole[0], np.int64) * length[0] + np.asarray(whole[1], np.int64) * length[1]
     return total.astype("timedelta64[ns]")
 
@@ -57,7 +57,6 @@ def _nanoseconds(path: Path, table: Table, name: str) -> int:
     unit, _ = named_unit(f"t [{table.units[name]}]" if name in table.units else name)
     if unit is None:
         raise DataError(
-            f"{path}: the unit of {name!r} cannot be told; call the columns for example secs and "
-            "nsecs"
+            f"{path}: the unit of {name!r} is unknown; name the columns for example secs and nsecs"
         )
     return int(UNITS[unit] / UNITS["ns"])

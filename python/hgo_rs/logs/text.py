@@ -147,7 +147,8 @@ class _Midnights:
         over = (before - raw > _DAY // 2) & (before < _DAY) & (raw >= np.timedelta64(0))
         if over.any():
             self.remark = self.remark or (
-                f"times {self._name!r} go on over midnight (line {lines[there[np.argmax(over)]]})"
+                f"times {self._name!r} continue over midnight "
+                f"(line {lines[there[np.argmax(over)]]})"
             )
         days = self._days + np.cumsum(over)
         self._days = int(days[-1])
@@ -183,7 +184,7 @@ def _fault(
     index, raw = found.get("zone") or found["cell"]
     name, cell = wanted[index], raw.decode(errors="replace")
     if "zone" in found:
-        told = "differs from the dates before it in that it names a zone or none; write all alike"
+        told = "differs from earlier dates: only one has a time zone; write all in one form"
         return CellError(f"{where}, column {name!r}: {cell!r} {told}", name)
     kind = _taken(head.kinds[head.names.index(name)])
     what = {"number": "a number", "moment": "a date", "daytime": "a time of day"}[kind]

@@ -16,7 +16,7 @@ from hgo_rs.read_only import Described
 
 @dataclass(frozen=True)
 class System(Described):
-    """What an observer knows of a system, and, for a plant, the system itself.
+    """A system as the model of an observer and, for a plant, to simulate.
 
     Base of the systems here and of the user's own, `hgo_rs.Model` and `hgo_rs.Plant`.
     """
@@ -38,20 +38,20 @@ class System(Described):
 
     @property
     def moves(self) -> bool:
-        """Whether the known terms depend on the state or the time, and so move over a period."""
+        """Whether the known terms depend on the state or the time, and so change over a period."""
         return True
 
     @property
     def own_slope(self) -> float | None:
-        """Bound of |df_i/dx_i| [1/s], of known terms in the state that they move; inf where one may
-        jump there. None where it is not known.
+        """Bound of |df_i/dx_i| [1/s] of the known terms; inf where one may jump in x_i. None where
+        it is not known.
         """
         return None
 
 
 @dataclass(frozen=True)
 class Unknown(System):
-    """Nothing is known: phi = 0. The observer is then a differentiator. Any order."""
+    """No model: phi = 0. The observer is then a differentiator. Any order."""
 
     _kind = ("kind", "none")
 

@@ -73,7 +73,7 @@ def motion(
     """
     if method not in EXACT:
         for name, value in (("motion", motion), ("substeps", substeps)):
-            remedy = f"method {method!r} moves the model itself; or choose method 'zoh'"
+            remedy = f"method {method!r} integrates the model itself; or choose method 'zoh'"
             check(value is None, name, value, "left out", remedy)
         return {}
     chosen = usual_motion(model, gain) if motion is None else motion
@@ -98,8 +98,8 @@ def warn_of_jumps(motion: str, model: System | None, stacklevel: int) -> None:
     """Warn of a motion under which an estimate chatters where the model jumps."""
     if motion != "implicit" and model is not None and model.own_slope == math.inf:
         warnings.warn(
-            f"motion = {motion!r}: the model jumps in the state that it moves, as friction with "
-            'sign(v) does, so that its estimate chatters there; take motion="implicit", the '
+            f"motion = {motion!r}: an equation of the model may jump in its own state, as friction "
+            'with sign(v) does, and the estimate chatters there; take motion="implicit", the '
             "default, or a smooth term, such as tanh(v/v0)",
             MotionWarning,
             stacklevel=stacklevel + 1,
@@ -160,7 +160,11 @@ def shape_spec(shape: Any, law: Law, n: int, method: str) -> dict[str, Any]:
         check(law.kind == "standard", "shape", shape, f"left out of the {law.title}", remedy)
         remedy = "the rows of this shape differ, so that no eigenvalues can be placed"
         check(
-            method not in CORRECTING, "method", method, "a method of rates, such as 'rk4'", remedy
+            method not in CORRECTING,
+            "method",
+            method,
+            "one that places none, such as 'rk4'",
+            remedy,
         )
     name = {Fal: "alpha", BiHomogeneous: "kappa"}.get(type(shape))
     if name is not None:
@@ -239,7 +243,7 @@ def gain(
 def model(model: System | None, n: int, law: Law | None = None) -> dict[str, Any]:
     known = Unknown() if model is None else model
     if law is not None and law.form == "unknown":
-        remedy = f"the {law.title} knows none; choose StandardObserver"
+        remedy = f"the {law.title} takes no model; choose StandardObserver"
         check(isinstance(known, Unknown), "model", model, "left out", remedy)
     check(
         isinstance(known, System), "model", model, "a Model or another System", "see hgo_rs.models"

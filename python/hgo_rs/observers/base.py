@@ -43,7 +43,7 @@ class Observer(OnlineObserver):
     Attributes
     ----------
     spec : dict
-        What the observer is, as plain data, read-only.
+        The observer as plain data, read-only.
     n, n_y, n_u : int
         Numbers of estimated states, measured outputs, known inputs.
     timing : "predictor" or "current"
@@ -51,12 +51,12 @@ class Observer(OnlineObserver):
     wrap : tuple
         The turn of each output, None where it does not wrap.
     memory : (m,) ndarray
-        Where it stands: x_hat first, then auxiliary states, then the gain r where it moves; with
-        current timing then the time that the next correction is for [s]. A step makes a new one; an
-        array that is set is copied, and neither clock nor whether a first sample was taken changes:
-        `reset(memory0=..., t=...)` goes on where another observer stands.
+        The present memory: x_hat, then auxiliary states, then the gain r where it moves; with
+        current timing last the interval that the next correction covers [s]. A step makes a new
+        array; an assigned array is copied and does not change the clock. `reset(memory0=...,
+        t=...)` continues from the memory of another observer.
     model : System or None
-        What it knows of the system; None: nothing, or what its class takes by default.
+        The model; None: none, or the default of the class.
     allow_unstable : bool
         Let `step` and `run` use a step beyond the stability limit.
     """
@@ -84,47 +84,46 @@ class Observer(OnlineObserver):
 
         Predictor timing: row k of the result uses samples up to k - 1; current timing: up to k, by
         `correct(y[k])`, after which `predict(u[k], dt)` moves to the next row, with the bits of
-        these calls. Uneven steps are honoured.
+        these calls. Uneven steps are used as they are.
 
         Parameters
         ----------
         t_or_dt : float, (N,), or a record
             Sampling period, or the increasing times of the samples: seconds, dates or durations. Or
-            what holds times and samples: a `Log`, a frame, or a series whose index is its times; y
-            and u then are names of a frame's columns, by default all of them outputs.
+            a record with times and samples: a `Log`, a frame, or a series with times as index; y
+            and u are then names of columns of a frame, by default all columns are outputs.
         y : (N,) or (N, n_y)
-            Samples; None or NaN is missing: the law predicts over it, `missing` says where.
+            Samples; None or NaN is missing: the law predicts, and `missing` marks it.
         u : (N,) or (N, n_u), optional
-            Known inputs, each held until the next sample, or as `input_hold` says.
+            Known inputs, each held until the next sample by default; see `input_hold`.
         x_hat0, r0, memory0 : optional
-            Where to start, see `initial_memory`; or the whole memory, as the first sample finds
-            it.
+            The start, see `initial_memory`; or the whole memory before the first sample.
         until : float, optional
-            Time [s] of the sample after the last one, where the record goes on elsewhere:
-            `next_memory` of the result is the memory there, a `memory0` to go on with.
+            Time [s] of the sample after the last one, if the record continues: `next_memory` of the
+            result is the memory there, a `memory0` for the next run.
         start : "zero" or "first-sample"
-            Where x_hat begins if neither x_hat0 nor memory0 says it: at 0, or with x_hat_1 at the
-            first sample that is there, of each output, and all else at 0. A record far from 0 then
-            has no peak. A reduced-order observer begins at its first sample anyway.
+            Start without x_hat0 and memory0: 0, or x_hat_1 at the first present sample of each
+            output and the rest at 0. A record far from 0 then makes no peak. A reduced-order
+            observer always begins at its first sample.
         timing : "predictor" or "current", optional
-            Default: the observer's own. The result says which.
+            Default: that of the observer.
         input_hold : "previous" or "mean"
-            The input over a period: its value at the beginning, as of an actuator that holds it, or
-            the mean of those at both ends, for one that is measured and moves on. With current
-            timing, where both are known.
+            The input over a period: its value at the beginning, for an actuator that holds it, or
+            the mean of both ends, for an input that is measured and changes. The mean needs current
+            timing.
         allow_unstable : bool, optional
             Run at a step beyond the stability limit. Default: the constructor's choice.
         engine : "auto", "interpreter" or "llvm"
-            What steps, with the same bits: "auto" compiles the step by LLVM (extra `fast`) once
-            this observer has had samples enough for it, some millions of a law of order two.
+            The engine, with the same bits: "auto" compiles the step by LLVM (extra `fast`) after
+            enough samples, some millions for a law of order two.
         noise, model_error : float or (n_y,), optional
-            Standard deviations, not variances, as `tune` finds them, for `deviation` of the result:
-            sqrt(R) of the samples' noise [unit of y], and sqrt(Q), Q the intensity of white noise
-            in the last state of each chain [its unit per sqrt(s)].
+            Standard deviations, not variances, as estimated by `tune`, for `deviation` of the
+            result: sqrt(R) of the noise of a sample [unit of y], and sqrt(Q), Q the intensity of
+            white noise in the last state of each chain [its unit per sqrt(s)].
         gate : float, optional
-            With noise and model error: a sample whose innovation is more than this number of its
-            standard deviations is an outlier; it is predicted over and marked in `gated`. It takes
-            some 50 us a sample.
+            With noise and model error: a sample whose innovation exceeds this number of its
+            standard deviations is an outlier; it counts as missing and is marked in `gated`. The
+            test runs in Python.
 
         Raises
         ------
@@ -334,7 +333,7 @@ class Observer(OnlineObserver):
             Step [s]: the observer as it runs, by its method and timing. Default: the law in
             continuous time.
         gain : float, optional
-            Where to freeze a gain that moves [1/s]. Default: where it stands.
+            Value of a gain that moves [1/s]. Default: its present value.
 
         Raises
         ------
@@ -347,8 +346,8 @@ class Observer(OnlineObserver):
         """Variance of each estimate per unit variance of white measurement noise, (n,).
 
         Unit of entry i: s^(-2(i-1)); of an unknown its own, with the slope at the present estimate.
-        Exact, from a Lyapunov equation, the known part of the model
-        left out. Without `dt` per unit spectral density, the limit of noise_gain(dt)/dt.
+        Exact, from a Lyapunov equation, without the model. Without `dt` per unit spectral density,
+        the limit of noise_gain(dt)/dt.
         Parameters and errors as in `bandwidth`; see `hgo_rs.design.noise_gain`.
         """
         return self._in_units(noise_gain(self.spec, dt, gain=self._frozen(gain)), 2)
@@ -368,7 +367,7 @@ class Observer(OnlineObserver):
 
     @property
     def units(self) -> Array:
-        """What turns the size of an estimate into that of a state of a chain, (n,).
+        """Factors from an estimate to the unit of a state of a chain, (n,).
 
         1 for each state, for an unknown the size of its slope at the present estimate; of a
         nonlinear chain the product of the slopes.
@@ -392,7 +391,7 @@ class Observer(OnlineObserver):
         return self.gain if gain is None and self._gain_index() is not None else gain
 
     def save(self, path: str | Path, **log: Any) -> None:
-        """Write an `observer.toml` that says all of this observer, and where it stands.
+        """Write an `observer.toml` of this observer and its present memory.
 
         Parameters
         ----------

@@ -156,7 +156,8 @@ class RepelledCollection(_Copies):
 
 
 class ModifiedObserver(_Copies):
-    """The observer with gain r r_bar, r_bar from a collection beside it. Sanfelice and Praly (25).
+    """The observer with gain r r_bar, where r_bar comes from a collection. Sanfelice and Praly
+    (25).
 
     Parameters as in `RepelledCollection`.
     """

@@ -42,7 +42,7 @@ class _Adaptation(Described):
 class AdaptiveGain(_Adaptation):
     """r' = p1 (((y_hat - y)^2 - p2) r^(1-2b) + p2/r^(2n)). Sanfelice and Praly (6).
 
-    p1 > 0 is the speed, sqrt(p2) the output error that is tolerated, b in (0, 1/2).
+    p1 > 0 is the speed, sqrt(p2) the tolerated output error, b in (0, 1/2).
     """
 
     _kind = ("law", "adaptive")
@@ -71,7 +71,7 @@ class HomogeneousGain(Described):
     degree : float
         Homogeneity degree in [-1, 0].
     mu : float
-        >= 0, in 1 over the output's unit: what makes large errors end in a bounded time.
+        >= 0 [1/unit of the output]: makes large errors vanish in a bounded time.
     """
 
     _kind = ("law", "homogeneous")
@@ -149,7 +149,7 @@ class InnovationGain(Described):
     with I the integral of |y - y_hat|^2 over the last `samples` samples used, y_hat by the model
     from the estimate at their beginning on, without correction. Boizot, Busvelle and Gauthier,
     Automatica 46 (2010) 1483. A wrong estimate raises theta to `most` within some 3 `rise`; where
-    the model tells the samples, the filter is the extended Kalman filter, theta = 1.
+    the model predicts the samples, theta = 1 and the filter is the extended Kalman filter.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ class InnovationGain(Described):
     fall : float
         lambda > 0 [1/s].
     threshold : float
-        m > 0 [unit of y^2 s]: above what noise alone makes of I, its variance times the window.
+        m > 0 [unit of y^2 s]: above the I of noise alone, its variance times the window.
     slope : float
         beta > 0, in 1 over the unit of the threshold: 10/threshold makes mu(0) small.
     samples : int

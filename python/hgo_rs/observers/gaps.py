@@ -273,9 +273,9 @@ def gap_bound(
 ) -> Array:
     """Bound of |x_i - x̂_i| at the end of a gap of a chain of order n, (n,).
 
-    e_i' = e_(i+1), |e_n'| <= sum_j lipschitz_j |e_j| + mismatch: a comparison with the linear chain
-    that takes these for equalities, exact by its matrix exponential. With nothing known, mismatch
-    is the bound of the n-th derivative of y, and
+    e_i' = e_(i+1), |e_n'| <= sum_j lipschitz_j |e_j| + mismatch: the bound is the solution of the
+    linear chain with equality, by its matrix exponential. Without a model, mismatch is the bound of
+    the n-th derivative of y, and
 
         |e_i(τ)| <= sum_(j>=i) |e_j(0)| τ^(j-i)/(j-i)! + mismatch τ^(n-i+1)/(n-i+1)!.
 
@@ -284,7 +284,7 @@ def gap_bound(
     duration : float
         τ [s].
     mismatch : float
-        Bound of what the model does not know of the n-th derivative of y.
+        Bound of the model error in the n-th derivative of y.
     n : int
         Order.
     lipschitz : float or (n,)

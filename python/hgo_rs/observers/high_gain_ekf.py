@@ -44,37 +44,38 @@ class HighGainEKF(Observer):
     n : int
         Order, 1 to 6.
     gain : float or a gain law, optional
-        theta >= 1, the gain ell of the other laws. Default: 1. `InnovationGain` moves it under
-        method "sampled" (one output, order 1 to 4), the adaptive laws under a method of rates.
+        theta >= 1, which takes the place of the gain ell. Default: 1. `InnovationGain` moves it
+        under method "sampled" (one output, order 1 to 4), the adaptive laws under a method in
+        continuous time.
     theta : float, optional
-        The same by its name in the papers.
+        The same, under the name of the papers.
     R : float
-        Variance of a sample [unit of y^2]; under a method of rates the intensity of white noise in
-        y, variance times period.
+        Variance of a sample [unit of y^2]; under a method in continuous time the intensity of white
+        noise in y, variance times period.
     Q : float, (n,) or (n, n) array
         Intensity of white noise in x': in the last state, in each (a diagonal), or a matrix; entry
         (i, j) in units of x_i x_j/s. n (n + 1)/2 numbers are its lower triangle, row by row.
     P0 : (n,) or (n, n) array, optional
-        Covariance of the first estimate. Default: 100 R in x_1, and what goes with it in the other
-        states at the rate at which Q and R are of one size, see the page of this law.
+        Covariance of the first estimate. Default: 100 R in x_1, scaled for the other states by the
+        bandwidth that Q and R imply, see the page of this law.
     model : System, optional
-        What is known of the system; its slopes are computed. Default: nothing.
+        The model, whose Jacobian is derived symbolically. Default: none.
     method : str
-        "sampled" (default), or a method of rates: "euler", "rk4", ...
+        "sampled" (default), or a method in continuous time: "euler", "rk4", ...
     timing : "predictor" or "current"
         As in `StandardObserver`; "sampled" has current timing.
     wrap : float, optional
         As in `StandardObserver`.
     allow_unstable : bool
-        Let a run go on beyond bounds.
+        Continue a run that diverges.
     shape : None
-        Of other laws: P holds for all of the innovation.
+        Not supported: P assumes the whole innovation.
 
     Raises
     ------
     HgoError
         theta < 1; R or P0 that is not positive; Q that is not positive semidefinite; an order or a
-        model out of range; a model of Python functions, which has no slopes.
+        model out of range; a model of Python functions, which has no Jacobian.
     """
 
     def __init__(
@@ -94,8 +95,8 @@ class HighGainEKF(Observer):
         shape: None = None,
     ) -> None:
         law = LAWS[KIND]
-        remedy = "gate= of run() passes over outliers; or take a law of constant gains"
-        check(shape is None, "shape", shape, "left out: P holds for all of the innovation", remedy)
+        remedy = "gate= of run() leaves out outliers; or take a law with constant gains"
+        check(shape is None, "shape", shape, "left out: P assumes the whole innovation", remedy)
         n = arguments.order(n, least=min(law.orders), most=max(law.orders))
         remedy = "give theta, or gain"
         check(gain is None or theta is None, "theta", theta, "given without gain", remedy)
@@ -112,14 +113,16 @@ class HighGainEKF(Observer):
         check_choice("method", method, methods)
         check_choice("timing", timing, TIMINGS)
         if method == SAMPLED:
-            remedy = "a sample is used at its own time; or choose a method of rates"
+            remedy = (
+                "a sample is used at its own time; or choose a method in continuous time: 'rk4'"
+            )
             check(timing == "current", "timing", timing, "'current'", remedy)
             fits, remedy = gain_law["law"] in ("constant", WINDOW), "choose method='rk4'"
             allowed = "constant, or an InnovationGain, under method 'sampled'"
             check(fits, "gain", gain_law["law"], allowed, remedy)
         else:
-            remedy = "its window is of samples: choose method='sampled'"
-            allowed = "another law under a method of rates"
+            remedy = "its window holds samples: choose method='sampled'"
+            allowed = "another law under a method in continuous time"
             check(gain_law["law"] != WINDOW, "gain", gain_law["law"], allowed, remedy)
         variance = check_number(_one(R), "R", above=0.0)
         q = _triangle(Q, "Q", n)
@@ -148,7 +151,7 @@ class HighGainEKF(Observer):
         super().__init__(spec, model=model, allow_unstable=allow_unstable)
 
     def covariance(self, memory: npt.ArrayLike | None = None) -> Array:
-        """P of memories (..., m), shape (..., n, n); default: where it stands."""
+        """P of memories (..., m), shape (..., n, n); default: of the present memory."""
         return covariance(self.memory if memory is None else memory, self.n)
 
 

@@ -22,33 +22,33 @@ CLIPS = ("hard", "smooth")
 
 
 class HighGainObserver(Observer):
-    """An observer of order n of a law that is named.
+    """An observer of order n, with the law given by name.
 
-    A law has a class of its own where there is more to say of its parameters
-    (`StandardObserver`); all laws of one chain that take any gain are here.
+    It covers all laws of one chain that take any gain. Frequently used laws also have a class of
+    their own, such as `StandardObserver`.
 
     Parameters
     ----------
     kind : str
-        A law by its word in `hgo_rs.laws.LAWS`, such as "standard".
+        Name of a law in `hgo_rs.laws.LAWS`, such as "standard".
     n : int
-        Order, one of the law's.
+        Order, in the range of the law.
     gain, epsilon, shape, model, method, motion, substeps, timing, wrap, allow_unstable
-        As in `StandardObserver`. Default of `method`: "zoh" where the law can be placed.
+        As in `StandardObserver`. Default of `method`: "zoh" where the law supports it.
     poles : numbers, optional
-        As many as make the law's coefficients, before scaling by ell. Default: the usual ones.
+        Poles before scaling by ell, as many as the law needs. Default: see the page of the law.
     saturation, clip
-        As in `PeakingFreeObserver`, where the law has a saturation; "limited-gain" and "cascade"
-        are without one where it is left out.
+        As in `PeakingFreeObserver`, for laws with a saturation; optional for "limited-gain" and
+        "cascade".
     **entries
-        By the names that the law has for them: its lists of coefficients, all of them and in place
-        of `poles`; its second size.
+        Coefficients of the law by their names, all of them and in place of `poles`; its second
+        size.
 
     Raises
     ------
     HgoError
-        A law that is not known or is made of several chains; an entry that it does not have; sizes,
-        poles, coefficients, a gain or a model out of range.
+        An unknown law or a law of several chains; an unknown entry; sizes, poles, coefficients, a
+        gain or a model out of range.
     """
 
     def __init__(

@@ -63,12 +63,12 @@ class OnlineObserver(_core.Online):
 
     @property
     def spec(self) -> dict[str, Any]:
-        """What it is, as plain data, read-only."""
+        """The observer as plain data, read-only."""
         return self._spec
 
     @property
     def model(self) -> System | None:
-        """What it knows of the system."""
+        """The model."""
         return self._model
 
     @property
@@ -134,7 +134,7 @@ class OnlineObserver(_core.Online):
 
     @property
     def memory(self) -> Array:
-        """Where it stands, (m,); a step makes a new one, an array that is set is copied."""
+        """The present memory, (m,); a step makes a new array, an assigned array is copied."""
         return super().memory
 
     @memory.setter
@@ -149,7 +149,7 @@ class OnlineObserver(_core.Online):
 
     @property
     def gain(self) -> float | None:
-        """The gain ell, or r where it is remembered; None for laws without one, and for gains of
+        """The gain ell, or r where it is in the memory; None for laws without one, and for gains of
         the innovation or of a clock.
         """
         index = self._gain_index()
@@ -159,8 +159,8 @@ class OnlineObserver(_core.Online):
         return float(law["ell"]) if isinstance(law, dict) and "ell" in law else None
 
     def gains(self, memory: npt.ArrayLike) -> Array | None:
-        """The gain that acts, for memories (..., m): r, or ell (one number shown many times, which
-        cannot be written to); None as for `gain`.
+        """The gain for memories (..., m): r, or ell (a read-only view of one number); None as for
+        `gain`.
         """
         values = np.asarray(memory, dtype=float)
         index = self._gain_index()
@@ -218,7 +218,7 @@ class OnlineObserver(_core.Online):
         Raises
         ------
         HgoError
-            A timing that is not known, or another than that of a law that is a recursion.
+            An unknown timing, or another one than that of a law that is a recursion.
         """
         if check_choice("timing", timing, TIMINGS) == self.timing:
             return self
@@ -261,8 +261,8 @@ class OnlineObserver(_core.Online):
         r0 : float, optional
             Initial gain >= 1, for laws whose gain moves.
         y0 : float or (n_y,) array, optional
-            First samples, in place of x_hat0: x_hat_1(0) = y0, of each chain; NaN where one is
-            missing, which leaves 0.
+            First samples, in place of x_hat0: x_hat_1(0) = y0 for each chain; NaN for a missing
+            sample gives 0.
 
         Raises
         ------
@@ -344,15 +344,15 @@ class OnlineObserver(_core.Online):
         y0: npt.ArrayLike | None = None,
         t: float = 0.0,
     ) -> None:
-        """Start again, see `initial_memory`; or go on from the whole memory.
+        """Start again, see `initial_memory`; or continue from a whole memory.
 
         Parameters
         ----------
         x_hat0, r0, y0, memory0 : optional
-            Where to start, see `initial_memory`; or the whole memory.
+            The start, see `initial_memory`; or the whole memory.
         t : float
-            Time [s] at which it stands. Above 0 the observer is under way: with current timing the
-            next `step` predicts over its period, which the first one after a start does not.
+            Present time [s]. Above 0 the observer is in use: with current timing the next `step`
+            predicts over its period, which the first step after a start does not.
 
         Raises
         ------
@@ -405,8 +405,8 @@ class OnlineObserver(_core.Online):
         check(finite, "memory", memory, "finite", "leave out NaN and infinity, or call reset()")
         for at, _, _ in self._waiting:
             elapsed = float(values[at])
-            allowed = ">= 0, the time that the next correction is for [s]"
-            remedy = "keep what memory shows, or 0 at a start; an input is told to predict(u, dt)"
+            allowed = ">= 0, the interval that the next correction covers [s]"
+            remedy = "keep the value of memory, or 0 at a start; give an input to predict(u, dt)"
             check(elapsed >= 0.0, f"memory[{at}]", elapsed, allowed, remedy)
         return values
 
@@ -472,8 +472,8 @@ class OnlineObserver(_core.Online):
         if helps and not model.not_finite(values | dict(zip(model.states, start, strict=True))):
             remedy += f", for example x_hat0 = [{_row(start)}]"
         return (
-            f"{head}: {equations} is {how} {shown}; {remedy}, or bound in the equation what it has "
-            "no value for, as max(v, 1e-3) does for a state v"
+            f"{head}: {equations} is {how} {shown}; {remedy}, or bound the argument in the "
+            "equation, for example max(v, 1e-3) for a state v"
         )
 
     def _check_clock(self, clock: float | Array) -> None:
@@ -510,7 +510,7 @@ def _lift(spec: dict[str, Any]) -> float:
 
 
 def initial_gain(value: Any) -> float:
-    return check_number(value, "r0", least=1.0, remedy="law (6) lives on r >= 1; start at 1")
+    return check_number(value, "r0", least=1.0, remedy="law (6) needs r >= 1; start at 1")
 
 
 def _row(values: Array) -> str:

@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 @dataclass(frozen=True)
 class Gap:
     """A run of missing samples: first index, number, duration until the next sample [s], and the
-    output (counted from 0) that they are missing of.
+    output (counted from 0).
     """
 
     start: int
@@ -35,8 +35,8 @@ class Gap:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RunResult:
-    """An observer's run over a record of N samples. Its arrays are read-only: they belong together
-    (`x_hat` is a part of `memory`), so that an edit of one would change others.
+    """Result of an observer over a record of N samples. Its arrays are read-only, because they
+    share memory (`x_hat` is a part of `memory`).
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class RunResult:
     innovation : (N, n_y)
         y - y_hat before the sample was used; NaN where it was missing.
     missing : (N,) bool
-        Samples of which an output was missing; it was predicted over.
+        Samples with a missing output, which was predicted.
     gain : (N,) or None
         ell, or r where it moves.
     y : (N, n_y)
@@ -58,15 +58,15 @@ class RunResult:
     timing : "predictor" or "current"
         Whether row k uses samples up to k - 1, or up to k.
     slowdown : float
-        How many times longer the run took than with a compiled model of the same size: 1 for every
-        compiled model, more for a Python callable that could not be compiled.
+        Estimated time of the run over that with a compiled model: 1 for a compiled model, more for
+        a Python callable that could not be compiled.
     next_memory : (m,) or None
-        The memory at `until`, where the run was given one.
+        The memory at `until`, for a run with `until`.
     deviation : (N, n) or None
-        Standard deviations of the estimates, where the run was given noise and model error: the
-        covariance of the observer's own error, linearised along the estimates.
+        Standard deviations of the estimates, for a run with noise and model error: from the
+        covariance of the observer's error, linearised along the estimates.
     gated : (N, n_y) bool or None
-        Outliers, where the run was given a gate: `y` is NaN there, and they count as missing.
+        Outliers, for a run with a gate: `y` is NaN there, and they count as missing.
     labels : Labels
         Names and units of the estimates, where the model has some.
     """
@@ -138,8 +138,8 @@ class RunResult:
     def gaps(self) -> list[Gap]:
         """Every run of missing samples, output by output.
 
-        With several outputs each has a rate of its own: a gap of it is a wait of more than one and
-        a half times its median one, and begins where its next sample was due.
+        With several outputs each has a rate of its own: a gap is an interval of more than one and a
+        half times the median one, and begins where the next sample was due.
         """
         out = []
         t, rows = self.time, len(self.y)
@@ -169,9 +169,8 @@ class RunResult:
     def gap_error(self) -> Array:
         """Error to expect at the end of each of `gaps`, (number of gaps, n), NaN where unknown.
 
-        What the same gaps, put into the complete parts of the record, do to the estimate; see
-        `hgo_rs.observers.gaps`. Computed when it is first asked for. NaN too for a model that runs
-        as Python.
+        From the same gaps cut into complete parts of the record; see `hgo_rs.observers.gaps`.
+        Computed at the first access. Also NaN for a model that runs as Python.
         """
         if "_gap_error" not in self.__dict__:
             self.__dict__["_gap_error"] = self.error_after(self.gaps)
@@ -203,14 +202,14 @@ class RunResult:
 
     @property
     def whiteness(self) -> float:
-        """How probable autocorrelations as large as those of the innovations are, if these are
-        white: the least over the outputs, of what follows the first twentieth. NaN of too few.
+        """p-value of a test of the innovations for whiteness: the least over the outputs, after the
+        first twentieth of the record. NaN for too few samples.
         """
         return self._probable(whiteness)
 
     @property
     def normality(self) -> float:
-        """How probable innovations as far from normal ones are; as `whiteness`."""
+        """p-value of a test of the innovations for normality; as `whiteness`."""
         return self._probable(normality)
 
     def _probable(self, test: Callable[[Array], float]) -> float:
@@ -253,7 +252,7 @@ class RunResult:
     def columns(self, *, units: bool = False) -> dict[str, Array]:
         """Every signal as a named column (N,): estimates by the model's names, else x_hat1, ...
 
-        With `units` behind the names of estimates, as in "T_load [N m]", where the model has them.
+        With `units=True` the units of the model follow the names, as in "T_load [N m]".
         """
         out = {"time": self.time}
         name = self.labels.heading if units else self.labels.column

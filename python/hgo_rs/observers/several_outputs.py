@@ -21,13 +21,13 @@ class MultiOutputObserver(Observer):
     """An observer for each output of a model of several chains, which share their states.
 
     Each observer estimates the chain of its output, x_c1' = x_c2, ..., x_cn' = phi_c(t, x, u), with
-    phi_c over the states of all chains. All chains move together over a period; under a method or a
-    motion that holds the model the other chains stand at their estimates at its beginning. A sample
-    that is missing in one output is predicted over in that output.
+    phi_c over the states of all chains. All chains are integrated together over a period; a method
+    or a motion that holds the model takes the other chains' estimates at its beginning. A missing
+    sample of one output is predicted for that output.
 
-    High-gain EKFs by method "sampled", one for each output, are one filter: its covariance is of
-    all states, the other chains' slopes are in it, and a sample of one output corrects all of them.
-    Up to 4 outputs and 8 states; `covariance` gives P.
+    High-gain EKFs by method "sampled", one for each output, form one filter with one covariance of
+    all states: a sample of one output corrects all chains. Up to 4 outputs and 8 states;
+    `covariance` gives P.
 
     The memory holds the estimates of all chains, one chain after the other, then the rest of each
     observer's memory. `run` takes y of shape (N, number of chains).
@@ -35,14 +35,14 @@ class MultiOutputObserver(Observer):
     Parameters
     ----------
     observers : sequence of StandardObserver, LowPowerObserver, PeakingFreeObserver or HighGainEKF
-        One for each output, made without a model: structure, gain, discretisation, timing. All of
-        the same timing and motion; a motion that is left open is chosen by the model.
+        One for each output, without a model: structure, gain, discretisation, timing. All have the
+        same timing and motion; the default motion is chosen by the model.
     model : Model
         Of the form of chains: `Model(states=..., orders=[n_1, n_2, ...], phi=[phi_1, phi_2, ...])`.
     allow_unstable : bool
         As in `StandardObserver`.
     wrap : None
-        Said where the observer of that output is made: `StandardObserver(2, 40, wrap=2*pi)`.
+        Not used; give it to the observer of the output: `StandardObserver(2, 40, wrap=2*pi)`.
 
     Raises
     ------
@@ -86,7 +86,7 @@ class MultiOutputObserver(Observer):
         Raises
         ------
         HgoError
-            Observers that remember no covariance.
+            Observers without a covariance.
         """
         remedy = "HighGainEKF(..., method='sampled') for every output has one"
         check(is_one_filter(self.spec), "covariance", None, "of high-gain EKFs", remedy)

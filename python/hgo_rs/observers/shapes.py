@@ -35,10 +35,9 @@ class _Threshold(Shape):
 class Stubborn(_Threshold):
     """v = sat(e) at the level sqrt(sigma), sigma' = -decay sigma + growth e^2.
 
-    Alessandri and Zaccarian, Automatica 88 (2018). An outlier moves the estimate by no more than
-    the errors before it did. `growth` >= `decay`
-    [1/s]: a steady error is then injected whole; `sigma0` is sigma(0), in the square of the
-    output's unit.
+    Alessandri and Zaccarian, Automatica 88 (2018). An outlier is clipped to the size of earlier
+    errors. `growth` >= `decay` [1/s]: a steady error is then injected completely; `sigma0` is
+    sigma(0), in the square of the output's unit.
     """
 
     _kind = ("law", "stubborn")
@@ -122,8 +121,8 @@ class BiHomogeneous(Shape):
     v_1 = phi_1(e), v_i = phi_i(v_(i-1)), phi_i(s) = kappa_i s^p_i + theta_i s^q_i with signed
     powers, p_i = (1 - (n-i-1) near)/(1 - (n-i) near), q_i the same with `far`. -1 <= near <= far
     < 1/(n - 1); `kappa`, `theta` >= 0, one for each state, not both 0. With near = -1 and far > 0
-    the errors vanish in a time that no start exceeds; large steps and large errors do not go
-    together, since the gain grows with the error.
+    the errors vanish in a time that is bounded for all starts. The gain grows with the error, so
+    long steps may diverge from large errors.
     """
 
     alike = False

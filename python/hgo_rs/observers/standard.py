@@ -41,30 +41,29 @@ class StandardObserver(HighGainObserver):
     k : n numbers, optional
         The coefficients themselves, in place of `poles`.
     shape : Shape, optional
-        What is injected in the place of the innovation: `Stubborn`, `DeadZone`, `PiecewiseLinear`,
+        Function of the innovation that is injected: `Stubborn`, `DeadZone`, `PiecewiseLinear`,
         `Fal`, `BiHomogeneous`. Default: the innovation itself.
     model : System, optional
-        What is known of the system. Default: nothing, phi = 0.
+        The model. Default: none, phi = 0.
     method : str, optional
         Discretisation, one of `METHODS`; the papers' recursions are "euler". Default: "zoh", or
         "rk4" for a low-power or peaking-free law with a gain that moves, and for a shape whose rows
         differ (`PiecewiseLinear`, `Fal`).
     motion : "held", "rk4" or "implicit", optional
-        How the model moves over a period under "zoh", "bilinear", "implicit-map", "proper" and
-        "inter-sample": held at the period's beginning; by RK4; implicit (backward Euler) where a
-        known term is stiff in the state that it moves, else by RK4. Default: "held" where the model
-        depends on inputs alone or nothing is known, "implicit" where a known term may jump or has a
-        slope above the gain in the state that it moves, such as dry friction (`model.own_slope`),
-        else "rk4".
+        Integration of the model over a period under "zoh", "bilinear", "implicit-map", "proper" and
+        "inter-sample": held at its value at the beginning; by RK4; implicit (backward Euler) where
+        f_i is stiff in x_i, otherwise by RK4. Default: "held" for no model or a model of inputs
+        alone; "implicit" where f_i may jump in x_i or has a slope above the gain, such as dry
+        friction (`model.own_slope`); otherwise "rk4".
     substeps : int, optional
-        Steps that a period is cut into by the last two, 1 to 16. Default: 2.
+        Substeps of a period for the last two, 1 to 16. Default: 2.
     timing : "predictor" or "current", optional
         Whether the estimate at sample k uses samples up to k - 1, as the papers' recursions do, or
         up to k. Default: "current"; "predictor" for the method "inter-sample", which has no other.
     wrap : float, optional
-        The length of a turn of an output that begins again after it, in its unit: 2*pi, or the
-        counts of a counter. The innovation is then that to the nearest turn, and x_hat_1 stays
-        within half a turn of 0; a model sees that one. A sample may be given in any turn.
+        Length of a turn of an output that wraps, in its unit: 2*pi, or the counts of a counter. The
+        innovation is then that to the nearest turn, and x_hat_1 stays within half a turn of 0, also
+        in the model. A sample may be given in any turn.
     allow_unstable : bool
         Let `step` and `run` use a step beyond the stability limit.
 
@@ -121,8 +120,8 @@ class StandardObserver(HighGainObserver):
         Raises
         ------
         HgoError
-            Gains whose error does not decay, or that no poles have: alpha >= 1, or errors that
-            change their sign from sample to sample; `WindowObserver` takes these.
+            Gains whose error does not decay, or that correspond to no poles: alpha >= 1, or errors
+            that change their sign from sample to sample; `WindowObserver` takes these.
         """
         period = check_number(dt, "dt", above=0.0)
         given = {"alpha": alpha, "beta": beta} | ({} if gamma is None else {"gamma": gamma})
@@ -157,7 +156,7 @@ class StandardObserver(HighGainObserver):
     def steady_kalman(
         cls, n: int, *, Q: npt.ArrayLike, R: float, dt: float | None = None, **options: Any
     ) -> Self:
-        """The Kalman differentiator at rest: gains of `hgo_rs.design.riccati`.
+        """The steady-state Kalman differentiator: gains of `hgo_rs.design.riccati`.
 
         `Q`: intensity of white noise in x_n' (or of each state, or a matrix). `R`: with the period
         `dt` [s] the variance of a sample; without it the intensity of white noise in y, of the law

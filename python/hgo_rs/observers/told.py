@@ -27,9 +27,26 @@ def shortly(spec: Mapping[str, Any], model: System | None) -> str:
             given.append(f"saturation={[float(f'{v:.4g}') for v in spec['saturation']]}")
     if model is not None:
         given.append(f"model={model!r}")
-    held = model is None or not model.moves
-    kept = [key for key in _KEPT if key in spec and not (held and key == "motion")]
-    return ", ".join([*given, *(f"{key}={spec[key]!r}" for key in kept)])
+    return ", ".join([*given, *(f"{key}={spec[key]!r}" for key in _kept(spec, model))])
+
+
+def in_words(observer: Any) -> str:
+    """Law, order, gain and choices as a terminal shows them."""
+    told = []
+    for part in observer.spec.get("observers", [observer.spec]):
+        words = [part["kind"]]
+        words += [f"order {part['n']}"] if "n" in part else []
+        words += [f"gain {_law(part['gain'], ' 1/s')}"] if "gain" in part else []
+        kept = _kept(part, observer.model)
+        words += [f"{key} {part[key]}" for key in kept if key != "timing"]
+        told.append(", ".join(words))
+    return f"{'; '.join(told)}; timing {observer.timing}"
+
+
+def _kept(spec: Mapping[str, Any], model: System | None) -> list[str]:
+    """Choices that are shown: of the motion only where the model has one."""
+    moves = model is not None and model.moves
+    return [key for key in _KEPT if key in spec and (moves or key != "motion")]
 
 
 def _law(told: Any, unit: str = "") -> str:
@@ -55,12 +72,10 @@ def as_html(observer: Any) -> str:
                 rows.append((name, ", ".join(map(number, values))))
     if model is not None:
         rows.append(("model", knowledge(model)))
-    moves = model is not None and model.moves
-    told = [(key, spec[key]) for key in _KEPT if key in spec and (moves or key != "motion")]
-    rows += told
+    rows += [(key, spec[key]) for key in _kept(spec, model)]
     names = Labels.of(spec, observer.n).columns(observer.n)
     stands = zip(names, observer.x_hat.tolist(), strict=True)
-    rows.append(("stands at", ", ".join(f"{name} = {number(value)}" for name, value in stands)))
+    rows.append(("estimate", ", ".join(f"{name} = {number(value)}" for name, value in stands)))
     return table(type(observer).__name__, rows)
 
 

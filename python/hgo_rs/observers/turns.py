@@ -73,9 +73,9 @@ def check_motion(y: Array, lengths: tuple[float | None, ...], stacklevel: int) -
             output = f" of output {channel + 1}" if len(lengths) > 1 else ""
             warnings.warn(
                 f"wrap = {length:g}{output}: samples {k} and {k + 1} lie {moved[k]:.4g} apart, "
-                f"{moved[k] / length:.2g} of a turn; from half a turn on neither direction nor "
-                "number of turns can be told, whether motion or noise makes it: sample faster, or "
-                "check that wrap is the whole turn",
+                f"{moved[k] / length:.2g} of a turn; from half a turn on, by motion or by noise, "
+                "direction and number of turns are unknown: sample faster, or check that wrap is "
+                "the whole turn",
                 TurnWarning,
                 stacklevel=stacklevel + 1,
             )

@@ -39,12 +39,13 @@ class WindowObserver(Observer):
 
     x_hat+ = x_hat- + W d,   x_hat- = exp(A dt) x_hat
 
-    d_0 = y - x_hat-_1, and d_j what the sample j periods ago was off the polynomial of x_hat-. With
-    weights of least squares it is the causal filter of Savitzky and Golay (`savitzky_golay`), with
-    one column a constant gain (`dirty_derivative`, `alpha_beta_gamma`). Current timing, no model.
+    d_0 = y - x_hat-_1, and d_j the deviation of the sample j periods ago from the polynomial of
+    x_hat-. With least-squares weights it is the causal filter of Savitzky and Golay
+    (`savitzky_golay`), with one column a constant gain (`dirty_derivative`, `alpha_beta_gamma`).
+    Current timing, no model.
 
-    A missing sample counts as what the polynomial is there. Steps more than 5 % off `dt` are
-    refused: the window counts samples, and not time.
+    A missing sample is replaced by the value of the polynomial. Steps more than 5 % off `dt` are
+    refused: the window counts samples, not time.
 
     Parameters
     ----------

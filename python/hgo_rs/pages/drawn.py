@@ -63,7 +63,7 @@ class Drawn:
         if k > 1:
             means = ", inputs as the means between them" if u is not None else ""
             said.append(
-                f"decimated: one sample of every {k} of {len(y)}{means}; all figures are those of "
+                f"decimated: 1 of {k} samples is kept, of {len(y)}{means}; all numbers are for "
                 "this longer step"
             )
             if u is not None:  # each is held until the next sample

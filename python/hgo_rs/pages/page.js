@@ -403,7 +403,7 @@ class Page {
     this.trade = new Plot(box, { title: "Error over the gain", height: 250, x: "gain ℓ, 1/s", y: "standard deviation", logX: true, logY: true });
     this.response = new Plot(box, { title: "Bode, amplitude", height: 250, x: "frequency, Hz", y: "amplitude", logX: true, logY: true });
     this.spectrum = new Plot(box, { title: "Spectrum", height: 250, x: "frequency, Hz", y: "density, unit²/Hz", logX: true, logY: true });
-    this.phase = new Plot(box, { title: "Bode, phase less that of the derivative", height: 250, x: "frequency, Hz", y: "phase, °", logX: true });
+    this.phase = new Plot(box, { title: "Bode, phase relative to the derivative", height: 250, x: "frequency, Hz", y: "phase, °", logX: true });
     this.wrong = new Plot(box, { title: "Peaking", height: 250, wide: true, x: time, y: "error" });
     [this.output, this.estimate, this.apart].filter(Boolean).forEach((plot) => this.movable(plot));
   }
@@ -487,7 +487,7 @@ class Page {
     told(this.same
       ? "The estimates that this page opens with have the same bits as Python's: checked now."
       : "Not the same bits as Python's: please report this browser as a fault of hgo_rs.");
-    told("Bode, bands and peaking are those of the law's linear part, its model left out, with the median step.");
+    told("Bode, bands and peaking are computed for the law without its model, at the median step.");
     this.data.left.forEach((text) => told(`Left out: ${text}`));
     this.time = told("");
     this.time.id = "time";
@@ -541,7 +541,7 @@ class Page {
 
   tell(run, figures, ell) {
     const { log, way } = this, said = [];
-    if (run.done < 0) said.push("The law refuses this gain.");
+    if (run.done < 0) said.push("This gain is outside the range of the law.");
     else if (run.done < log.samples) said.push(`The estimate is not finite from t = ${shown(log.t[run.done])} s on.`);
     if (!(this.radius(ell) < 1)) {
       const most = this.limit(ell), to = most ? `holds up to ℓ = ${shown(most)} /s` : "does not hold";
@@ -613,7 +613,7 @@ class Page {
     const { structure, state, apart: plot } = this, n = structure.n, name = structure.states[state];
     const [low, high] = this.range;
     if (!smooth) {
-      plot.head([[COLOURS.grey, `none known of ${name}`]], "");
+      plot.head([[COLOURS.grey, `no reference for ${name}`]], "");
       plot.begin(low, high, -1, 1);
       plot.end();
       return;
@@ -628,8 +628,8 @@ class Page {
     }
     const found = Math.sqrt(sum / Math.max(count, 1)), top = 3.2 * Math.max(found, spread) || 1;
     this.last.apart = found;
-    plot.yName = `${name} less ${this.data.truth ? "truth" : "smoothed"}`;
-    const legend = [[COLOURS.blue, `estimate of ${name} less its ${this.data.truth ? "true" : "smoothed"} value`]];
+    plot.yName = `${name} − ${this.data.truth ? "truth" : "smoothed"}`;
+    const legend = [[COLOURS.blue, `estimate of ${name} minus its ${this.data.truth ? "true" : "smoothed"} value`]];
     if (spread) legend.push(["#cfe3f1", "± 2 predicted standard deviations", "band"]);
     plot.head(legend, `RMS ${shown(found)} after the first twentieth`);
     plot.begin(low, high, -top, top);
@@ -646,7 +646,7 @@ class Page {
     const { structure, state } = this, { ells, noise, model } = this.curve(), plot = this.trade;
     const parts = ells.map((_, k) => this.parts(noise[k][state], model[k][state]));
     const total = parts.map((both) => Math.hypot(...both));
-    const legend = [[COLOURS.ink, "error"], [COLOURS.orange, "of noise"], [COLOURS.sky, "of model error"]];
+    const legend = [[COLOURS.ink, "error"], [COLOURS.orange, "from noise"], [COLOURS.sky, "from model error"]];
     const own = this.by === 0 && state + 1 === this.data.state;
     const tuned = numbers(structure.curve.ell), measured = numbers(structure.curve.measured);
     const known = own && measured.some(Number.isFinite);
@@ -807,7 +807,7 @@ function about(system) {
   if (!system.criterion) return system.text;
   const chosen = `gain ${shown(tuned.ell)} /s by ${system.criterion} of ${tuned.states[system.state - 1]}`;
   return [system.text, system.chosen, chosen,
-    system.judged_by && `judged by ${system.judged_by}`, ...system.warnings].filter(Boolean).join(" · ");
+    system.judged_by && `compared with the smoothed state by ${system.judged_by}`, ...system.warnings].filter(Boolean).join(" · ");
 }
 
 async function open() {
@@ -815,7 +815,7 @@ async function open() {
   byId("about").textContent = about(first);
   if (typeof WebAssembly !== "object") {
     const tuned = first.structures.find((of) => of.name === first.chosen) || first.structures[0];
-    refuse("This browser runs no WebAssembly, which this page computes with: open it in a current Firefox, Chrome, " +
+    refuse("This page needs WebAssembly, and this browser has none: open it in a current Firefox, Chrome, " +
       `Edge or Safari. The tuned gain is ${tuned.ell} /s (${first.chosen}).`);
     return;
   }

@@ -98,8 +98,7 @@ def shown() -> list[Shown]:
         Shown(
             "Sanfelice, Praly",
             "x1' = x2 + 2.22 x1 + 0.1, x2' = 0, y = x1 + noise of standard deviation 0.015. The "
-            "paper's gain moves with the innovation; here it stands still, and the slider moves "
-            "it.",
+            "paper's gain adapts to the innovation; here it is constant and set by the slider.",
             wanders,
             (-0.1 / 2.22, 0.0),
             9e-3,
@@ -116,8 +115,8 @@ def shown() -> list[Shown]:
         Shown(
             "Fu, Kang, Li",
             "The stochastic Van der Pol oscillator, dx1 = x2 dt, dx2 = [-x1 + 0.8 (1 - x1²) x2] dt "
-            "+ 0.5 dW, y = x1 without noise. Its model lacks the 0.5 dW: the error falls as the "
-            "gain grows, since no noise of the samples stands against it.",
+            "+ 0.5 dW, y = x1 without noise. The observer's model does not contain 0.5 dW. The "
+            "samples have no noise, so the error falls as the gain grows.",
             ring,
             (1.0, 0.0),
             1e-2,

@@ -90,7 +90,7 @@ def _first(tuning: Tuning, drawn: Sequence[str]) -> tuple[str, str]:
         return tuning.structure, ""
     ranked = [name for name, _, _ in tuning.tried if name in drawn]
     first = next(iter(ranked), drawn[0])
-    return first, f"{tuning.structure} was chosen, which a page cannot draw; it begins with {first}"
+    return first, f"it cannot draw the chosen structure, {tuning.structure}; it begins with {first}"
 
 
 def write(tuning: Tuning, path: str | Path, title: str, log: Mapping[str, Any]) -> None:
@@ -112,4 +112,4 @@ def _smoothed(tuning: Tuning) -> Reference | None:
     """The smoothed states that the gain was judged by."""
     if tuning.smoothed is None:
         return None
-    return Reference("smoothed state, which samples on both sides tell", *tuning.smoothed)
+    return Reference("smoothed state, from earlier and later samples", *tuning.smoothed)

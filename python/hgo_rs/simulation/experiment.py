@@ -120,7 +120,7 @@ def simulate(
 ) -> SimulationResult:
     """Simulate a plant with an observer.
 
-    Run i depends on (rng, i) alone, not on threads or on what else runs.
+    Run i depends on (rng, i) alone, not on threads or other runs.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def simulate(
         Where mean, RMS and largest magnitude are taken: in seconds for fixed steps, in step
         indices for other schedules; half open.
     metrics : sequence of str, optional
-        Which of `METRICS` are computed (default: all); the others cost nothing.
+        Those of `METRICS` that are computed. Default: all.
     errors : bool
         Whether the errors and the rest of the observer's memory have `metrics`; False leaves them
         to `signals`, as in signals={"gap": "x2_hat - x2"}.
@@ -170,13 +170,15 @@ def simulate(
         is evaluated at each sample, on the estimate that the observer's timing gives there, and
         held; in mode "joint" at every moment. The observer's model is told the input in force.
     feedback_from : "estimate" or "state"
-        "state": the true states stand where the feedback names estimates; what is to be recovered.
+        "state": the true states replace the estimates in the feedback; the ideal loop to compare
+        with.
     feedback_delay : int
         Sampling periods between a sample and the use of the input that is computed from it; 0 until
         then.
     signals : list of names or dict of name: expression, optional
-        What else has metrics and frames, see `SimulationResult.of`: of t, the plant's states and
-        inputs, y, estimates and the controller's states. Default in a loop: the states and inputs.
+        Further signals with metrics and frames, see `SimulationResult.of`: of t, the plant's states
+        and inputs, y, estimates and the controller's states. Default in a loop: the states and
+        inputs.
     settle_signals : dict of signal: threshold, optional
         Last time at which the magnitude of a signal was at or above its threshold.
     cost : expression of t, states and inputs of a Plant, optional
@@ -189,9 +191,9 @@ def simulate(
     backend : "rust" or "numpy"
         The compiled core, or the NumPy reference.
     engine : "auto", "interpreter" or "llvm"
-        What moves the runs in the core, with the same bits: the interpreter of its tables, or a
-        kernel that llvmlite (extra `fast`) compiles of them. "auto" compiles where llvmlite is
-        there and the study is worth it.
+        Engine of the core, with the same bits: the interpreter of the tables, or a kernel that
+        llvmlite (extra `fast`) compiles from them. "auto" compiles if llvmlite is installed and the
+        study is long enough.
 
     Raises
     ------
@@ -452,8 +454,8 @@ def _check_fit(plant: System, observer: Observer) -> int:
     check(isinstance(observer, Observer), "observer", observer, "an Observer", "see hgo_rs")
     ship = isinstance(plant, Ship)
     n_y = 3 if ship else int(plant.spec.get("n_y", 1))
-    remedy = "it is what an observer knows of a plant"
-    check(plant.order is not None or ship, "plant", plant, "a system that moves by itself", remedy)
+    remedy = "this one is a model of observers only"
+    check(plant.order is not None or ship, "plant", plant, "a system with equations", remedy)
     kind, reduced = observer.spec["kind"], "reduced-order"
     # the first entries of an estimate are compared with the plant's states, as many as both have
     fits = (kind == reduced) == ship or _is_own(plant)

@@ -46,7 +46,7 @@ class SimulationResult:
     spec : dict
         The experiment as plain data, read-only.
     shared : tuple of str
-        What moved alike in all runs and so was moved once: "plant", or nothing.
+        Parts that are equal in all runs and were computed once: "plant", or nothing.
     loop : Loop
         Names of the plant's states, and of inputs, signals and the controller's states: those of
         `columns` (R, F, ·), kept frames, and `final_columns` (R, ·). `of(name)` has all of one.

@@ -39,8 +39,8 @@ class Comparison:
     rules : tuple of str
         How each was tuned.
     error : (methods, states)
-        RMS error after `skip`; NaN where a method has no such estimate. Against a smoothed state
-        its own deviation is in it: error^2 = distance^2 + deviation^2.
+        RMS error after `skip`; NaN where a method has no such estimate. Compared with a smoothed
+        state it includes the deviation of that state: error^2 = distance^2 + deviation^2.
     truth : (N, states)
     deviation : (states,)
         Standard deviation of the truth; 0 where it was given.
@@ -49,7 +49,7 @@ class Comparison:
     estimates : dict of method -> (N, states)
     t : (N,) [s]
     skip : float
-        What is left out at the start [s].
+        Time at the start that is not evaluated [s].
     remarks : tuple of str
         Baselines that were left out, and why.
     """
@@ -96,7 +96,7 @@ class Comparison:
         """Draw the errors as bars, a panel a state. Needs the extra `plot`."""
         from hgo_rs.plots import error_figure
 
-        title = f"RMS error, judged by {self.judged_by}"
+        title = f"RMS error, compared with {self.judged_by}"
         columns = dict(zip(self.states, self.error.T, strict=True))
         return error_figure(self.methods, columns, title=title, figure=figure)
 
@@ -105,7 +105,7 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         """The table, as text has it."""
-        head = f"RMS error after {self.skip:.4g} s, judged by {self.judged_by}"
+        head = f"RMS error after {self.skip:.4g} s, compared with {self.judged_by}"
         rows = [
             (name, *map(number, errors), rule)
             for name, rule, errors in zip(
@@ -117,7 +117,10 @@ class Comparison:
     def __str__(self) -> str:
         wide = max(len(name) for name in (*self.methods, "method"))
         head = f"{'method':{wide}s} " + " ".join(f"{name:>10s}" for name in self.states)
-        lines = [f"RMS error after {self.skip:.4g} s, judged by {self.judged_by}", f"{head}  tuned"]
+        lines = [
+            f"RMS error after {self.skip:.4g} s, compared with {self.judged_by}",
+            f"{head}  tuned",
+        ]
         for name, rule, errors in zip(self.methods, self.rules, self.error, strict=True):
             numbers = " ".join(f"{'-' if e != e else format(e, '.4g'):>10s}" for e in errors)
             lines.append(f"{name:{wide}s} {numbers}  {rule}")
@@ -133,26 +136,26 @@ def compare(
     baselines: Iterable[str] | None = None,
     skip: float | None = None,
 ) -> Comparison:
-    """Observers, and what else one would take, over one record, in one table.
+    """Compare observers and common filters over one record, in one table.
 
     Parameters
     ----------
     log : Log, frame, (t, y) or (t, y, u)
         As in `smooth`.
     observers : dict of name -> Observer, Tuning or (N, n) array, optional
-        An observer starts at the first sample, wherever its memory stands; an array holds
-        estimates of your own. An output that wraps for one of them is unwrapped for all, and its
-        state is judged up to whole turns.
+        An observer starts at the first sample; its present memory is not used. An array holds
+        estimates of your own. An output that wraps for one of them is unwrapped for all, and the
+        error of its state is taken up to whole turns.
     model : System, optional
-        Of the smoothed state and of the extended Kalman filter. Default: that of the first
-        observer which has one.
+        Model of the smoothed state and of the extended Kalman filter. Default: that of the first
+        observer with one.
     truth : (N, states) array, dict of state -> (N,), or Smoothed, optional
-        Of a better sensor; NaN where it is not known. Default: the smoothed state.
+        Reference of a better sensor; NaN where it is not known. Default: the smoothed state.
     baselines : names, optional
         Of `hgo_rs.smoothing.BASELINES`; default all, the extended Kalman filter where there is a
         model; () for none. Each is tuned by its own rule, without the truth.
     skip : float, optional
-        Time at the start that is not judged [s]. Default: a twentieth.
+        Time at the start that is not evaluated [s]. Default: a twentieth of the record.
 
     Raises
     ------
@@ -163,7 +166,7 @@ def compare(
     Warns
     -----
     TurnWarning
-        An output that jumps by a turn of which no observer knows.
+        An output that jumps by a turn while no observer has a `wrap`.
     """
     remedy = 'give names with them, such as {"mine": observer}'
     named = observers is None or isinstance(observers, Mapping)

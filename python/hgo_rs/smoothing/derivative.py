@@ -44,11 +44,11 @@ class Derivative:
     t : (N,) [s]
     order : int
     x_hat : (N, n)
-        y without its noise and all its derivatives up to n - 1 >= order.
+        The filtered y and its derivatives up to n - 1 >= order.
     noise : float
-        Standard deviation of y's noise: given, or found in the record.
+        Standard deviation of the noise of y: given, or estimated from the record.
     observer : Observer
-        Its `step` gives the same derivative on line, its `export` on a chip.
+        The observer: `step` gives the same derivative online, `export` source code for a chip.
     tuning : Tuning or None
         The choice of structure and gain; None where the noise was given.
     """
@@ -96,23 +96,23 @@ def differentiate(
 ) -> Derivative:
     """The derivative of a record, with its standard deviation, by an observer tuned on it.
 
-    Each value uses the samples up to its own, so that the observer gives the same on line; the
-    first one is where the same observer ends that runs over the record backwards. With all samples
-    before and after each one, `smooth(None, (t, y))` errs less.
+    Each value uses the samples up to its own, so the observer gives the same online; the first
+    value comes from the same observer, run backwards over the record. If all samples are known,
+    `smooth(None, (t, y))` has smaller errors.
 
     Parameters
     ----------
     y : (N,)
-        Samples; NaN or None is missing. A pandas Series brings its clock: an index of dates,
+        Samples; NaN or None is missing. The index of a pandas Series gives the times: dates,
         durations or floats [s].
     dt : float [s], timedelta or pandas Timedelta, optional
         Sampling period.
     order : int
         Of the derivative, 1 to 8.
     noise : float, optional
-        Standard deviation of the noise of y, white from sample to sample; 0 if it has none beside
-        rounding. The record then tells only what y's derivatives do. Default: the record tells
-        both, and structure and gain are those of `tune(None, (t, y))`.
+        Standard deviation of the noise of y, white from sample to sample; 0 for rounding only.
+        Default: estimated from the record; structure and gain are then those of `tune(None, (t,
+        y))`.
     t : (N,), optional
         Increasing times [s], dates or durations, in place of `dt`.
 
@@ -128,8 +128,8 @@ def differentiate(
     Raises
     ------
     HgoError
-        No clock, or two that differ; times that do not increase; fewer than 50 samples, or 20 with
-        `noise`; a record in which no noise is found.
+        No times, or two that differ; times that do not increase; fewer than 50 samples, or 20 with
+        `noise`; a record without measurable noise.
     """
     order = check_integer(order, "order", least=1, most=_HIGHEST)
     values, clock, index = _record(y, dt, t)

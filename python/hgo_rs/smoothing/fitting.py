@@ -134,17 +134,16 @@ def fit(
     log : Log, frame, (t, y) or (t, y, u)
         As in `smooth`.
     parameters : names, optional
-        What is to be found. Default: all parameters.
+        Parameters to estimate. Default: all.
     R, Q : optional
-        As in `smooth`; those left out are found beside the parameters.
+        As in `smooth`; by default estimated with the parameters.
     progress : callable, optional
         Called with the number of filters run so far.
 
     Raises
     ------
     HgoError
-        What `smooth` refuses; a name that is no parameter; a parameter of which the record does
-        not tell.
+        Errors of `smooth`; an unknown parameter; a parameter that the record does not determine.
 
     Warns
     -----
@@ -309,8 +308,8 @@ def _covariance(
     if not size[0] > _TOLD * size[-1]:
         weak = np.abs(basis @ ways[:, 0])[: len(names)]
         name = names[int(np.argmax(weak))]
-        told = "told of by the record, apart from the other parameters"
-        raise HgoError(explain("parameters", name, told, "leave it out, or move the system more"))
+        told = "determined by the record, separately from the other parameters"
+        raise HgoError(explain("parameters", name, told, "leave it out, or excite the system more"))
     inverse = np.linalg.inv(hessian)
     scores = []
     for move in basis.T:

@@ -81,7 +81,7 @@ def noises(
             break
         found, m = fewer, 2 * m
     if m > 1:
-        note(f"the noise of y lasts for some {m} samples, which count as one")
+        note(f"the noise of y is correlated over some {m} samples, which count as one")
     return m * found[0], found[1]
 
 
@@ -113,8 +113,8 @@ def likeliest(
     guess = np.array([samples.noise(c) for c in channels])
     if not np.all(guess > 0.0):
         raise HgoError(
-            "y is constant or a straight line: must move by itself for R and Q to be found; give "
-            "R and Q"
+            "y is constant or a straight line: must move otherwise for an estimate of R and Q; "
+            "give R and Q"
         )
 
     def filtered(own: Array, intensities: Array) -> Forward | None:
@@ -179,8 +179,8 @@ def likeliest(
         )
         free = np.asarray(best.x if best.fun < values[k] else points[k])
     if k in (0, len(points) - 1) and q is None:
-        side = "small: the model lacks nothing that the record tells of" if k == 0 else "large"
-        note(f"the most likely Q lies at the end of those tried, and is {side}")
+        side = "smallest: the record shows no model error" if k == 0 else "largest"
+        note(f"the most likely Q is the {side} of those tried")
     own, intensities = both(free)
     matrix = np.zeros((motion.n, motion.n))
     matrix[motion.last, motion.last] = intensities
@@ -190,5 +190,5 @@ def likeliest(
         return r, matrix
     scale = forward(motion, samples, own, matrix).scale
     if not scale > 0.0:
-        raise HgoError("the model meets every sample exactly: no noise is left; give R and Q")
+        raise HgoError("the model fits every sample exactly: no noise is left; give R and Q")
     return own * scale, matrix * scale

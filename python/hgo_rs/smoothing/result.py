@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Smoothed:
-    """The states of a record of N samples, each by all samples before and after it.
+    """The states of a record of N samples, each estimated from all samples.
 
     Attributes
     ----------
@@ -28,9 +28,9 @@ class Smoothed:
     x : (N, n)
         The states.
     covariance : (N, n, n)
-        Of their errors, if R, Q and the model are right.
+        Covariance of the errors, if R, Q and the model are right.
     filtered : (N, n)
-        The same by the samples up to each: the extended Kalman filter.
+        The estimates of the extended Kalman filter, from the samples up to each.
     y : (N, n_y)
         The samples.
     innovation : (N, n_y)
@@ -42,15 +42,14 @@ class Smoothed:
     R : (n_y,)
         Variance of the noise of a sample.
     Q : (n, n)
-        Intensity of white noise in x'; (order, order) of a chain that is taken in place of the
-        model.
+        Intensity of white noise in x'; (order, order) of a chain that replaces the model.
     log_likelihood : float
         ln of the density of the record, under R, Q and the model.
     whiteness, normality : float
-        How probable innovations as far from white, and from normal, are, if R, Q and the model are
-        right: below 0.001 the deviations are a guess. See `docs/smoothing.md`.
+        p-values of tests of the innovations for whiteness and normality: below 0.001 the deviations
+        are rough. See `docs/smoothing.md`.
     remarks : tuple of str
-        What was found and not asked for.
+        Remarks on the result.
     """
 
     t: Array

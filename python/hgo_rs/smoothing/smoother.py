@@ -41,10 +41,10 @@ def smooth(
     structure: str = "auto",
     progress: Callable[[int], None] | None = None,
 ) -> Smoothed:
-    """The states of a record, each by all samples before and after it, with their deviations.
+    """The states of a record, each from all samples before and after it, with standard deviations.
 
     Fixed-interval smoothing (Rauch, Tung, Striebel 1965) over the extended Kalman filter of the
-    model. For those who have the whole record; a filter knows of the past alone.
+    model. It uses the whole record; a filter uses past samples only.
 
     Parameters
     ----------
@@ -55,8 +55,7 @@ def smooth(
         t (N,) [s], or a period; y (N,) or (N, n_y), NaN where a sample is missing; u (N,) or
         (N, n_u), each held until the next sample. A frame or series holds its times.
     R : float or (n_y,), optional
-        Variance of the noise of a sample [unit of y^2]. Default: what makes the record most
-        likely.
+        Variance of the noise of a sample [unit of y^2]. Default: by maximum likelihood.
     Q : float, (n_y,), (n,) or (n, n), optional
         Intensity of white noise in x': for the last state of the chains, for each state, or a
         matrix; entry (i, j) in units of x_i x_j/s. Default: as R, for the last state of each
@@ -64,9 +63,9 @@ def smooth(
     order : int, optional
         Without a model, 2 to 6. Default: 3.
     structure : "auto" or "model"
-        With one chain and R and Q left out, "auto" also smooths the samples as a chain two orders
-        higher without the model, and takes that where samples that are left out are met far better
-        by it: fast sampling with little noise tells more than a model that errs.
+        With one chain and without R and Q, "auto" also smooths the samples by a chain two orders
+        higher without the model, and uses it if cross-validation is much better: fast samples with
+        little noise may determine the states better than a wrong model.
     progress : callable, optional
         Called with the number of filters run so far.
 
@@ -121,8 +120,8 @@ def of_samples(
     if not _BETTER * left_out(other) < left_out(own):
         return own
     told = (
-        f"samples that are left out are met to {left_out(other):.3g} by a chain of order {chain.n} "
-        f"without the model, to {left_out(own):.3g} by the model: the chain is taken"
+        f"cross-validation error {left_out(other):.3g} for a chain of order {chain.n} without the "
+        f"model, {left_out(own):.3g} for the model: the chain is used"
     )
     return other.of_states(motion.names, told)
 

@@ -109,7 +109,7 @@ class Candidate:
         noise, reference = self.noise, self.reference
         for turn in filter(None, self.any.wrap):
             allowed = f"> {6.0 * noise:.6g}, six standard deviations of the noise"
-            remedy = "noise of half a turn is not told from motion; check the unit of both"
+            remedy = "noise of half a turn cannot be separated from motion; check the units"
             check(not turn <= 6.0 * noise, "wrap", turn, allowed, remedy)
         if record is not None:
             record.moves(self.n)
@@ -373,7 +373,7 @@ class Candidate:
 
     def least_error(self) -> float:
         """The gain of the least error: measured where a record tells of it, else R n + Q m."""
-        remedy = "no noise is left to weigh against; give a noise level and model_error, or cutoff="
+        remedy = "there is no noise to compare with; give a noise level and model_error, or cutoff="
         rms = float(np.nanmin(self.curve.innovation)) if self.silent else math.nan
         check(rms != rms, "least RMS innovation", rms, "above the rounding of y", remedy)
         if self.reference is not None:

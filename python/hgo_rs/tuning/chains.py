@@ -132,9 +132,9 @@ def _compared(order: Sequence[str], found: Mapping[str, tuple[Array, float]]) ->
         return ""
     less = 100.0 * (1.0 - found[_MOVING][1] / found[constant][1])
     return (
-        f"The {_MOVING}, whose gains move with the model's slopes, errs {abs(less):.2g} % "
-        f"{'less' if less > 0.0 else 'more'} over the log than the best constant gains "
-        f"({constant}): {'it is' if less > 0.0 else 'these are'} taken."
+        f"The {_MOVING}, whose gains follow the model's Jacobian, has {abs(less):.2g} % "
+        f"{'less' if less > 0.0 else 'more'} error over the log than the best constant gains "
+        f"({constant}): {'it is' if less > 0.0 else 'these are'} chosen."
     )
 
 

@@ -32,7 +32,7 @@ _HOPELESS = 3.0  # of the least error at a glance, from which on a curve stays c
 
 
 class TuningWarning(UserWarning):
-    """What `tune` cannot know from what it was given, so that its choice may be off."""
+    """The data do not determine the result of `tune`, which may be wrong."""
 
 
 def tune(
@@ -51,30 +51,30 @@ def tune(
     """Choose the gain of an observer, and its structure if several are offered.
 
     By least mean-square error, unless `cutoff` or `settling` is given. On a log the error is
-    measured, by the distance from a smoothed state (`hgo_rs.tuning.reference`): the same observer,
-    run backwards in time, knows of the future. Without a log, or where nothing can be smoothed, it
-    is
+    measured by the distance from a smoothed state (`hgo_rs.tuning.reference`), which combines the
+    observer with the same observer run backwards in time. Without a log, or without a smoothed
+    state, it is
 
         P(ell) = R n(ell) + Q m(ell)
 
-    from measurement noise of variance R and from what the model lacks in x_n', taken as white
-    noise of spectral density Q. On a log R and Q are fitted to the variance of the innovation,
-    S(ell) = R s_R(ell) + Q s_Q(ell), of the observer run with gain ell, around its minimum. Shares
-    and gains of noise are those of the law's linear part, as it runs with the step `dt`
-    (`noise_gain`, `model_gain`, `innovation_gain` of `hgo_rs.design`), with an own model's slopes
-    along the estimate (`hgo_rs.tuning.linear`). (R and Q from innovations of a filter that is not
-    optimal: Mehra, IEEE TAC 15, 1970.)
+    from measurement noise of variance R and model error in x_n', white noise of spectral density Q.
+    On a log R and Q are fitted to the variance of the innovation, S(ell) = R s_R(ell) + Q s_Q(ell),
+    of the observer run with gain ell, around its minimum. Shares and gains of noise are those of
+    the law's linear part, as it runs with the step `dt` (`noise_gain`, `model_gain`,
+    `innovation_gain` of `hgo_rs.design`), with an own model's slopes along the estimate
+    (`hgo_rs.tuning.linear`). (R and Q from innovations of a filter that is not optimal: Mehra, IEEE
+    TAC 15, 1970.)
 
     Parameters
     ----------
     build : System or None, callable, or mapping of names to callables
-        A model, of which structures and poles are offered, or None: nothing is known. Or
-        ell -> observer with that constant gain; a gain that is refused is left out, with a warning.
-        For several outputs a model of chains, or gains (p,) -> `MultiOutputObserver`.
+        A model, for which several structures and poles are tried, or None for no model. Or ell ->
+        observer with that constant gain; a refused gain is left out, with a warning. For several
+        outputs a model of chains, or gains (p,) -> `MultiOutputObserver`.
     log_or_noise : Log, frame, (t, y), (t, y, u), or float
         A record (t: (N,) times or a period [s]; y: (N,) or (N, p); u: (N, n_u)), or the standard
         deviation of the measurement noise, white from sample to sample. Of a record of over 12288
-        samples the stretch is looked at in which y moves most.
+        samples the stretch in which y moves most is used.
     dt : float, optional
         Sampling period [s]; of a log the median time between samples of y, and found in it.
     cutoff : float, optional
@@ -85,16 +85,16 @@ def tune(
         sqrt(Q), unit of x_n (of the unknown, where it is one) per sqrt(s); needed for the least
         error without a log.
     state : int, optional
-        The estimate the choice is about, 1 to n. Default: the last one all structures have. Of
-        several outputs one a chain, counted within it.
+        The wanted estimate, 1 to n. Default: the last one common to all structures. With several
+        outputs one for each chain, counted within it.
     ells : (points,), optional
-        Gains to look at [1/s], three or more, in any order. Default: 41, of long records 21, from
-        1e-3/dt (where nothing is smoothed: from where the start is forgotten after `skip`) to 5/dt
-        or 0.9 of the step limit.
+        Gains to try [1/s], three or more, in any order. Default: 41, for long records 21, from
+        1e-3/dt (without a smoothed state from the gain that settles within `skip`) to 5/dt or 0.9
+        of the step limit.
     skip : float, optional
-        Time [s] at the start of a log that is not judged. Default: a twentieth of it.
+        Time [s] at the start of a log that is not evaluated. Default: a twentieth of it.
     progress : callable, optional
-        Told after each structure how many are done, and how many there are.
+        Called after each structure with the numbers done and in all.
 
     Returns
     -------
@@ -105,7 +105,7 @@ def tune(
     Warns
     -----
     TurnWarning
-        An output that jumps by the turn of an angle or a counter, of which no observer knows.
+        An output that jumps by the turn of an angle or a counter while no observer has a `wrap`.
     TuningWarning
         The least error at the lowest or highest gain tried; a record that white noise and white
         model error do not explain, or of which a coarse step of y is all the noise; gains or
@@ -114,9 +114,9 @@ def tune(
     Raises
     ------
     HgoError
-        Two criteria at once; a target no gain reaches, with what can be reached; no model_error
-        for the least error without a log; a log that is too short, stands still or has no noise;
-        fewer than three gains that are not refused.
+        Two criteria at once; a target that no gain reaches (the message gives the range); no
+        model_error for the least error without a log; a log that is too short, stands still or has
+        no noise; fewer than three gains that are not refused.
     """
     asked = {"cutoff": cutoff, "settling": settling}
     free = build is None or isinstance(build, System)
@@ -168,7 +168,7 @@ def tune(
         check(dt is not None, "dt", dt, "given with a noise level", "give the sampling period")
         step = check_period(dt)
         needed = "given with a noise level, for the least error"
-        remedy = "say how much the model lacks, or give a log, cutoff= or settling="
+        remedy = "give model_error, or a log, cutoff= or settling="
         check(targets or model_error is not None, "model_error", None, needed, remedy)
         lack = math.nan if model_error is None else model_error
         if model_error is not None:

@@ -76,7 +76,7 @@ class Filter(Candidate):
         self.near, self.misfit = 0, math.nan
 
     def reach(self, name: str, wanted: float) -> float:
-        remedy = "choose a law of constant gain, or leave it out: a log judges by the least error"
+        remedy = "choose a law of constant gain, or leave it out: a log is tuned by the least error"
         raise HgoError(explain(name, wanted, "left out of a gain that moves", remedy))
 
     def least_error(self) -> float:
@@ -160,11 +160,13 @@ def compared(
     spread = float(reference.spread[index])
     first, second = (math.hypot(math.sqrt(float(np.mean(s))), spread) for s in squares)
     less = 100.0 * (1.0 - first / second)
-    told = f"The {moving[0]}, whose gain moves with the model's slopes, errs "
-    told += f"{abs(less):.2g} % {'less' if less > 0.0 else 'more'} over the log than the best "
+    told = f"The {moving[0]}, whose gain follows the model's Jacobian, has "
+    told += (
+        f"{abs(less):.2g} % {'less' if less > 0.0 else 'more'} error over the log than the best "
+    )
     told += f"constant gain ({constant[0]})"
     if less <= 0.0:
-        return False, f"{told}: the constant gain is taken."
+        return False, f"{told}: the constant gain is chosen."
     horizon = 1.0 / min(moving[2], constant[2], reference.ell)
     each = stretches(squares[0] - squares[1], horizon / record.dt)
     if len(each) < FEWEST:
@@ -172,7 +174,7 @@ def compared(
         return False, f"{told}: the constant gain is taken."
     told += f", in {int(np.sum(each < 0.0))} of {len(each)} stretches"
     if not surely_less(each):
-        return False, f"{told}, which may be chance: the constant gain is taken."
+        return False, f"{told}, which may be chance: the constant gain is chosen."
     if not first < _WORTH * second:
-        return False, f"{told}: not enough to justify a covariance, the constant gain is taken."
-    return True, f"{told}, which is significant: it is taken."
+        return False, f"{told}: not enough to justify a covariance: the constant gain is chosen."
+    return True, f"{told}, which is significant: it is chosen."

@@ -14,7 +14,8 @@ _SHOWN = 12  # structures
 
 
 def report(of: Any) -> str:
-    """What was tried, what was found, and why this gain and structure were chosen.
+    """The report: structures tried, estimates of noise and model error, and the reasons for the
+    choice.
 
     ``of``: a `Tuning`.
     """

@@ -28,8 +28,8 @@ _DRAWN = 6  # structures, those that err least
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TradeOff:
-    """What one structure does at each gain `ell`, all (points,), for the estimate `tune` was asked
-    about. Gains that were refused are not in it.
+    """Results of one structure at each gain `ell`, all (points,), for the wanted estimate. Refused
+    gains are left out.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class TradeOff:
     noise
         Standard deviation of the estimate from measurement noise; NaN if the noise is not known.
     model
-        Standard deviation of its error from what the model lacks; NaN if that is not known.
+        Standard deviation of the estimate from model error; NaN if that is not known.
     innovation
         RMS of y - y_hat, before the sample is used, over the log; NaN without a log.
     measured
@@ -71,7 +71,7 @@ class TradeOff:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuning:
-    """A gain, why it was chosen, and the trade-off it was chosen from.
+    """The chosen observer, the reason for the choice, and the trade-off behind it.
 
     Attributes
     ----------
@@ -81,49 +81,48 @@ class Tuning:
     structure : str
         Its name, where several were offered.
     state : int
-        The estimate that the choice is about, 1 to n.
+        The wanted estimate, 1 to n.
     criterion : str
     noise : float
-        Standard deviation of the measurement noise: given, or found in the log, the rounding of a
-        quantised y with it; NaN if unknown.
+        Standard deviation of the measurement noise, including the rounding of a quantised y: given,
+        or estimated from the log; NaN if unknown.
     model_error : float
-        Square root of the spectral density of what x_n' lacks: given, or found in the log; NaN if
-        unknown.
+        Square root of the spectral density of the model error in x_n': given, or estimated from the
+        log; NaN if unknown.
     point : dict
         The columns of `TradeOff`, and `error`, at the chosen gain.
     curves : dict
         A `TradeOff` a structure.
     whiteness : float
-        On a log, how probable autocorrelations of the innovation as large as those at the chosen
-        gain are (20 lags, a portmanteau test), if noise and model error are white;
-        NaN without a log.
+        p-value of a portmanteau test (20 lags) of the innovation at the chosen gain, if noise and
+        model error are white; NaN without a log.
     warnings : tuple of str
-        What the choice leaves open, each also given as a `TuningWarning`.
+        Warnings about the choice, each also given as a `TuningWarning`.
     errors : (n,)
         Predicted RMS error of each estimate: over a log from its distance to the smoothed state,
         else from noise and model error; NaN where these are unknown.
     bounds : (n,)
-        What `errors` exceed hardly, if the smoothed state's own error were all against the
-        estimate; without a log `errors` themselves.
+        Upper bounds of `errors`, for the worst case of the error of the smoothed state; without a
+        log equal to `errors`.
     quantisation : float
         Step of y, found in the log; 0 where it moves in none.
     horizon : float
-        How far ahead of each sample the log was asked whether the estimate was right [s], 1/gain
-        of the smoother; NaN without one.
+        Range of later samples that the smoothed state uses [s], 1/gain of the smoother; NaN without
+        one.
     judged_by : str
-        What the smoothed state rests on; empty without one.
+        The model and samples of the smoothed state; empty without one.
     moving_gain : str
-        How a gain that moves compares with constant ones over the log, or why none was tried; empty
-        where it was no question.
+        Comparison of a gain that moves with constant gains over the log, or the reason why none was
+        tried; empty where it does not apply.
     tried : tuple of (str, float, float)
-        Each structure with its best gain [1/s] and what decided between them, least first.
+        Each structure with its best gain [1/s] and its value of the criterion, least first.
     remarks : tuple of str
         What was left out, and why.
     built : dict
         An observer a structure, at its own best gain; of several outputs none.
     log : the log, as it was given; None without one
     smoothed : tuple of (N,) and (N, n)
-        Times and smoothed states that the gain was judged by; None without them.
+        Times and smoothed states of the comparison; None without them.
     """
 
     observer: Observer
@@ -174,11 +173,12 @@ class Tuning:
 
     @property
     def Q(self) -> float:
-        """Spectral density of what x_n' lacks."""
+        """Spectral density of the model error in x_n'."""
         return self.model_error**2
 
     def report(self) -> str:
-        """What was tried, what was found, and why this gain and structure were chosen."""
+        """The report: structures tried, estimates of noise and model error, and the reasons for the
+        choice."""
         return report(self)
 
     def run(self, log: Given) -> RunResult:
@@ -210,12 +210,12 @@ class Tuning:
         return pd.DataFrame(self.columns())
 
     def page(self, path: str | Path, *, title: str = "", **log: Any) -> None:
-        """Write a page to tune in, one HTML file that needs nothing else.
+        """Write a tuning page: one self-contained HTML file.
 
-        Its sliders move gain, structure, method and noise; estimates, error bands, spectrum, Bode
-        plot and peaking follow, computed by the core as WebAssembly with the bits of `run`. A
-        button gives the `observer.toml`, with `log` as its table `[log]`. A log of more than
-        50,000 samples is decimated, with a `TuningWarning`.
+        It has controls for gain, structure, method and noise; estimates, error bands, spectrum,
+        Bode plot and peaking follow, computed by the core as WebAssembly with the bits of `run`. A
+        button gives the `observer.toml`, with `log` as its table `[log]`. A log of more than 50,000
+        samples is decimated, with a `TuningWarning`.
 
         Raises
         ------
@@ -228,8 +228,8 @@ class Tuning:
     def widget(self, *, title: str = "", **log: Any) -> Any:
         """`page` in a cell of a notebook, as a widget. Needs the extra `notebook`.
 
-        Its `observer` is what the sliders stand at, its `toml` the same as `observer.toml`, which
-        `observe(..., names="toml")` follows. Errors as of `page`.
+        Its `observer` has the values of the sliders, its `toml` is the text of that
+        `observer.toml`; `observe(..., names="toml")` follows changes. Errors as for `page`.
 
         Examples
         --------

@@ -95,7 +95,7 @@ class OwnSystem(System):
 
     @property
     def compiled(self) -> bool:
-        """Whether all of it are expressions, so that it runs at native speed."""
+        """Whether all right-hand sides are compiled expressions."""
         return all(group.nodes is not None for group in self._groups.values())
 
     @property
@@ -110,7 +110,7 @@ class OwnSystem(System):
 
     @property
     def why_not_compiled(self) -> str:
-        """What kept a callable from being compiled; empty for a compiled one."""
+        """The reason why a callable was not compiled; empty for a compiled system."""
         reasons = [f"{name}: {g.reason}" for name, g in self._groups.items() if g.reason]
         return "; ".join(reasons)
 
@@ -191,7 +191,8 @@ class OwnSystem(System):
 
     @property
     def known(self) -> tuple[Node, ...]:
-        """What an observer adds to its own structure: phi, f or f2; of a plant the drift."""
+        """The terms that an observer adds to its own structure: phi, f or f2; for a plant the
+        drift."""
         raise NotImplementedError
 
     @property
@@ -202,8 +203,8 @@ class OwnSystem(System):
     def jacobian(self) -> Jacobian:
         """The derivatives of `known` with respect to the states: `rows` of expressions.
 
-        Call it with values by name for numbers: model.jacobian()(q=0.1, v=0.0). At a kink it is
-        that of the branch which the value comes from; abs has the slope +1 at 0.
+        Call it with values by name for numbers: model.jacobian()(q=0.1, v=0.0). At a kink it is the
+        slope of the active branch; abs has the slope +1 at 0.
         """
         return Jacobian(self.known, self.states, self._names.parameters)
 
@@ -218,8 +219,8 @@ class OwnSystem(System):
         box : dict of name -> (low, high)
             The states, inputs and t that the slope depends on; the others may be left out.
         rtol : float
-            The box is cut up until the bound is this close to a slope that is reached; at most
-            20 000 pieces, so that the bound of a model of many states may be less tight.
+            The box is divided until the bound is this close to a slope that is attained, into at
+            most 20 000 pieces; the bound of a model of many states may be less tight.
 
         Raises
         ------

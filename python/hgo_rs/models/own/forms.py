@@ -175,8 +175,8 @@ class Triangular(Form):
                 continue
             if after in used and derivative(node, after) == constant(1.0):
                 raise ExpressionError(
-                    f"{node} has {after} with the slope 1, as the chain x_i' = x_{{i+1}} + f_i has "
-                    "it already: must be what stands beside it; leave it out",
+                    f"{node} contains {after} with the slope 1, which the chain "
+                    "x_i' = x_{i+1} + f_i has already: must be the other terms only; leave it out",
                     name=f"f[{i}]",
                 )
             for name in used.intersection(later):
@@ -320,7 +320,7 @@ def _chain(states: Sequence[Node], phi: Node, unknown: Sequence[str]) -> list[No
 def _length(f1: Any, most: int) -> int:
     """Number of measured states."""
     if callable(f1) or isinstance(f1, str):
-        remedy = "give f1 as a list, so that it is known how many states are measured"
+        remedy = "give f1 as a list: its length is the number of measured states"
         raise HgoError(explain("f1", f1, "a list of expressions", remedy))
     count = len(f1.tolist() if hasattr(f1, "tolist") else f1)
     if not 1 <= count <= most:

@@ -27,7 +27,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Model(OwnSystem):
-    """A system of your own, as an observer knows it.
+    """A model of your own system, for an observer.
 
     One of six forms; y is the measured output and t the time [s]:
 
@@ -44,8 +44,8 @@ class Model(OwnSystem):
     Parameters
     ----------
     states : list of names
-        In order. Of several chains one chain after the other. In strict-feedback form x, which is
-        measured, then z: as many x as f1 has entries.
+        In order, chain by chain. In strict-feedback form the measured x, then z: as many x as f1
+        has entries.
     inputs : list of names, optional
     parameters : dict of name -> value, optional
         Constants that have names, see `with_parameters`.
@@ -56,13 +56,12 @@ class Model(OwnSystem):
     orders : list of int, optional
         Orders of the chains, with as many phi; they add up to the number of states.
     unknown : name, or list of names, optional
-        What enters the last equation of a chain and is not known, such as the torque of a load:
-        phi(t, x, u) may use the name. It becomes the chain's last state, its rate 0 as far as the
-        model knows, and is estimated in its own unit. Of several chains one name each, None where a
-        chain has none.
+        An unknown quantity in the last equation of a chain, such as a load torque: phi(t, x, u) may
+        use the name. It becomes the last state of the chain, with rate 0 in the model, and is
+        estimated in its own unit. For several chains one name each, None for a chain without one.
     box : dict of name -> (low, high), optional
         Bounds of states within which the slope of phi in an unknown, or of a nonlinear chain,
-        keeps its sign. Outside, a correction takes the slope of the box's nearest point.
+        keeps its sign. Outside, a correction uses the slope at the nearest point of the box.
     units : dict of name -> text, optional
         Units of states, unknowns and inputs, for plots, files and exported code.
     g : list of expressions
@@ -72,8 +71,7 @@ class Model(OwnSystem):
     Attributes
     ----------
     compiled : bool
-        False where a callable could not be traced: it then runs as Python, slowly; see
-        `why_not_compiled`.
+        False if a callable could not be traced and runs as Python; see `why_not_compiled`.
 
     Raises
     ------
@@ -188,7 +186,8 @@ class Model(OwnSystem):
     def with_parameters(
         self, values: Mapping[str, float] | None = None, /, **named: float
     ) -> Model:
-        """As of every system; refused where the slope in an unknown could then be 0."""
+        """The same model with other values of some parameters; refused if the slope in an unknown
+        could then be 0."""
         new = super().with_parameters(values, **named)
         new.__dict__.pop("own_slope", None)  # it is of the old values
         if new._slopes is not None:
@@ -200,7 +199,8 @@ class Model(OwnSystem):
     def with_inputs(self, values: Mapping[str, Any] | None = None, /, **named: Any) -> Model:
         """The same model with expressions of t and the parameters in place of some inputs.
 
-        An observer of it then knows the input as a function of time, which a simulation needs.
+        An observer with this model has the input as a function of time, as a simulation without a
+        feedback needs it.
 
         Raises
         ------
@@ -222,7 +222,7 @@ class Model(OwnSystem):
         return Model(**{**self.named_arguments(), **left, **sides})
 
     def plant(self, *, diffusion: Any = None) -> Plant:
-        """The system itself, to simulate: its inputs are a feedback's to give.
+        """The system as a plant to simulate; a feedback gives its inputs.
 
         Parameters
         ----------
@@ -333,9 +333,8 @@ class Model(OwnSystem):
         return super().shown_equations() + more
 
     def as_arguments(self) -> dict[str, Any]:
-        """What makes the same model again, as plain data: Model(**model.as_arguments()) == model.
-
-        Expressions are text, so that it can be written to a file.
+        """The arguments of this model as plain data: Model(**model.as_arguments()) == model.
+        Expressions are text, so they can be written to a file.
 
         Raises
         ------

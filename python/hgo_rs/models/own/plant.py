@@ -13,15 +13,16 @@ from hgo_rs.models.own.sources import Arguments, read_group
 
 
 class Plant(OwnSystem):
-    """A system of your own: dx = drift(t, x, u) dt + diffusion(t, x, u) dW, y = output(t, x, u).
+    """A system of your own to simulate: dx = drift(t, x, u) dt + diffusion(t, x, u) dW, y =
+    output(t, x, u).
 
-    What a feedback gives is an input; what is a known function of t and the states is written out.
+    Inputs are given by a feedback; known functions of t and the states are part of the drift.
 
     Parameters
     ----------
     states : list of names
     inputs : list of names, optional
-        What `simulate(..., feedback=)` gives.
+        Names of the inputs, given by `simulate(..., feedback=...)`.
     parameters : dict of name -> value, optional
         Constants that have names, see `with_parameters`.
     drift : list of n expressions, or a callable (t, x) or (t, x, p); (t, x, u) with inputs
@@ -29,8 +30,8 @@ class Plant(OwnSystem):
     diffusion : the same, optional
         With one Wiener process W. Default: none.
     output : expression, or a list of them, optional
-        What is measured, one expression an output. Default: the first state. One that depends on
-        an input is measured under the input that is in force when the sample is taken.
+        Measured outputs, one expression each. Default: the first state. An output that depends on
+        an input uses the input in force when the sample is taken.
 
     Raises
     ------
@@ -113,9 +114,8 @@ class Plant(OwnSystem):
         return super().shown_equations() + [(f"diffusion[{i}]", node) for i, node in rows]
 
     def as_arguments(self) -> dict[str, Any]:
-        """What makes the same plant again, as plain data: Plant(**plant.as_arguments()) == plant.
-
-        Expressions are text, so that it can be written to a file.
+        """The arguments of this plant as plain data: Plant(**plant.as_arguments()) == plant.
+        Expressions are text, so they can be written to a file.
 
         Raises
         ------

@@ -346,7 +346,7 @@ def _try(
     except Exception as error:
         raise HgoError(
             f"{label} failed with {type(error).__name__}: {error}; must be a function of "
-            f"{arguments.shown} that gives numbers; mend it"
+            f"{arguments.shown} that returns numbers; correct it"
         ) from error
 
 

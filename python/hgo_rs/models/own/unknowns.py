@@ -153,8 +153,8 @@ class Slopes:
                 if name and own != label and name in nodes.symbols([side]):
                     raise HgoError(
                         f"{label} = {side} depends on {name}: the unknown of {own} must enter "
-                        f"{own} alone, whose output tells it; take the whole term in {own} as the "
-                        f"unknown and reckon {name} from the estimates"
+                        f"{own} alone, the equation of its own output; take the whole term in "
+                        f"{own} as the unknown and compute {name} from the estimates"
                     )
 
     def _check_entry(
@@ -170,8 +170,8 @@ class Slopes:
         if others:
             raise HgoError(
                 f"the slope of {label} in {name}, {slope}, depends on {', '.join(others)}: must "
-                "depend on states and parameters only, as a correction is told neither time nor "
-                f"input; take the whole term with {name} as the {role} and divide its estimate"
+                "depend on states and parameters only, because a correction has no time or input; "
+                f"take the whole term with {name} as the {role} and divide its estimate"
             )
         low, high = self.interval(slope, parameters, self.box)
         if not (low > 0.0 or high < 0.0):

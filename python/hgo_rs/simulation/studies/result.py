@@ -59,7 +59,7 @@ class StudyResult:
     seed : int
         Run i of every case draws from the streams (seed, i).
     shared : dict
-        For each computed case what moved alike in all runs and so was moved once.
+        For each case the parts that are equal in all runs and were computed once.
     """
 
     parameters: list[dict[str, Any]]

@@ -48,8 +48,8 @@ def study(
     ----------
     build : function
         `build(**parameters)` returns the arguments of `simulate` for one case as a dict: plant,
-        observer, x0, dt, ..., all but runs, rng and backend. It is called here only, so that it
-        may be a lambda whatever the executor.
+        observer, x0, dt, ..., all but runs, rng and backend. It is called in this process only, so
+        it may be a lambda with every executor.
     grid : dict of name: values
         All combinations, the last name varying fastest.
     sample : dict of columns, list of dicts, or DataFrame
@@ -80,8 +80,8 @@ def study(
     Raises
     ------
     HgoError
-        A parameter outside its range, a case that `simulate` refuses (its parameters are named),
-        a result beyond the memory, a saved study that is another one (what differs is named).
+        A parameter outside its range, a case that `simulate` refuses (its parameters are named), a
+        result beyond the memory, a saved study with other arguments (the difference is named).
     StudyInterrupted
         Ctrl-C. A KeyboardInterrupt; its `result` holds the finished runs.
     StudyError

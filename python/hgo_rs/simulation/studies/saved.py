@@ -49,7 +49,7 @@ class Saved:
         except TypeError:
             raise HgoError(explain("save", path, "a path", "give a file's name")) from None
         remedy = "make it first, or choose another"
-        check(self.path.parent.is_dir(), "save", str(path), "in a folder that is there", remedy)
+        check(self.path.parent.is_dir(), "save", str(path), "in an existing folder", remedy)
         check(not self.path.is_dir(), "save", str(path), "a file", "choose another name")
         self.result = result
         self.identity = _identity(result)
@@ -104,7 +104,7 @@ class Saved:
         twice = (np.diff(case) == 0) & (np.diff(run) == 0)
         if twice.any():
             k = int(np.argmax(twice))
-            raise ValueError(f"run {run[k]} of case {case[k]} is there twice")
+            raise ValueError(f"run {run[k]} of case {case[k]} occurs twice")
         result.finished[case, run] = True
         result.fill(columns)
         for i, out in enumerate(result.outputs):
