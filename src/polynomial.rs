@@ -112,22 +112,21 @@ impl<T: Number> Ascending<T> {
     /// within 12 steps that stay between 0 and 2 `start`. A longer way would end at one root or another by
     /// rounding alone; where there is none, the leftmost one that a grid of `unit`/4 shows.
     fn real_root_near(&self, start: T, unit: T) -> T {
-        let (slope, mut s) = (self.slope(), start);
-        let newton = |s: &mut T, most: f64| {
-            let step = self.at(*s) / slope.at(*s);
-            *s = *s - step;
-            step.abs() <= T::from_f64(most) * s.abs()
-        };
-        for _ in 0..12 {
-            let near = newton(&mut s, 1e-6);
+        let (slope, mut s, mut near) = (self.slope(), start, false);
+        for round in 0..40 {
+            let step = self.at(s) / slope.at(s);
+            s = s - step;
+            near = near || step.abs() <= T::from_f64(1e-6) * s.abs();
             let within = (s - start).abs() <= start.abs();
-            if !within {
+            if !near && (round == 11 || !within) {
                 break;
             }
-            if near {
-                let _ = (0..4).any(|_| newton(&mut s, T::SETTLED));
-                return s;
+            if step.abs() <= T::from_f64(T::SETTLED) * s.abs() {
+                break;
             }
+        }
+        if near {
+            return s;
         }
         let (mut low, bound) = (-self.bound(), self.bound());
         for quarters in -64..=16 {
