@@ -510,7 +510,7 @@ impl<T: Scalar> GainLaw<T> for PrescribedTimeGain<T> {
 
 /// Refusal of the implicit step under a shape.
 pub const fn unshaped() -> DesignError {
-    let allowed = "the implicit step is for an innovation without a shape; choose another method";
+    let allowed = "method implicit takes no shape: leave the shape out, or choose another method";
     DesignError { parameter: "shape", value: 1.0, allowed }
 }
 

@@ -7,12 +7,12 @@
 //!   x̂⁻(k+1) = e^{AT} x̂⁺(k) + ∫₀ᵀ e^{As} ds f̂(x̂⁺(k), u(k), t)
 //!
 //! A sample corrects, x̂⁺ = x̂⁻ + K (y − x̂₁⁻), with the one K that gives the error matrix (I − K C) e^{AT}
-//! the eigenvalues zᵢ = e^{Tλᵢ}, λᵢ those of the continuous law ([`Placement::Exact`]: the error is that of
-//! the continuous law at the sampling instants), or the places to which the bilinear rule takes them,
-//! zᵢ = (2 + Tλᵢ)/(2 − Tλᵢ) ([`Placement::Bilinear`]; Dabroom and Khalil, Int. J. Control 72 (1999)), or
-//! those of backward Euler, zᵢ = 1/(1 − Tλᵢ) ([`Placement::ImplicitMap`]). All lie within the unit circle for
-//! every T > 0. With a gain that moves with e, the first is the matched discretisation of Koch, Reichhartinger,
-//! Horn and Fridman, IEEE TAC 65 (2020) 757.
+//! the eigenvalues zᵢ = e^{Tλᵢ}, λᵢ those of the continuous law ([`Placement::Exact`]: from sample to sample
+//! the error decays by the same eigenvalues as in continuous time), or the places to which the bilinear rule
+//! takes them, zᵢ = (2 + Tλᵢ)/(2 − Tλᵢ) ([`Placement::Bilinear`]; Dabroom and Khalil, Int. J. Control 72
+//! (1999)), or those of backward Euler, zᵢ = 1/(1 − Tλᵢ) ([`Placement::ImplicitMap`]). All lie within the unit
+//! circle for every T > 0. With a gain that moves with e, the first is the matched discretisation of Koch,
+//! Reichhartinger, Horn and Fridman, IEEE TAC 65 (2020) 757.
 //!
 //! K has a closed form. κ(τ) = K₁ + K₂ τ + … + Kₙ τⁿ⁻¹/(n−1)! is by how much a unit innovation moves the
 //! prediction a time τ ahead, so that Σⱼ κ(jT) z⁻ʲ = Π(z − zᵢ)/(z − 1)ⁿ − 1. With δ = (z − 1)/T and

@@ -47,7 +47,7 @@ pub trait Shape<T: Scalar>: Copy {
 
 /// A refusal of rows that are not alike.
 const fn unlike(allowed: &'static str) -> DesignError {
-    DesignError { parameter: "ALIKE", value: 0.0, allowed }
+    DesignError { parameter: "shape", value: 1.0, allowed }
 }
 
 /// ⌊s⌉ᵖ = sign(s) |s|ᵖ for p ≥ 0, and 0 at s = 0.
@@ -269,8 +269,8 @@ impl<T: Scalar> Shape<T> for PiecewiseLinear<T> {
     }
     fn fits(&self, k: Option<&[T]>) -> Result<(), DesignError> {
         let k = of_rows(k)?;
-        let allowed = "closer to 1: from order 3 on the slopes between the two gains must pass the circle \
-                       criterion, Re p2(jw) conj p1(jw) > 0 at all w";
+        let allowed = "from order 3 on the two gains must satisfy the circle criterion, \
+                       Re p2(jw) conj p1(jw) > 0 at all w; choose a ratio closer to 1";
         require("ratio", self.ratio, k.len() < 3 || self.converges(k), allowed).map(|_| ())
     }
 }

@@ -176,8 +176,8 @@ class Kept:
                 kernel.agrees = agrees(kernel.function)
                 if kernel.agrees is False:
                     warnings.warn(
-                        f"{self._what} that LLVM compiled does not give the interpreter's bits "
-                        f"(llvmlite {version()}); the interpreter takes it, with right results",
+                        f"{self._what}, compiled by LLVM, gives other bits than the interpreter "
+                        f"(llvmlite {version()}); the interpreter is used: the results are right",
                         RuntimeWarning,
                         stacklevel=_callers(),
                     )

@@ -272,16 +272,19 @@ pub(super) fn of_gain<T: Scalar, const N: usize>(
     first: &[usize; N],
 ) -> Result<Factor<T, N>, DesignError> {
     let power = |i: usize| i - first[i];
-    let q = Factor::of("Q", q)?;
-    let mut allowed = true;
+    let (given, q) = (q, Factor::of("Q", q)?);
+    let mut between = T::ZERO;
     for i in 0..N {
         for j in 0..i {
-            allowed &= first[i] == first[j] || q.l(i, j).is_nothing();
+            if first[i] != first[j] && !q.l(i, j).is_nothing() {
+                between = given[(i, j)].or(q.l(i, j));
+            }
         }
         let theta = theta(i);
         require("theta", theta, theta >= T::ONE, "the gain must be at least 1")?;
     }
-    require("Q", T::ZERO, allowed, "the noises of two chains must be independent")?;
+    let allowed = "entries between states of different chains must be 0";
+    require("Q", between, between.is_nothing(), allowed)?;
     let noise = Factor::from_fn(|i, j| {
         if i == j {
             q.d(j) * theta(j).powi(2 * power(j) + 1)

@@ -367,8 +367,8 @@ fn folded<T: Scalar, const N: usize>(
     ell: T,
     exponent: impl Fn(usize) -> usize,
 ) -> Result<SVector<T, N>, DesignError> {
-    let allowed = "a power of it times a coefficient overflows or underflows in the chosen precision: \
-                   take a gain nearer to 1, by another unit of time";
+    let allowed = "a power of the gain times a coefficient overflows or underflows in this precision: take \
+                   another unit of time, in which the gain is nearer to 1";
     let products: SVector<T, N> = SVector::from_fn(|i, _| k[i] * ell.powi(exponent(i)));
     let held =
         |(k, product): (&T, &T)| product.is_finite() && (*product != T::ZERO || *k == T::ZERO);

@@ -264,7 +264,7 @@ def test_a_kernel_that_gives_other_bits_is_told_and_not_used(
         return made | {"text": changed}
 
     monkeypatch.setattr(llvm._core, "study_source", wrong)
-    with pytest.warns(RuntimeWarning, match=r"llvmlite .*interpreter takes it"):
+    with pytest.warns(RuntimeWarning, match=r"llvmlite .*the interpreter is used"):
         same(right, hgo.simulate(**given, engine="llvm"))
 
 

@@ -869,7 +869,9 @@ def test_a_control_system_needs_a_stable_step() -> None:
 def test_a_threshold_beside_held_gains_is_refused(length, shape, tmp_path):
     """For the reason that it is, with remedies that work."""
     given = {"shape": shape, "method": "zoh", "timing": "current"}
-    with pytest.raises(HgoError, match=r"shape = .*without a threshold.*held for whole periods"):
+    with pytest.raises(
+        HgoError, match=r"shape = .*without a moving threshold.*stored for whole periods"
+    ):
         LowPowerObserver(3, 5.0, **given).export(to="c", out=tmp_path, **{length: 0.01})
     LowPowerObserver(3, 5.0, **given | {"method": "rk4"}).export(to="c", out=tmp_path / "a")
     given["timing"] = "predictor"

@@ -103,7 +103,7 @@ def test_a_kernel_that_gives_other_bits_is_told_and_not_used() -> None:
     source = dict(observer._core.record_source())
     source["text"] = source["text"].replace("fmul", "fadd")
     observer._records._source = source
-    with pytest.warns(RuntimeWarning, match=r"llvmlite .*interpreter takes it"):
+    with pytest.warns(RuntimeWarning, match=r"llvmlite .*the interpreter is used"):
         result = observer.run(t, y[:, 0], engine="llvm")
     assert np.array_equal(result.memory, right.memory)
 
@@ -126,7 +126,7 @@ def test_a_kernel_counts_once_it_was_compared() -> None:
             assert np.array_equal(shown, right)
             assert compiled._compiled._kernels[key].agrees is None
     late = np.where(t < 0.7 * t[-1], np.nan, y)
-    with pytest.warns(RuntimeWarning, match=r"llvmlite .*interpreter takes it") as told:
+    with pytest.warns(RuntimeWarning, match=r"llvmlite .*the interpreter is used") as told:
         observer.run(t, late, **given)
     assert told[0].filename == __file__
     assert compiled._compiled._kernels[key].agrees is False

@@ -62,8 +62,9 @@ impl OwnModel {
             let longer = orders.iter().zip(&unknown).all(|(n, of)| *n > usize::from(*of));
             if !carries || !longer || unknown.len() != orders.len() {
                 return Err(refused(format!(
-                    "unknown = {unknown:?} is not allowed: a model of form phase, triangular or chains has \
-                     one entry for each chain, 1 where its last state, behind others, is an unknown"
+                    "unknown = {unknown:?} is not allowed: give one entry for each chain (forms phase, \
+                     triangular, chains), 1 where the chain's last state is an unknown, else 0; such a \
+                     chain has two states at least"
                 )));
             }
         }

@@ -30,7 +30,8 @@ _BEGIN, _END = "<!-- laws -->", "<!-- end of laws -->"
     "pages",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     multiple=True,
-    help=f"Page whose short table, from {_BEGIN} to {_END}, is replaced; again for several.",
+    help=f"Page whose short table, from {_BEGIN} to {_END}, is replaced; repeat the option for "
+    "several.",
 )
 def compare_laws_command(out: Path | None, pages: tuple[Path, ...]) -> int:
     """Compare all observers of this package on the same systems.

@@ -43,7 +43,7 @@ def main(args: Sequence[str] | None = None) -> None:
         complain(error.format_message())
         sys.exit(USAGE)
     except HgoError as error:
-        complain(str(error))
+        complain(str(error).replace("allow_unstable=True", "--allow-unstable of hgo estimate"))
         sys.exit(USAGE)
     except (KeyboardInterrupt, click.Abort):
         complain("interrupted")

@@ -45,7 +45,7 @@ from hgo_rs.times import RESETS, UNITS
     "--unit",
     type=click.Choice(list(UNITS)),
     multiple=True,
-    help="Unit of the time column; again for several.",
+    help="Unit of the time column; repeat the option for several.",
 )
 @click.option("--output", **any_column, help="Measured output.")
 @click.option("--input", "input", **any_column, help="Known input.")
@@ -59,7 +59,7 @@ from hgo_rs.times import RESETS, UNITS
     "--observer",
     metavar="NAME",
     shell_complete=complete.observers,
-    help=f"One of {', '.join(OBSERVERS)}.",
+    help=f"One of {', '.join(OBSERVERS)}; chains need a --config.",
 )
 @click.option("--order", type=int, help="Number of states.")
 @click.option("--gain", type=float, help="The gain L (ell), 1/s.")
@@ -73,8 +73,8 @@ from hgo_rs.times import RESETS, UNITS
 @click.option(
     "--motion",
     shell_complete=complete.motions,
-    help="Integration of the model over a period under zoh and bilinear: held, rk4 or implicit; "
-    "default chosen by the model.",
+    help="Integration of the model over a period under zoh, bilinear, implicit-map, proper and "
+    "inter-sample: held, rk4 or implicit; default chosen by the model.",
 )
 @click.option(
     "--substeps", type=int, help="Substeps of a period, for motion rk4 and implicit; default 2."
@@ -330,6 +330,11 @@ def _check_options(given: dict[str, Any], base: Config | None) -> None:
         key = {"n": "order"}.get(key, key)
         if key not in given:
             option = "--" + key.replace("_", "-")
+            if key.isupper():  # matrices: a file alone holds them
+                raise HgoError(
+                    f"{name} needs {key}, which has no option: write it into an observer.toml, and "
+                    "give that with --config"
+                )
             raise HgoError(f"{option} is needed for --observer {name}, or a --config that says it")
 
 

@@ -48,7 +48,7 @@ from hgo_rs.observers.told import in_words
     "units",
     multiple=True,
     metavar="NAME=UNIT",
-    help="Unit of a variable of an FMU, such as w=rad/s; again for several.",
+    help="Unit of a variable of an FMU, such as w=rad/s; repeat the option for several.",
 )
 @click.option(
     "--fixed-dt",

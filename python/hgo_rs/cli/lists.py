@@ -19,7 +19,8 @@ METHODS = {
     "rk4": "Runge-Kutta of order 4, the measurement held over a step",
     "rk4-innovation-held": "the same, the innovation held",
     "bogacki-shampine": "Runge-Kutta of order 3, the measurement held",
-    "zoh": "the default: chain solved exactly, poles exp(dt lambda); stable at any step",
+    "zoh": "default of the standard, low-power and peaking-free laws with a constant gain: chain "
+    "solved exactly, poles exp(dt lambda); stable at any step, peaking-free up to order 3",
     "bilinear": "the same, poles by the bilinear rule",
     "implicit-map": "the same, poles 1/(1 - dt lambda)",
     "proper": "chain moved exactly, dt times the injection added; below a step limit",

@@ -48,7 +48,7 @@ _LISTED = 8
 @click.option(
     "--output", **any_column, help="Measured output; default: the first column that moves."
 )
-@click.option("--input", **any_column, help="Known input; again for several.")
+@click.option("--input", **any_column, help="Known input; repeat the option for several.")
 @click.option("--dt", type=float, help="Sampling period, s: for a log without a time column.")
 @click.option(
     "--order",

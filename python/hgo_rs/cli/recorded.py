@@ -39,8 +39,8 @@ _OPTIONS = (
     click.option(
         "--unit", type=click.Choice(list(UNITS)), multiple=True, help="Unit of the time column."
     ),
-    click.option("--output", **any_column, help="Measured output; again for several."),
-    click.option("--input", **any_column, help="Known input; again for several."),
+    click.option("--output", **any_column, help="Measured output; repeat the option for several."),
+    click.option("--input", **any_column, help="Known input; repeat the option for several."),
     click.option("--dt", type=float, help="Sampling period, s: for a log without a time column."),
 )
 

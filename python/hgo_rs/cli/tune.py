@@ -26,7 +26,8 @@ from hgo_rs.tuning import Tuning, TuningWarning, tune
     "--state",
     type=int,
     multiple=True,
-    help="The wanted estimate, counted from 1; one for each chain. Default: the last.",
+    help="The wanted estimate, counted from 1; one for each chain. Default: the last that all "
+    "structures have.",
 )
 @click.option("--skip", type=float, help="Time at the start that is not evaluated, s.")
 @click.option(

@@ -62,7 +62,9 @@ def smooth_command(
 
 @click.command("fit", short_help="Estimate parameters of a model from a recorded log.")
 @of_log
-@click.option("--parameter", multiple=True, help="To estimate; again for several. Default: all.")
+@click.option(
+    "--parameter", multiple=True, help="To estimate; repeat the option for several. Default: all."
+)
 @click.option("--out", type=_PATH, help="observer.toml with the values found; needs --config.")
 def fit_command(
     log: Path,
@@ -104,7 +106,7 @@ def fit_command(
     "observers",
     type=_PATH,
     multiple=True,
-    help="observer.toml to compare; again for several.",
+    help="observer.toml to compare; repeat the option for several.",
 )
 @click.option("--truth", metavar="STATE=COL", multiple=True, help="Column of a reference sensor.")
 @click.option("--skip", type=float, help="Time at the start that is not evaluated, s.")

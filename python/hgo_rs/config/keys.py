@@ -269,7 +269,8 @@ TOLD = {
     "method": "Discretisation.",
     "motion": "Integration of the model over a period.",
     "substeps": "Substeps of the model in a period.",
-    "timing": "Whether the estimate at a sample uses it (current) or not yet (predictor).",
+    "timing": "Whether the estimate at a sample uses this sample (current) or earlier ones "
+    "(predictor).",
     "wrap": "Length of a turn of an output that wraps, in its unit.",
     "allow_unstable": "Go beyond the step limit.",
     "observers": "Of chains: the observer of each output.",

@@ -513,7 +513,7 @@ def _frozen(observer: Mapping[str, Any], gain: float | None) -> float:
         allowed = "one that is linear at small innovations"
         raise DesignError(explain("shape.law", shape["law"], allowed, "simulate it"))
     if law == "homogeneous" and given.get("degree") != 0.0:
-        remedy = "its gain has no bound at e = 0: no linear law describes it; simulate it"
+        remedy = "the gain of this one has no bound at e = 0; simulate it"
         allowed = "one that is linear at small innovations"
         raise DesignError(explain("gain.law", law, allowed, remedy))
     if law == "homogeneous":

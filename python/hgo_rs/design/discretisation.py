@@ -111,12 +111,12 @@ def step_limit(observer: Mapping[str, Any]) -> StepLimit:
     - collection, modified: copies that are alike, and their differences (if these decay in
       continuous time: else no step is to blame).
     - a gain that switches or has a deadline: at its largest.  homogeneous, in gain or shape: none;
-      the last state chatters by about 2 dt k_n rho^n.
+      the last state jumps by dt k_n rho^n at each step, and its error is a few times as large.
     - a shape: at its steepest slope; a threshold sigma must not fall below 0 in one step,
       dt < 1/decay.
-    - zoh, implicit-map, implicit: none.  bilinear: |lambda| dt < 200, where rounding takes over.
-      peaking-free: bounded at any step; ``c`` is up to where it was seen to converge from
-      anywhere, default coefficients.
+    - zoh, implicit-map, implicit: none, but that of a threshold.  bilinear: |lambda| dt < 200,
+      where rounding takes over.  peaking-free: bounded at any step; ``c`` is up to where it was
+      seen to converge from anywhere, default coefficients.
     - sampled-data (Fu et al., eq. (5)): the error matrix I + T [[-l1/T, 1], [-l2/T, mu]] with
       mu = epsilon (1 - y^2) moves with y; the limit is where the product of these matrices along
       the noise-free limit cycle ceases to contract (+- 0.01 s).  ``parts`` holds the frozen bound

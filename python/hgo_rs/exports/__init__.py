@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from hgo_rs.errors import HgoError, check, check_choice, check_integer, check_path, explain
+from hgo_rs.errors import HgoError, check, check_choice, check_integer, check_path
 from hgo_rs.exports.names import check_name
 from hgo_rs.exports.program import PERIODS, period_of, program
 from hgo_rs.exports.vector import Log
@@ -75,6 +75,9 @@ def export(
     units : dict, optional
         Name of a state, input, parameter or sample (`y`, or `y1`, `y2`, ...) -> its unit, such as
         "rad/s" or "N*m", for an FMU.
+    fixed_dt : float, optional
+        Sampling period [s] of a loop that has one: gains become constants, and no function takes
+        `dt`.
 
     Raises
     ------
@@ -146,7 +149,7 @@ def sources(
     check_choice("to", to, LANGUAGES)
     for word, value in (("version", version), ("units", units)):
         if value is not None and to != "fmu":
-            raise HgoError(explain(word, value, 'left out but with to="fmu"', f"leave {word} out"))
+            raise HgoError(f'{word} = {value!r}: only for to="fmu"; leave {word} out')
     if version is not None:
         check_choice("version", version, FMI)
     arduino = to == "arduino"

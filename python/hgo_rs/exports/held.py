@@ -144,9 +144,9 @@ def held_gains(
         return None, ()
     if dt is None:
         raise HgoError(
-            "dt is missing: an export of a low-power or peaking-free law under zoh or bilinear "
-            "has a table of gains for 1, 2, ... sampling periods; give dt=, the period [s] "
-            '(hgo export: --dt, or dt in [log] of the file), or choose method="rk4"'
+            "dt is missing: an export of a low-power or peaking-free law under zoh, bilinear or "
+            "implicit-map has a table of gains for 1, 2, ... sampling periods; give dt=, the "
+            'period [s] (hgo export: --dt, or dt in [log] of the file), or choose method="rk4"'
         )
     periods = Periods(precision, float(precision.real(dt)), most)
     check(periods.dt > 0.0, "dt", dt, "> 0 in single precision", "give the sampling period [s]")
@@ -197,8 +197,8 @@ def _check_threshold(law: Mapping[str, Any]) -> None:
         False,
         "shape",
         shape["law"],
-        f"without a threshold in an export of the {law['kind']} law under {law['method']} with "
-        "current timing: its gains are held for whole periods, its threshold moves over any time",
+        f"without a moving threshold in an export of the {law['kind']} law under "
+        f"{law['method']} with current timing, whose gains are stored for whole periods alone",
         'choose method="rk4", timing="predictor", or the standard law',
     )
 

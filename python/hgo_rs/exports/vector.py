@@ -173,7 +173,7 @@ def vector(moves: Recursion, log: Log | None, period: float) -> tuple[Row, ...]:
 def _made_up(
     observer: Observer, period: float, periods: Periods | None, fixed: float | None
 ) -> tuple[Any, Any, Any, Any]:
-    """100 samples of slow sines at uneven times, with a gap; where gains are held at even ones,
+    """101 samples of slow sines at uneven times, with a gap; where gains are held at even ones,
     with a period of double length and one that is no whole number of them; at even ones where the
     period is fixed.
     """

@@ -515,7 +515,7 @@ class Candidate:
         )
         step = record.coarse_step()
         return [
-            f"y moves in steps of {step:.4g}, by one or none between most samples, and the noise "
-            f"found is little more than rounding ({step / math.sqrt(12.0):.3g}): "
-            f"it lasts for several samples and is not white, {so}"
+            f"y moves in steps of {step:.4g}, and most samples differ from the one before by one "
+            f"step or not at all; the noise found is little more than rounding "
+            f"({step / math.sqrt(12.0):.3g}): it lasts for several samples and is not white, {so}"
         ]

@@ -240,8 +240,9 @@ def _smoothed(
         reference = find(record, bare[c], wanted[c] - 1, remarks.append)
         if reference is None:
             raise HgoError(
-                f"output {c + 1} cannot be smoothed ({'; '.join(remarks) or 'it stands still'}): "
-                "must be, for the gains of several outputs; give a longer log, or tune each chain"
+                f"output {c + 1} cannot be smoothed ({'; '.join(remarks) or 'it stands still'}); "
+                "gains of several outputs are tuned against smoothed states; give a longer log, or "
+                "tune each chain alone"
             )
         found.append(reference)
     for _ in range(_ROUNDS):

@@ -30,7 +30,7 @@ def report(of: Any) -> str:
     if len(of.tried) > 1:
         rows += [
             "",
-            f"Structures, each at its best gain, by {_decided(of)} of {_estimates(of)}:",
+            f"Structures, each at the best gain of a grid, by {_decided(of)} of {_estimates(of)}:",
         ]
         width = max(len(name) for name, _, _ in of.tried[:_SHOWN])
         rows += [
@@ -104,8 +104,8 @@ def _found(of: Any) -> list[str]:
     rows = []
     if of.judged_by:
         rows.append(
-            "The gain has the least distance from the smoothed state, which uses earlier and later "
-            f"samples (by {of.judged_by}), those within some {_shown(of.horizon)} s."
+            "At this gain the estimate is closest to the smoothed state. The smoother "
+            f"({of.judged_by}) uses samples within some {_shown(of.horizon)} s before and after."
         )
     elif of.criterion == "least error":
         rows.append(

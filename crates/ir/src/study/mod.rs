@@ -153,9 +153,9 @@ impl Study {
         let of_observer = spec.sub("observer")?;
         if wraps(&of_observer) {
             return Err(refused(
-                "wrap is not allowed for the observer of a simulation, whose errors would be known to a \
-                 turn only: leave it out; what is simulated does not wrap, and while an innovation is \
-                 less than half a turn the estimates are the same",
+                "wrap is not allowed for the observer of a simulation: leave it out; a simulated output \
+                 does not wrap, and with wrap the errors would be defined up to whole turns only; while \
+                 innovations are below half a turn the estimates are the same",
             ));
         }
         // gains for the length of a step are constants
