@@ -388,8 +388,8 @@ def test_units_have_their_dimensions(tmp_path: Path) -> None:
         ({"to": "fmu", "units": {"q": 1}}, r"units\['q'\] = 1: must be a text"),
         ({"to": "fmu", "units": ["rad"]}, r"units = \['rad'\]: must be a dict"),
         ({"to": "fmu", "version": "1.0"}, "version = '1.0'"),
-        ({"to": "c", "version": "2.0"}, "version = '2.0': must be left out but with"),
-        ({"to": "rust", "units": {}}, "units = {}: must be left out but with"),
+        ({"to": "c", "version": "2.0"}, "version = '2.0': only for to="),
+        ({"to": "rust", "units": {}}, "units = {}: only for to="),
         ({"to": "fmi"}, "to = .*fmu"),
     ],
 )
