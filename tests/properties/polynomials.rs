@@ -5,10 +5,10 @@ use hgo_rs::gain::ConstantGain;
 use hgo_rs::memory::Memory;
 use hgo_rs::model::{Unknown, no_input};
 use hgo_rs::observer::ContinuousLaw;
-use hgo_rs::observers::{LowPowerObserver, NoSaturation, StandardObserver};
+use hgo_rs::observers::{LowPowerObserver, NoSaturation, StandardObserver, equidistant};
 use hgo_rs::polynomial::{
     coefficients_from_poles, euler_current_limit, euler_limit, is_hurwitz, low_power_coefficients,
-    low_power_coefficients_from_poles, low_power_polynomial,
+    low_power_coefficients_from_poles, low_power_polynomial, require_low_power_hurwitz,
 };
 use proptest::prelude::*;
 
@@ -270,6 +270,29 @@ fn a_prediction_and_a_correction_have_a_limit_of_their_own() {
         let by_hand = ((k1 * k1 + 4.0 * k2).sqrt() - k1) / k2;
         assert!(close(euler_current_limit(&[k1, k2], &[]), by_hand, 1e-6), "{k1}, {k2}");
     }
+    // of a law that decays by itself, (1 − cd)(1 − c(p − d)): 1 again at c = p/(d(p − d))
+    for [p, d] in [[3.0_f64, 1.0], [5.0, 2.0]] {
+        assert!(close(euler_current_limit(&[p], &[d]), p / (d * (p - d)), 1e-6), "{p}, {d}");
+    }
     assert_eq!(euler_current_limit(&[1.0, -1.0], &[]), 0.0);
     assert_eq!(euler_current_limit::<f64>(&[], &[]), 0.0);
+}
+
+#[test]
+fn usual_poles_are_equidistant() {
+    for count in [1, 2, 3, 5, 12] {
+        let mut poles = vec![(0.0, 0.0); count];
+        equidistant(&mut poles);
+        for (i, (re, im)) in poles.into_iter().enumerate() {
+            let wanted = -1.0 - i as f64 / (count as f64 - 1.0).max(1.0);
+            assert!((re - wanted).abs() < 1e-15 && im == 0.0, "{count}, {i}: {re}");
+        }
+    }
+}
+
+#[test]
+fn a_last_block_that_stands_still_is_not_low_power_stable() {
+    let refused = require_low_power_hurwitz(&[3.0, 0.0], &[2.0]).unwrap_err();
+    assert_eq!((refused.parameter, refused.value), ("alpha", 0.0));
+    require_low_power_hurwitz(&[3.0, 1e-9], &[2.0]).unwrap();
 }
