@@ -555,5 +555,5 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
         main([*given, str(tmp_path / "library")])
     assert ended.value.code == 0 and "src/hgo_my_axis.h" in capsys.readouterr().out
     assert "precision: single" in (tmp_path / "library" / "src" / "hgo_my_axis.h").read_text()
-    with pytest.raises(HgoError, match=r"units = .* left out"):
+    with pytest.raises(HgoError, match=r"units = .*only for to="):
         sources(noisy(), to="arduino", units={"q": "rad"})
