@@ -6,7 +6,6 @@ python firmware/tools/fixed.py --write    # puts it into docs/export.md
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 import tempfile
@@ -18,7 +17,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "c"))
 
 import example
-from report import table
+from report import table, write_between
 from toolchain import FIRMWARE, require, say
 
 from hgo_rs import InputGain, LowPowerObserver, PeakingFreeObserver, StandardObserver
@@ -117,9 +116,7 @@ def main(arguments: Sequence[str]) -> int:
     made = costs()
     say(made)
     if "--write" in arguments:
-        page = PAGE.read_text()
-        inside = re.compile(f"{BEGIN}.*?{END}", re.DOTALL)
-        PAGE.write_text(inside.sub(lambda _: f"{BEGIN}\n{made}\n{END}", page))
+        write_between(PAGE, BEGIN, END, made)
     return 0
 
 

@@ -144,6 +144,21 @@ def short(
     return f"{table(head, lines)}\n\nMade with {made}.\n"
 
 
+def between(text: str, begin: str, end: str) -> re.Match[str] | None:
+    """The lines between two marks of a page, as group 1."""
+    return re.search(re.escape(begin) + r"\n(.*?)" + re.escape(end), text, re.DOTALL)
+
+
+def write_between(page: Path, begin: str, end: str, made: str) -> None:
+    """Write lines between two marks of a page."""
+    text = page.read_text(encoding="utf-8")
+    found = between(text, begin, end)
+    if found is None:
+        raise SystemExit(f"{page}: must hold {begin} and {end}; put both on lines of their own")
+    made = made.rstrip("\n") + "\n"
+    page.write_text(text[: found.start(1)] + made + text[found.end(1) :], encoding="utf-8")
+
+
 def update_readme(
     readme: Path,
     rows: Sequence[Row],
@@ -156,14 +171,13 @@ def update_readme(
     Another compiler counts a little differently: the table is held to the letter only by the tools
     that it names.
     """
-    text = readme.read_text(encoding="utf-8")
-    found = re.search(re.escape(BEGIN) + r"\n(.*?)" + re.escape(END), text, re.DOTALL)
-    if found is None:
-        return [f"{readme.name} has no table between {BEGIN} and {END}"]
     now = short(rows, beside, versions)
     if write:
-        readme.write_text(text[: found.start(1)] + now + text[found.end(1) :], encoding="utf-8")
+        write_between(readme, BEGIN, END, now)
         return []
+    found = between(readme.read_text(encoding="utf-8"), BEGIN, END)
+    if found is None:
+        return [f"{readme.name} has no table between {BEGIN} and {END}"]
     same_tools = found[1].rstrip().splitlines()[-1:] == now.rstrip().splitlines()[-1:]
     if same_tools and found[1] != now:
         return [f"{readme.name}: the table is not what was counted now; --readme writes it"]

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from report import table
+from report import table, write_between
 from toolchain import FIRMWARE, say
 
 from hgo_rs import LowPowerObserver, Model, StandardObserver
@@ -133,9 +133,7 @@ def main(arguments: Sequence[str]) -> int:
     made = f"{table(head, rows)}\n\nComputed with {compiler}, by simavr."
     say(made)
     if "--write" in arguments:
-        page = PAGE.read_text()
-        inside = re.compile(f"{BEGIN}.*?{END}", re.DOTALL)
-        PAGE.write_text(inside.sub(lambda _: f"{BEGIN}\n{made}\n{END}", page))
+        write_between(PAGE, BEGIN, END, made)
     return 0
 
 
