@@ -34,7 +34,7 @@ GAINS = {
     "adaptive": hgo.AdaptiveGain(10.0, 0.0025, 0.183),
     "dead-zone": hgo.DeadZoneGain(0.2, 0.05, 0.183),
     "homogeneous": hgo.HomogeneousGain(2.0),
-    "switched": hgo.SwitchedGain(20.0, 5.0, 0.1, 0.5),
+    "switched": hgo.SwitchedGain(20.0, 5.0, 0.1, 0.05),
     "prescribed-time": hgo.PrescribedTimeGain(1.0, 2.0, 20.0),
 }
 SHAPES = {
@@ -61,7 +61,7 @@ def matrix() -> Iterator[tuple[str, Any]]:
         parts = []
         for method, timing in itertools.product(METHODS, TIMINGS):
             try:
-                more = {"saturation": [4.0] * (n - 1)} if kind == "peaking-free" else {}
+                more = {"saturation": [0.05] * (n - 1)} if kind == "peaking-free" else {}
                 made = {**option, **given, **more, "method": method, "timing": timing}
                 parts.append(hgo.HighGainObserver(kind, n, **made).run(T[:500], Y[:500]).x_hat)
             except hgo.HgoError:

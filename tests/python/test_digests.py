@@ -20,6 +20,13 @@ def test_this_build_has_the_digests_of_every_other() -> None:
     )
 
 
+def test_no_two_digests_are_alike() -> None:
+    """A gain that never switches, or a level that is never reached, would show nothing."""
+    lines = SCRIPT.with_suffix(".txt").read_text(encoding="utf-8").splitlines()
+    digests = [line.split()[0] for line in lines]
+    assert len(digests) == len(set(digests)) > 100
+
+
 def test_a_wheel_is_tried_by_what_can_run_it(monkeypatch: pytest.MonkeyPatch) -> None:
     spec = importlib.util.spec_from_file_location("wheels", SCRIPT.with_name("wheels.py"))
     assert spec is not None and spec.loader is not None
