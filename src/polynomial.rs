@@ -128,15 +128,15 @@ impl<T: Number> Ascending<T> {
         if near {
             return s;
         }
-        let (mut low, bound) = (-self.bound(), self.bound());
+        let mut low = -self.bound();
         for quarters in -64..=16 {
             let place = T::from_f64(0.25 * f64::from(quarters)) * unit;
             if self.at(place) >= T::ZERO {
-                return self.real_root(low, place);
+                return self.root_between(low, place);
             }
             low = place;
         }
-        self.real_root(low, bound)
+        self.root_between(low, self.bound())
     }
 
     /// Cauchy's: no root is larger.
@@ -149,8 +149,13 @@ impl<T: Number> Ascending<T> {
         bound
     }
 
+    /// A real root of a monic polynomial of odd degree.
+    fn real_root(&self) -> T {
+        self.root_between(-self.bound(), self.bound())
+    }
+
     /// A real root between two places, of a polynomial that is negative at the first one alone, by bisection.
-    fn real_root(&self, mut low: T, mut high: T) -> T {
+    fn root_between(&self, mut low: T, mut high: T) -> T {
         let half = T::from_f64(0.5);
         for _ in 0..2200 {
             let middle = half * (low + high);
@@ -539,7 +544,7 @@ pub fn low_power_coefficients<T: Scalar, const N: usize>(
     let Some(whole) = Ascending::from_monic(polynomial) else {
         return Err(DesignError { parameter: "polynomial", value: degree as f64, allowed });
     };
-    let alpha_n = -whole.real_root(-whole.bound(), whole.bound());
+    let alpha_n = -whole.real_root();
     let (mut alpha, mut beta) = ([T::ZERO; N], [T::ZERO; N]);
     blocks_from(whole.without_linear(alpha_n), alpha_n, &mut alpha, &mut beta)?;
     Ok((alpha, beta))
@@ -635,7 +640,7 @@ fn inner_blocks_from<T: Scalar>(
     for (alpha, beta) in inner.iter_mut().zip(beta.iter_mut()).rev() {
         let c = p.c[0];
         let odd = p.without_zero();
-        *alpha = -odd.real_root(-odd.bound(), odd.bound());
+        *alpha = -odd.real_root();
         p = odd.without_linear(*alpha);
         if let Some(above) = above {
             *above /= c;

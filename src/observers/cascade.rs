@@ -68,7 +68,8 @@ pub fn cascade_from_poles(
     out: &mut [f64],
 ) -> Result<(), DesignError> {
     let complex = |(_, im): &&(f64, f64)| *im != 0.0;
-    let allowed = "at most two poles of a cascade may be complex, those of its differentiator; the poles of its filters are real";
+    let allowed = "at most two poles of a cascade may be complex, those of its differentiator; the poles \
+                   of its filters are real";
     let count = poles.iter().filter(complex).count();
     require("poles", count as f64, count <= 2, allowed)?;
     let (mut pair, mut taken) = ([(0.0, 0.0); 2], 0);

@@ -445,7 +445,8 @@ fn usual_motion(made: &Map, known: Option<&Value>) -> Result<&'static str> {
         "own" => return Ok("implicit"),
         "sanfelice-praly" => model.f64("nu1")?.abs(),
         "van-der-pol" => model.f64_or("epsilon", 0.8)?.abs(),
-        _ => 1.0,
+        "lee" | "crackle" => 1.0,
+        _ => 0.0, // not known
     };
     let mut least = 1.0;
     if let Some((_, gain)) = made.0.iter().find(|(key, _)| key == "gain") {
