@@ -1,8 +1,7 @@
 """Times of the command line, on one core: python benches/commands.py README.md
 
 Writes the table of the page that is named, between <!-- commands --> and <!-- end of commands -->.
-The log
-is a sine with noise, 100,000 rows at 1 kHz; each time is the shortest of three.
+The log is a sine with noise, 100,000 rows at 1 kHz; each time is the shortest of three.
 """
 
 from __future__ import annotations

@@ -713,10 +713,22 @@ def test_estimate_needs_an_observer(capsys, axis):
         (["--output", "q", "--dt", 1], "--observer is needed, or a --config that names one"),
         (["--observer", "standard", "--order", 2], "--gain is needed for --observer standard"),
         (["--observer", "standard", "--gain", 2], "--order is needed for --observer standard"),
+        (
+            ["--observer", "high-gain-ekf", "--order", 2],
+            "high-gain-ekf needs R, which has no option: write it into an observer.toml",
+        ),
     ):
         status, _, err = hgo(capsys, "estimate", axis, *args)
         assert status == 2
         assert message in one_line(err)
+
+
+def test_an_unstable_step_names_the_option(capsys, axis):
+    law = ["--observer", "standard", "--order", 2, "--gain", 3000, "--method", "euler"]
+    columns = ["--time", "t", "--unit", "s", "--output", "q"]
+    status, _, err = hgo(capsys, "estimate", axis, *columns, *law)
+    assert status == 2
+    assert "or --allow-unstable of hgo estimate to study it" in one_line(err)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
